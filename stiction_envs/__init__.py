@@ -1,0 +1,1 @@
+"""Robot joints that stick in MuJoCo, and the dither that frees them."""

@@ -1,0 +1,1 @@
+"""Control: what lies between a commanded torque and the joint."""

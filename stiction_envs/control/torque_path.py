@@ -1,0 +1,137 @@
+"""The path of a torque command: held by the controller, rate-limited, low-passed, clipped.
+
+    command (+ dither) --hold--> rate limit --> first-order low-pass --> torque limit --> joint
+
+as on the Panda (libfranka 0.9: physics.md 1.8). Dither is added to the command before all of it,
+as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms for M simulations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+CONTROL_RATE_HZ = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueInterface:
+    """What a robot does to the torques it is sent."""
+
+    controller_rate_hz: int
+    """Rate at which the controller computes; its output is held in between [Hz]."""
+    lowpass_hz: float
+    """Cut-off of the first-order low-pass [Hz]; 0 is off."""
+    torque_rate: Array
+    """(n,) largest change of torque [N·m/s]; inf is off."""
+    torque_limit: Array
+    """(n,) largest torque [N·m]."""
+
+    def __post_init__(self) -> None:
+        rate = self.controller_rate_hz
+        if rate != int(rate) or not 1 <= rate <= CONTROL_RATE_HZ or CONTROL_RATE_HZ % int(rate):
+            raise StictionError(
+                f"controller rate {rate} Hz: allowed are the divisors of {CONTROL_RATE_HZ} Hz"
+            )
+        if not 0 <= self.lowpass_hz < np.inf:
+            raise StictionError(f"low-pass {self.lowpass_hz} Hz: allowed are 0 (off) and above")
+
+    @classmethod
+    def of(
+        cls, arm: Arm, *, controller_rate_hz: float | None = None, lowpass_hz: float | None = None
+    ) -> TorqueInterface:
+        """Return the interface of an arm, with the rate or the filter replaced where given."""
+        rate = arm.controller_rate_hz if controller_rate_hz is None else controller_rate_hz
+        return cls(
+            controller_rate_hz=int(rate) if float(rate).is_integer() else rate,  # type: ignore[arg-type]
+            lowpass_hz=arm.lowpass_hz if lowpass_hz is None else lowpass_hz,
+            torque_rate=arm.limits.torque_rate,
+            torque_limit=arm.limits.torque,
+        )
+
+    @property
+    def hold_steps(self) -> int:
+        """Control steps for which one command is held."""
+        return CONTROL_RATE_HZ // int(self.controller_rate_hz)
+
+    @property
+    def lowpass_gain(self) -> float:
+        """The g of y ← y + g(u − y): Δt/(Δt + 1/(2πf_c)), physics.md 1.8; 1 is off [-]."""
+        if self.lowpass_hz == 0:
+            return 1.0
+        dt = 1.0 / CONTROL_RATE_HZ
+        return dt / (dt + 1.0 / (2 * np.pi * self.lowpass_hz))
+
+    def tick(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the control step at which the command held at ``step`` was computed."""
+        hold = self.hold_steps
+        return (step // hold) * hold
+
+
+class TorquePath:
+    """State of the path for N simulations of n joints."""
+
+    def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
+        self.interface = interface
+        self._limited = np.zeros((nsim, n))
+        self._filtered = np.zeros((nsim, n))
+        self._rate = np.full((nsim, n), np.inf)
+        self._limit = np.full((nsim, n), np.inf)
+        if n == len(interface.torque_limit):
+            self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
+
+    def set_limits(self, ids: NDArray[np.int64], torque_rate: Array, torque_limit: Array) -> None:
+        """Set the limits of simulations ``ids``: (n,) or (M, n), N·m/s and N·m.
+
+        Needed where a column is not always the same joint.
+        """
+        self._rate[ids] = torque_rate
+        self._limit[ids] = torque_limit
+
+    def reset(self, ids: NDArray[np.int64], torque: Array | float = 0.0) -> None:
+        """Start simulations ``ids`` as if ``torque`` (M, n) [N·m] had been held for long."""
+        self._limited[ids] = torque
+        self._filtered[ids] = torque
+
+    def run(self, command: Array, ids: NDArray[np.int64]) -> Array:
+        """Pass a block of commands.
+
+        Args:
+            command: (M, K, n) [N·m], one per control step of 1 ms, already held.
+            ids: (M,) the simulations.
+
+        Returns:
+            (M, K, n) torque that reaches the joints [N·m].
+        """
+        limited = self._limit_rate(command, ids)
+        self._limited[ids] = limited[:, -1]
+        gain = self.interface.lowpass_gain
+        if gain < 1.0:
+            # y[k] = (1 − g) y[k−1] + g u[k]; lfilter keeps its state as (1 − g) y[k−1]
+            state = (1.0 - gain) * self._filtered[ids][:, None, :]
+            filtered, _ = lfilter([gain], [1.0, gain - 1.0], limited, axis=1, zi=state)
+        else:
+            filtered = limited
+        self._filtered[ids] = filtered[:, -1]
+        limit = self._limit[ids][:, None]
+        return np.clip(filtered, -limit, limit)
+
+    def _limit_rate(self, command: Array, ids: NDArray[np.int64]) -> Array:
+        step = self._rate[ids] / CONTROL_RATE_HZ
+        previous = self._limited[ids]
+        before = np.concatenate([previous[:, None], command[:, :-1]], axis=1)
+        if np.all(np.abs(command - before) <= 0.999 * step[:, None]):
+            return command
+        out = np.empty_like(command)
+        for k in range(command.shape[1]):
+            # exactly the command wherever it is within reach, so that both ways agree bit for bit
+            previous = np.clip(command[:, k], previous - step, previous + step)
+            out[:, k] = previous
+        return out

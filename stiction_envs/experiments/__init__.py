@@ -1,0 +1,1 @@
+"""Protocols of the thesis, and what is identified with them."""

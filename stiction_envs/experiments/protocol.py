@@ -1,0 +1,155 @@
+"""What a Single Joint Experiment is: its numbers, its configurations, its jobs and results."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError, unknown
+
+Array = NDArray[np.float64]
+LOADS = ("load", "no_load")
+DIRECTIONS = ("+", "-")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    """Numbers of the experiment; `sje.toml` has their sources."""
+
+    ramp_rate: float
+    """Growth of the commanded torque [N·m/s]."""
+    threshold: float
+    """The joint has broken away when it is this far from where the ramp found it [rad]."""
+    iterations: float
+    """Repeats per configuration."""
+    start_tolerance: float
+    """Largest distance of any joint from the pose when a ramp starts [rad]."""
+    return_time: float
+    """Time of the move back to the pose [s]."""
+    settle_time: float
+    """Time the pose is held before the ramp starts [s]."""
+    hold_stiffness: float
+    """Servo stiffness over torque limit [1/rad]."""
+    hold_damping_ratio: float
+    """Damping ratio of the servo [-]."""
+    averaged_start_torque: float
+    """1: the ramp starts at the averaged external torque (iiwa), 0: at zero (Panda)."""
+    averaging_time: float
+    """Time over which that torque is averaged [s]."""
+    give_up_factor: float
+    """A ramp ends as stuck at this multiple of stiction plus offset [-]."""
+    pose_scatter: float
+    """Standard deviation of the pose from one iteration to the next [rad]."""
+    friction_scatter: float
+    """Standard deviation of the dry friction, relative [-]."""
+    torque_noise: float
+    """Standard deviation of a torque reading [N·m]."""
+
+    def __post_init__(self) -> None:
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            if not (np.isfinite(value) and value >= 0):
+                raise StictionError(f"protocol {f.name}: {value} must be finite and not negative")
+        for name in ("ramp_rate", "threshold", "iterations"):
+            if getattr(self, name) <= 0:
+                raise StictionError(f"protocol {name}: {getattr(self, name)} must be positive")
+
+    def replace(self, **changes: float) -> Protocol:
+        """Return a copy with some numbers changed."""
+        return dataclasses.replace(self, **changes)
+
+
+@functools.lru_cache
+def load_protocol(robot: str) -> Protocol:
+    """Return the protocol of a robot; one that `sje.toml` does not name gets the default."""
+    table = tomllib.loads((Path(__file__).parent / "sje.toml").read_text(encoding="utf-8"))
+    entries = {**table["default"], **table.get(robot, {})}
+    return Protocol(**{k: float(v["value"]) for k, v in entries.items()})
+
+
+@dataclass(frozen=True, order=True)
+class Configuration:
+    """A joint, its pose and the direction of the ramp."""
+
+    joint: int
+    """1..n, counted from the base."""
+    load: str
+    """``load`` or ``no_load``."""
+    direction: str
+    """``+`` or ``-``."""
+
+    def __post_init__(self) -> None:
+        if self.load not in LOADS:
+            raise unknown("load", self.load, LOADS)
+        if self.direction not in DIRECTIONS:
+            raise unknown("direction", self.direction, DIRECTIONS)
+
+    @property
+    def sign(self) -> float:
+        """+1 or −1."""
+        return 1.0 if self.direction == "+" else -1.0
+
+    @property
+    def index(self) -> tuple[int, int, int]:
+        """(joint from 0, 0 load / 1 no load, 0 plus / 1 minus)."""
+        return self.joint - 1, LOADS.index(self.load), DIRECTIONS.index(self.direction)
+
+
+def configurations(n: int, joints: list[int] | None = None) -> list[Configuration]:
+    """Return the 4n configurations of an arm, or those of some joints (1..n).
+
+    Raises:
+        StictionError: a joint outside 1..n.
+    """
+    for joint in joints or []:
+        if not 1 <= joint <= n:
+            raise unknown("joint", joint, range(1, n + 1))
+    chosen = sorted(set(joints)) if joints else list(range(1, n + 1))
+    return [Configuration(j, load, d) for j in chosen for load in LOADS for d in DIRECTIONS]
+
+
+@dataclass(frozen=True, order=True)
+class Job:
+    """One configuration with one dither on the joint under test."""
+
+    configuration: Configuration
+    frequency_hz: float = 0.0
+    amplitude_nm: float = 0.0
+    waveform: str = "sine"
+    offset_nm: float = 0.0
+    gate_velocity: float = float("inf")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """What the iterations of one job gave."""
+
+    job: Job
+    tau: Array
+    """(iterations,) signed commanded torque, dither excluded, at the threshold [N·m]."""
+    start: Array
+    """(iterations,) angle of the joint when its ramp started, relative to the pose [rad]."""
+    start_torque: Array
+    """(iterations,) torque at which the ramp started [N·m]."""
+    deviation: float
+    """Largest distance of any other joint from the pose during the ramps [rad]."""
+    traces: tuple[NDArray[np.float32], ...]
+    """Per iteration, the joint's angle relative to the pose every `trace_dt` of its ramp [rad]."""
+    trace_dt: float
+    """Sampling time of the traces [s]."""
+
+    @property
+    def mean(self) -> float:
+        """Mean torque [N·m]; NaN if an iteration was stuck."""
+        return float(self.tau.mean())
+
+    @property
+    def std(self) -> float:
+        """Standard deviation over the iterations [N·m]."""
+        return float(self.tau.std(ddof=1)) if len(self.tau) > 1 else 0.0

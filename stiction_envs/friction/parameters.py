@@ -1,0 +1,290 @@
+"""Friction parameters of an arm: one TOML, every number with a source or `assumed`."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """One quantity of the table: its unit, bounds, and whether it differs by direction."""
+
+    unit: str
+    low: float
+    high: float = np.inf
+    by_direction: bool = False
+    default: float | None = None
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "stiction": Quantity(unit="N·m", low=1e-6, by_direction=True),
+    "coulomb_ratio": Quantity(unit="1", low=1e-3, high=1.0, by_direction=True),
+    "stribeck_velocity": Quantity(unit="rad/s", low=1e-6, by_direction=True),
+    "viscous": Quantity(unit="N·m·s/rad", low=0.0, by_direction=True),
+    "load_coefficient": Quantity(unit="1", low=-np.inf, default=0.0),
+    "load_low": Quantity(unit="N·m", low=0.0, default=0.0),
+    "load_high": Quantity(unit="N·m", low=0.0, default=np.inf),
+    "bristle_stiffness": Quantity(unit="N·m/rad", low=1e-3),
+    "bristle_damping_ratio": Quantity(unit="1", low=0.0, default=0.4),
+    "rotor_inertia": Quantity(unit="kg·m²", low=0.0),
+    "joint_stiffness": Quantity(unit="N·m/rad", low=1.0, default=np.inf),
+    "joint_damping_ratio": Quantity(unit="1", low=0.0, default=0.15),
+    "ripple_amplitude": Quantity(unit="N·m", low=0.0, default=0.0),
+    "ripple_periods": Quantity(unit="1/rev", low=0.0, default=1.0),
+    "ripple_phase": Quantity(unit="rad", low=-np.inf, default=0.0),
+    "warm_up_friction": Quantity(unit="1", low=-0.9, default=0.0),
+    "warm_up_viscous": Quantity(unit="1", low=-0.9, default=0.0),
+    "warm_up_time": Quantity(unit="s", low=1e-3, default=1200.0),
+    "offset": Quantity(unit="N·m", low=-np.inf, default=0.0),
+    "gravity_error": Quantity(unit="1", low=-np.inf, default=0.0),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionParameters:
+    """Friction of the n joints of one arm, or of N arms.
+
+    Every field is a read-only float64 array of shape (n,) or (N, n), with a last axis of
+    2 (direction +, −) where `QUANTITIES` says so. SI units. Stiction at transmitted torque L:
+    ``stiction + load_coefficient * clip(L, load_low, load_high)``; Coulomb is
+    ``coulomb_ratio`` times that. ``offset + gravity_error * G`` is a torque, not a friction:
+    the arm's sensor bias and gravity-model error, with G the signed gravity torque.
+    """
+
+    stiction: Array
+    """Stiction F_s at zero transmitted torque, per direction [N·m]."""
+    coulomb_ratio: Array
+    """F_c / F_s per direction [-]."""
+    stribeck_velocity: Array
+    """v_s per direction [rad/s]."""
+    viscous: Array
+    """σ2 per direction [N·m·s/rad]."""
+    load_coefficient: Array
+    """Growth of stiction per N·m of transmitted torque [-]."""
+    load_low: Array
+    """Load below which friction no longer changes [N·m]: the least load it was measured at."""
+    load_high: Array
+    """Load above which friction no longer changes [N·m]."""
+    bristle_stiffness: Array
+    """σ0 [N·m/rad]."""
+    bristle_damping_ratio: Array
+    """ζ of σ1 = 2ζ√(σ0 J) [-]."""
+    rotor_inertia: Array
+    """Apparent rotor inertia at the joint [kg·m²]."""
+    joint_stiffness: Array
+    """Spring between rotor and link [N·m/rad]; inf is a rigid joint."""
+    joint_damping_ratio: Array
+    """ζ of that spring's damping 2ζ√(K J_rotor) [-]."""
+    ripple_amplitude: Array
+    """A of the position ripple A sin(Nq + φ) [N·m]."""
+    ripple_periods: Array
+    """N, ripple periods per turn of the joint [-]."""
+    ripple_phase: Array
+    """φ [rad]."""
+    warm_up_friction: Array
+    """Relative rise of the dry friction of the cold joint: factor 1 + w e^(−t/T) [-]."""
+    warm_up_viscous: Array
+    """Relative rise of the viscous friction of the cold joint [-]."""
+    warm_up_time: Array
+    """T [s]."""
+    offset: Array
+    """Constant torque bias [N·m]."""
+    gravity_error: Array
+    """Gravity compensation error over gravity torque [-]."""
+
+    def __post_init__(self) -> None:
+        for name, quantity in QUANTITIES.items():
+            value = np.array(getattr(self, name), dtype=np.float64)
+            finite_or_inf = ~np.isnan(value)
+            ok = finite_or_inf & (value >= quantity.low) & (value <= quantity.high)
+            if not ok.all():
+                raise StictionError(
+                    f"friction parameter {name}: {value[~ok].flat[0]} {quantity.unit} is outside "
+                    f"[{quantity.low}, {quantity.high}]"
+                )
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.rotor_inertia.shape[-1]
+
+    @property
+    def elastic(self) -> NDArray[np.bool_]:
+        """(n,) which joints have a spring between rotor and link."""
+        finite: NDArray[np.bool_] = np.isfinite(self.joint_stiffness)
+        return finite if finite.ndim == 1 else finite[0]
+
+    @property
+    def asymmetric(self) -> bool:
+        """Whether any level depends on direction, so that it is written every control step."""
+        names = [k for k, q in QUANTITIES.items() if q.by_direction]
+        return any(bool(np.any(a[..., 0] != a[..., 1])) for a in (getattr(self, k) for k in names))
+
+    def replace(self, **changes: Any) -> FrictionParameters:
+        """Return a copy with some fields changed."""
+        return dataclasses.replace(self, **changes)
+
+    def tile(self, nsim: int) -> FrictionParameters:
+        """Return the parameters of ``nsim`` equal arms, (nsim, n)."""
+        out = {
+            k: np.broadcast_to(getattr(self, k), (nsim, *getattr(self, k).shape)) for k in QUANTITIES
+        }
+        return FrictionParameters(**out)
+
+    def rows(self, ids: Any) -> FrictionParameters:
+        """Return the arms ``ids`` of a tiled set."""
+        return FrictionParameters(**{k: getattr(self, k)[ids] for k in QUANTITIES})
+
+    def rigid(self) -> FrictionParameters:
+        """Return the same friction on joints without elasticity."""
+        return self.replace(joint_stiffness=np.full_like(self.joint_stiffness, np.inf))
+
+    def stiction_at(self, load: Array) -> Array:
+        """Return (..., n, 2) F_s [N·m] under transmitted torque ``load`` (..., n) [N·m]."""
+        clipped = np.clip(load, self.load_low, self.load_high)
+        level = self.stiction + (self.load_coefficient * clipped)[..., None]
+        # A fitted coefficient may be negative; friction never is.
+        return np.maximum(level, 1e-3 * self.stiction)
+
+
+def bristle_damping(
+    stiffness: Array, damping_ratio: Array, inertia: Array, timestep: float
+) -> Array:
+    """Return σ1 = max(2ζ√(σ0 J), 3 h σ0) [N·m·s/rad]: physics.md 3.5, 5.1."""
+    return np.maximum(2 * damping_ratio * np.sqrt(stiffness * inertia), 3 * timestep * stiffness)
+
+
+def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: float) -> None:
+    """Raise if a stuck joint would chatter in MuJoCo's Euler: physics.md 3.5.
+
+    Args:
+        stiffness: σ0 (n,) [N·m/rad].
+        damping: σ1 (n,) [N·m·s/rad].
+        inertia: inertia that carries the friction (n,) [kg·m²].
+        timestep: h [s].
+
+    Raises:
+        StictionError: σ1 < 3hσ0, or hσ1/J ≥ 2.
+    """
+    for i, (s0, s1, j) in enumerate(zip(stiffness, damping, inertia, strict=True), start=1):
+        if s1 < 3 * timestep * s0 * (1 - 1e-12):
+            raise StictionError(
+                f"joint {i}: bristle damping {s1:.4g} is under 3·h·stiffness = "
+                f"{3 * timestep * s0:.4g} N·m·s/rad at h = {timestep} s: a stuck joint would creep"
+            )
+        if timestep * s1 / j >= 2:
+            raise StictionError(
+                f"joint {i}: h·damping/inertia = {timestep * s1 / j:.3g} at h = {timestep} s must "
+                f"stay under 2: use a smaller step, softer bristles or more inertia ({j:.3g} kg·m²)"
+            )
+
+
+def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
+    """Build parameters from parsed TOML; ``where`` names the file in errors."""
+    values: dict[str, Array] = {}
+    unknown = set(table) - set(QUANTITIES) - {"meta", "provenance"}
+    if unknown:
+        raise StictionError(
+            f"{where}: unknown table [{sorted(unknown)[0]}]: allowed are {', '.join(QUANTITIES)}"
+        )
+    for name, quantity in QUANTITIES.items():
+        entry = table.get(name)
+        if entry is None:
+            if quantity.default is None:
+                raise StictionError(f"{where}: table [{name}] is missing")
+            value = np.full(n, quantity.default)
+        else:
+            if not ({"source", "assumed"} & set(entry)) or "value" not in entry:
+                raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
+            try:
+                value = np.array(entry["value"], dtype=np.float64)
+            except (TypeError, ValueError):
+                raise StictionError(f"{where}: [{name}] value must be numbers") from None
+            if value.ndim == 0:
+                value = np.full(n, float(value))
+        if value.shape == (n,) and quantity.by_direction:
+            value = np.repeat(value[:, None], 2, axis=1)
+        expected = (n, 2) if quantity.by_direction else (n,)
+        if value.shape != expected:
+            raise StictionError(
+                f"{where}: [{name}] has shape {value.shape}, expected {expected} for {n} joints"
+            )
+        values[name] = value
+    try:
+        return FrictionParameters(**values)
+    except StictionError as error:
+        raise StictionError(f"{where}: {error}") from None
+
+
+def load_friction(robot: str | Path, n: int = 7) -> FrictionParameters:
+    """Load the friction of a robot by name, or of a TOML path.
+
+    An arm without a TOML of its own gets `generic.toml` (all assumed; nine joints, cut to n).
+
+    Raises:
+        StictionError: unreadable file, missing table, wrong shape, value out of bounds.
+    """
+    path = Path(robot)
+    if path.suffix != ".toml":
+        path = HERE / f"{path.stem}.toml"
+        if not path.exists():
+            path = HERE / "generic.toml"
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StictionError(f"friction file {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StictionError(f"friction file {path}: not TOML ({error})") from None
+    if path == HERE / "generic.toml":
+        for entry in table.values():
+            if isinstance(entry.get("value"), list):
+                entry["value"] = entry["value"][:n]
+    return from_table(table, path.name, n)
+
+
+def dump_friction(
+    parameters: FrictionParameters,
+    *,
+    sources: dict[str, str],
+    meta: dict[str, str],
+    provenance: dict[str, str],
+) -> str:
+    """Return the TOML text of one arm's parameters; floats read back exactly.
+
+    Args:
+        parameters: one arm, fields (n,) or (n, 2).
+        sources: source of each quantity; a source that starts with "assumed" is marked so.
+        meta: title, units, notes.
+        provenance: how the fitted numbers came about.
+    """
+
+    def text(value: str) -> str:
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+    lines = ["# Joint friction. SI units; direction order is +, −. Written by calibration."]
+    for title, entries in (("meta", meta), ("provenance", provenance)):
+        lines += ["", f"[{title}]", *(f"{k} = {text(v)}" for k, v in entries.items())]
+    for name, quantity in QUANTITIES.items():
+        value: Any = getattr(parameters, name)
+        if quantity.by_direction and np.array_equal(value[:, 0], value[:, 1]):
+            value = value[:, 0]
+        source = sources[name]
+        lines += ["", f"[{name}]", f"value = {value.tolist()!r}", f"unit = {text(quantity.unit)}"]
+        lines += [f"source = {text(source)}"]
+        if source.startswith("assumed"):
+            lines += ["assumed = true"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,153 @@
+"""CSV text with errors that name file, line, column and what is allowed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Iterable, Sequence
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.atomic import write_text_atomic
+
+
+class Line:
+    """One line of a table: its fields by column name, and where it stands."""
+
+    def __init__(self, where: str, fields: dict[str, str]) -> None:
+        self.where = where
+        """``path, line number``, the beginning of every message about this line."""
+        self.fields = fields
+
+    def error(self, message: str) -> StictionError:
+        """An error at this line."""
+        return StictionError(f"{self.where}: {message}")
+
+    def name(self, column: str, allowed: Sequence[str]) -> str:
+        """The field as one of the ``allowed`` names."""
+        value = self.fields[column]
+        if value not in allowed:
+            raise StictionError(f"{self.where}: {unknown(column, value, allowed)}")
+        return value
+
+    def text(self, column: str) -> str:
+        """The field as text that is not empty."""
+        if not self.fields[column]:
+            raise self.error(f"{column} is empty: allowed is any name")
+        return self.fields[column]
+
+    def number(self, column: str, default: float | None = None, *, nan: bool = False) -> float:
+        """The field as a finite number (or NaN if ``nan``); ``default`` for a missing column."""
+        if default is not None and column not in self.fields:
+            return default
+        raw = self.fields[column]
+        try:
+            # Python's own 1_000 is no number anywhere else.
+            value = float("" if "_" in raw else raw)
+        except ValueError:
+            raise self.error(f"{column} is {raw!r}: allowed are numbers") from None
+        if not (math.isfinite(value) or (nan and math.isnan(value))):
+            raise self.error(f"{column} is {raw!r}: allowed are finite numbers")
+        return value
+
+    def whole(self, column: str, low: int, high: int | None = None) -> int:
+        """The field as a whole number in ``low`` … ``high``."""
+        raw = self.fields[column]
+        allowed = f"whole numbers from {low}" + ("" if high is None else f" to {high}")
+        try:
+            value = int("" if "_" in raw else raw)
+        except ValueError:
+            raise self.error(f"{column} is {raw!r}: allowed are {allowed}") from None
+        if value < low or (high is not None and value > high):
+            raise self.error(f"{column} is {value}: allowed are {allowed}")
+        return value
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The UTF-8 text of a file, with line ends as they are."""
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise StictionError(
+            f"{path}: byte {error.start} is not UTF-8: allowed is CSV text in UTF-8"
+        ) from None
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise StictionError(f"{path}: {reason}: allowed is a readable CSV file") from None
+
+
+def read_lines(
+    path: str | os.PathLike[str], required: Sequence[str], optional: Sequence[str] = ()
+) -> list[Line]:
+    """Lines of a comma-separated table whose header names every required column, in any order."""
+    lines: list[Line] = []
+    header: list[str] | None = None
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    try:
+        for cells in reader:
+            row = [cell.strip() for cell in cells]
+            if not any(row) and len(row) <= 1:
+                continue
+            if header is None:
+                header = row
+                _check_header(path, header, required, optional)
+                continue
+            where = f"{path}, line {reader.line_num}"
+            if len(row) != len(header):
+                raise StictionError(
+                    f"{where}: {len(row)} values: allowed is one for each of {', '.join(header)}"
+                )
+            lines.append(Line(where, dict(zip(header, row, strict=True))))
+    except csv.Error as error:
+        raise StictionError(
+            f"{path}, line {reader.line_num}: {error}: allowed is comma-separated text"
+        ) from None
+    if header is None:
+        raise StictionError(
+            f"{path}: empty file: allowed is a header {','.join(required)} and rows"
+        )
+    if not lines:
+        raise StictionError(f"{path}: no rows below the header: allowed is one or more")
+    return lines
+
+
+def read_header(path: str | os.PathLike[str]) -> list[str]:
+    """Column names in the first line that is not empty; [] for an empty file."""
+    for cells in csv.reader(io.StringIO(read_text(path), newline="")):
+        if any(cells):
+            return [cell.strip() for cell in cells]
+    return []
+
+
+def write_lines(
+    path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Sequence[Any]]
+) -> None:
+    """Write a table at once; floats by ``repr``, so that they read back bit for bit."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow([x if isinstance(x, str | Integral) else repr(float(x)) for x in row])
+    write_text_atomic(path, out.getvalue())
+
+
+def _check_header(
+    path: str | os.PathLike[str],
+    header: Sequence[str],
+    required: Sequence[str],
+    optional: Sequence[str],
+) -> None:
+    allowed = f"allowed is {','.join(required)}"
+    if optional:
+        allowed += f" with optional {','.join(optional)}"
+    missing = [c for c in required if c not in header]
+    extra = [c for c in header if c not in (*required, *optional)]
+    twice = [c for c in header if header.count(c) > 1]
+    for what, names in (("missing", missing), ("unknown", extra), ("repeated", twice)):
+        if names:
+            shown = ", ".join(repr(n) for n in dict.fromkeys(names))
+            raise StictionError(f"{path}: {what} column {shown}: {allowed}")

@@ -1,0 +1,335 @@
+"""Torque tables as files: SJE results, dither amplitudes, base torques.
+
+Torques in N·m, frequencies in Hz, joints from 1. ``tau`` is signed as in the thesis: positive for
+direction ``+``. ``load`` and ``no_load`` are the two arm poses of the static joint experiment.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.dither import WAVEFORMS, check_frequency
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
+
+Path = str | os.PathLike[str]
+_Row = TypeVar("_Row")
+
+LOADS = ("load", "no_load")
+"""Poses, in the order of the second axis of :attr:`BaseTable.tau`."""
+
+DIRECTIONS = ("+", "-")
+"""Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
+
+SJE_COLUMNS = (
+    "robot",
+    "joint",
+    "load",
+    "direction",
+    "frequency_hz",
+    "amplitude_nm",
+    "tau_nm",
+    "std_nm",
+    "iterations",
+    "reduction",
+)
+AMPLITUDE_COLUMNS = ("joint", "frequency_hz", "amplitude_nm")
+AMPLITUDE_OPTIONAL = ("waveform", "offset_nm")
+THESIS_BASE_COLUMNS = ("robot", "joint", "load", "direction", "tau_base_Nm")
+
+
+@dataclass(frozen=True)
+class SJERow:
+    """One static joint experiment: mean breakaway torque of some repetitions."""
+
+    robot: str
+    joint: int
+    """From 1."""
+    load: str
+    """``load`` or ``no_load``."""
+    direction: str
+    """``+`` or ``-``."""
+    frequency_hz: float
+    """Dither frequency, Hz; 0 in base rows."""
+    amplitude_nm: float
+    """Dither amplitude, N·m; 0 in base rows."""
+    tau_nm: float
+    """Mean torque at which the joint had moved, signed, N·m."""
+    std_nm: float
+    """Standard deviation over the repetitions, N·m; NaN where it is not known."""
+    iterations: int
+    """Number of repetitions, at least 1."""
+    reduction: float
+    """1 − |τ|/|τ_base|; NaN where there is no base torque."""
+
+    @property
+    def is_base(self) -> bool:
+        """Whether the row was measured without dither."""
+        return self.frequency_hz == 0 and self.amplitude_nm == 0
+
+
+@dataclass(frozen=True)
+class AmplitudeRow:
+    """Dither of one joint."""
+
+    joint: int
+    """From 1."""
+    frequency_hz: float
+    """Hz, > 0 unless the amplitude is 0."""
+    amplitude_nm: float
+    """N·m, ≥ 0."""
+    waveform: str = "sine"
+    """One of :data:`stiction_envs.dither.WAVEFORMS`."""
+    offset_nm: float = 0.0
+    """Constant torque, N·m."""
+
+
+def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
+    """Write an SJE table; every float reads back bit for bit."""
+    rows = _some(path, rows)
+    for row in rows:
+        _check_sje(row, f"{path}: row of joint {row.joint}")
+    write_lines(path, SJE_COLUMNS, [astuple(row) for row in rows])
+
+
+def read_sje(path: Path) -> list[SJERow]:
+    """Read an SJE table, in the order of the file."""
+    rows = []
+    for line in read_lines(path, SJE_COLUMNS):
+        row = SJERow(
+            robot=line.text("robot"),
+            joint=line.whole("joint", 1),
+            load=line.name("load", LOADS),
+            direction=line.name("direction", DIRECTIONS),
+            frequency_hz=line.number("frequency_hz"),
+            amplitude_nm=line.number("amplitude_nm"),
+            tau_nm=line.number("tau_nm"),
+            std_nm=line.number("std_nm", nan=True),
+            iterations=line.whole("iterations", 1),
+            reduction=line.number("reduction", nan=True),
+        )
+        _check_sje(row, line.where)
+        rows.append(row)
+    return rows
+
+
+def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
+    """Write an amplitude table; the optional columns only when a row needs them."""
+    rows = _some(path, rows)
+    seen: set[int] = set()
+    for row in rows:
+        _check_amplitude(row, f"{path}: row of joint {row.joint}", seen)
+    plain = all(row.waveform == "sine" and row.offset_nm == 0 for row in rows)
+    header = AMPLITUDE_COLUMNS if plain else AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL
+    write_lines(path, header, [astuple(row)[: len(header)] for row in rows])
+
+
+def read_amplitudes(
+    path: Path,
+    *,
+    n_joints: int,
+    torque_limit: ArrayLike | None = None,
+    controller_rate_hz: float | None = None,
+) -> list[AmplitudeRow]:
+    """Read an amplitude table, in the order of the file.
+
+    Args:
+        path: the file.
+        n_joints: number of joints of the arm.
+        torque_limit: N·m, one number or one per joint; A + abs(offset) must not exceed it.
+        controller_rate_hz: rate at which the arm's controller holds its command; a frequency from
+            half of it on warns about its alias, one above it is an error.
+    """
+    limit = np.broadcast_to(np.inf if torque_limit is None else torque_limit, (n_joints,))
+    rows: list[AmplitudeRow] = []
+    seen: set[int] = set()
+    for line in read_lines(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL):
+        row = AmplitudeRow(
+            joint=line.whole("joint", 1, n_joints),
+            frequency_hz=line.number("frequency_hz"),
+            amplitude_nm=line.number("amplitude_nm"),
+            waveform=line.name("waveform", WAVEFORMS) if "waveform" in line.fields else "sine",
+            offset_nm=line.number("offset_nm", 0.0),
+        )
+        _check_amplitude(row, line.where, seen)
+        most = float(limit[row.joint - 1])
+        if row.amplitude_nm + abs(row.offset_nm) > most:
+            total = "amplitude_nm" + (" + |offset_nm|" if row.offset_nm else "")
+            raise line.error(
+                f"{total} is {row.amplitude_nm + abs(row.offset_nm):g}: allowed is at most the "
+                f"torque limit of joint {row.joint}, {most:g} N·m"
+            )
+        if controller_rate_hz is not None and row.amplitude_nm > 0:
+            _check_rate(row, line, controller_rate_hz)
+        rows.append(row)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class BaseTable:
+    """Base torques of one arm: breakaway without dither for each joint, pose and direction."""
+
+    robot: str
+    tau: NDArray[np.float64]
+    """(n, 2, 2) N·m, signed: [joint, load | no_load, + | −]."""
+
+    def __post_init__(self) -> None:
+        tau = np.array(self.tau, dtype=float)
+        if tau.ndim != 3 or tau.shape[1:] != (2, 2):
+            raise StictionError(f"base table has shape {tau.shape}: allowed is (n, 2, 2)")
+        for (j, k, d), value in np.ndenumerate(tau):
+            _check_sign(float(value), d, f"base table: joint {j + 1}, {LOADS[k]}")
+        tau.flags.writeable = False
+        object.__setattr__(self, "tau", tau)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.tau.shape[0]
+
+    @property
+    def friction(self) -> NDArray[np.float64]:
+        """Half-width of the band, (τ₊ − τ₋)/2, (n, 2) N·m [joint, load | no_load]: friction."""
+        return (self.tau[..., 0] - self.tau[..., 1]) / 2
+
+    @property
+    def offset(self) -> NDArray[np.float64]:
+        """Middle of the band, (τ₊ + τ₋)/2, (n, 2) N·m [joint, load | no_load].
+
+        Bias of gravity model or sensor, not friction; dither narrows the band around it.
+        """
+        return (self.tau[..., 0] + self.tau[..., 1]) / 2
+
+    def get(self, joint: int, load: str, direction: str) -> float:
+        """Signed base torque, N·m, of a joint (from 1), pose and direction."""
+        if not 1 <= joint <= self.n_joints:
+            raise unknown("joint", joint, range(1, self.n_joints + 1))
+        for what, value, names in (("load", load, LOADS), ("direction", direction, DIRECTIONS)):
+            if value not in names:
+                raise unknown(what, value, names)
+        return float(self.tau[joint - 1, LOADS.index(load), DIRECTIONS.index(direction)])
+
+
+def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTable:
+    """Read the base torques of one robot from an SJE table or one in the form of thesis table 4.3.
+
+    Of an SJE table only the rows without dither count. ``robot`` may be left out when the file holds
+    one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
+    """
+    thesis = "tau_base_Nm" in read_header(path)
+    lines = read_lines(path, THESIS_BASE_COLUMNS if thesis else SJE_COLUMNS)
+    if not thesis:
+        lines = [x for x in lines if x.number("frequency_hz") == x.number("amplitude_nm") == 0]
+    robots = list(dict.fromkeys(our_name(x.text("robot")) for x in lines))
+    if robot is None:
+        if len(robots) != 1:
+            shown = ", ".join(robots) or "none"
+            raise StictionError(f"{path}: robots with base torques are {shown}: allowed is one")
+        robot = robots[0]
+    robot = our_name(robot)
+    if robot not in robots:
+        raise StictionError(f"{path}: {unknown('robot', robot, robots or ['none'])}")
+    tau = np.full((n_joints, 2, 2), np.nan)
+    for line in lines:
+        if our_name(line.fields["robot"]) != robot:
+            continue
+        joint = line.whole("joint", 1, n_joints)
+        load, direction = line.name("load", LOADS), line.name("direction", DIRECTIONS)
+        at = joint - 1, LOADS.index(load), DIRECTIONS.index(direction)
+        if not math.isnan(tau[at]):
+            raise line.error(
+                f"second base torque of joint {joint}, {load} {direction}: allowed is one"
+            )
+        tau[at] = line.number("tau_base_Nm" if thesis else "tau_nm")
+        _check_sign(tau[at], at[2], f"{line.where}: joint {joint}, {load}")
+    missing = np.argwhere(np.isnan(tau))
+    if missing.size:
+        j, k, d = missing[0]
+        raise StictionError(
+            f"{path}: {robot} has {tau.size - len(missing)} of {tau.size} base torques, first missing "
+            f"is joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]}: allowed is every joint, load and direction"
+        )
+    return BaseTable(robot, tau)
+
+
+def our_name(robot: str) -> str:
+    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800."""
+    return "iiwa7" if robot == "iiwa" else robot
+
+
+def _some(path: Path, rows: Iterable[_Row]) -> list[_Row]:
+    rows = list(rows)
+    if not rows:
+        raise StictionError(f"{path}: no rows to write: allowed is one or more")
+    return rows
+
+
+def _check_sje(row: SJERow, where: str) -> None:
+    if not row.robot or row.robot != row.robot.strip():
+        raise StictionError(f"{where}: robot is {row.robot!r}: allowed is a name or path")
+    _check_names(row, where)
+    _check_drive(row.frequency_hz, row.amplitude_nm, where)
+    if not math.isfinite(row.tau_nm):
+        raise StictionError(f"{where}: tau_nm is {row.tau_nm}: allowed are finite numbers")
+    if row.std_nm < 0 or math.isinf(row.std_nm):
+        raise StictionError(f"{where}: std_nm is {row.std_nm}: allowed is >= 0, or nan if unknown")
+    if math.isinf(row.reduction):
+        raise StictionError(f"{where}: reduction is {row.reduction}: allowed is finite or nan")
+    for column, value in (("joint", row.joint), ("iterations", row.iterations)):
+        if value < 1:
+            raise StictionError(f"{where}: {column} is {value}: allowed is 1 or more")
+
+
+def _check_names(row: SJERow, where: str) -> None:
+    for what, value, names in (("load", row.load, LOADS), ("direction", row.direction, DIRECTIONS)):
+        if value not in names:
+            raise StictionError(f"{where}: {unknown(what, value, names)}")
+
+
+def _check_amplitude(row: AmplitudeRow, where: str, seen: set[int]) -> None:
+    """Checks of one row among the joints already ``seen``, to which it is added."""
+    if row.joint < 1:
+        raise StictionError(f"{where}: joint is {row.joint}: allowed is 1 or more")
+    if row.joint in seen:
+        raise StictionError(
+            f"{where}: joint {row.joint} occurs twice: allowed is one row per joint"
+        )
+    seen.add(row.joint)
+    _check_drive(row.frequency_hz, row.amplitude_nm, where)
+    if row.waveform not in WAVEFORMS:
+        raise StictionError(f"{where}: {unknown('waveform', row.waveform, WAVEFORMS)}")
+    if not math.isfinite(row.offset_nm):
+        raise StictionError(f"{where}: offset_nm is {row.offset_nm}: allowed are finite numbers")
+
+
+def _check_drive(frequency_hz: float, amplitude_nm: float, where: str) -> None:
+    if not 0 <= amplitude_nm < math.inf:
+        raise StictionError(f"{where}: amplitude_nm is {amplitude_nm}: allowed is >= 0")
+    if not 0 <= frequency_hz < math.inf or (frequency_hz == 0 and amplitude_nm > 0):
+        raise StictionError(
+            f"{where}: frequency_hz is {frequency_hz}: allowed is > 0, or 0 with amplitude_nm 0"
+        )
+
+
+def _check_rate(row: AmplitudeRow, line: Line, rate_hz: float) -> None:
+    try:
+        warning = check_frequency(row.frequency_hz, rate_hz)
+    except StictionError as error:
+        raise line.error(str(error)) from None
+    if warning is not None:
+        warnings.warn(f"{line.where}: {warning}", stacklevel=3)
+
+
+def _check_sign(tau: float, direction: int, where: str) -> None:
+    sign, allowed = ((1, "> 0"), (-1, "< 0"))[direction]
+    if not 0 < sign * tau < math.inf:
+        name = DIRECTIONS[direction]
+        raise StictionError(f"{where} {name}: base torque is {tau} N·m: allowed is {allowed}")

@@ -1,0 +1,177 @@
+"""The printed tables of the thesis, as typed rows.
+
+S. Monzó Martínez, A. Zejnullahu, *Accuracy Improvement and Joint Stiction Relieve in Robot Arms
+Movement Applying Torque-Based Cartesian Impedance Control With Dithering*, MSc thesis TFRT-6202, Lund
+University, 2023. The CSVs in ``thesis/`` stand as printed, misprints included; :func:`thesis_table`
+returns them so. :func:`thesis_dithered` corrects the two that touch it (joint 3's scale in 4.9 is 1.2,
+not 1.0; joint 5's no-load + intermediate amplitude is 1.2 × base) and marks one bad measurement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from typing import Any
+
+from stiction_envs.errors import unknown
+from stiction_envs.measured.csv_text import Line, read_header, read_lines
+from stiction_envs.measured.tables import BaseTable, our_name, read_base
+
+THESIS_TABLES = (
+    "4.1",
+    "4.2",
+    "4.3",
+    "4.4",
+    "4.5",
+    "4.6",
+    "4.7",
+    "4.8",
+    "4.9",
+    "4.10",
+    "4.11",
+    "A.1",
+)
+"""Numbers of the tables; their content is listed in ``thesis/README.md`` of the project's sources."""
+
+_TEXT = {
+    "robot",
+    "load",
+    "direction",
+    "subtable",
+    "quantity",
+    "unit",
+    "printed",
+    "amplitude_set",
+    "trajectory",
+    "axis",
+    "unit_printed",
+}
+
+
+@dataclass(frozen=True)
+class DitheredRow:
+    """One dithered breakaway measurement of the thesis."""
+
+    robot: str
+    """``panda`` or ``iiwa7``."""
+    joint: int
+    """From 1."""
+    load: str
+    """``load`` or ``no_load``."""
+    direction: str
+    """``+`` or ``-``."""
+    frequency_hz: float
+    """Dither frequency, Hz; in 4.10 that of the joint in 4.9."""
+    scale: float
+    """Dither amplitude / abs(base torque) of the same pose and direction."""
+    amplitude_nm: float
+    """Dither amplitude, N·m: scale × base, in the final rows of 4.10 the amplitude of 4.9."""
+    tau_base_nm: float
+    """Base torque the percentage refers to, signed, N·m."""
+    tau_sje_nm: float
+    """Torque with dither, signed, N·m."""
+    change_pct: float
+    """Printed change in percent; negative: less torque needed."""
+    table: str
+    """``4.5`` (iiwa), ``4.6``, ``4.7``, ``4.8`` or ``4.10``."""
+    amplitude_set: str
+    """``scale``; in 4.10 ``intermediate`` or ``final``."""
+    outlier: bool
+    """True for the one reading that its own repetition refutes (4.7, joint 2 load −, 30 Hz)."""
+
+
+def thesis_table(number: str) -> list[dict[str, Any]]:
+    """Rows of a printed table, such as ``"4.6"`` or ``"A.1"``, in the units its columns name.
+
+    ``joint`` is an int, ``final_set_by_hand`` a bool, names are text, everything else is a float.
+    """
+    with as_file(_file(number)) as path:
+        lines = read_lines(path, read_header(path))
+    return [{column: _typed(line, column) for column in line.fields} for line in lines]
+
+
+def thesis_base(robot: str) -> BaseTable:
+    """Base torques of table 4.3, N·m: ``panda`` or ``iiwa7`` (``iiwa`` in print)."""
+    with as_file(_file("4.3")) as path:
+        return read_base(path, _measured(robot))
+
+
+def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
+    """Every dithered breakaway torque: tables 4.6, 4.7, 4.8 and 4.10 for ``panda``, 4.5 for ``iiwa7``."""
+    robot = _measured(robot)
+    if robot == "iiwa7":
+        return [_scaled(row, row["tau_base_Nm"], "4.5") for row in thesis_table("4.5")]
+    first = thesis_table("4.6")
+    bases = {_key(row): row["tau_base_Nm"] for row in first}
+    rows = [
+        _scaled(row, bases[_key(row)], number)
+        for number in ("4.6", "4.7", "4.8")
+        for row in thesis_table(number)
+    ]
+    chosen = {_key(row): row for row in thesis_table("4.9")}
+    for row in thesis_table("4.10"):
+        choice, base = chosen[_key(row)], abs(row["tau_base_Nm"])
+        scale = 1.2 if row["joint"] == 3 else choice["scale"]
+        amplitude = scale * base
+        if row["amplitude_set"] == "final":
+            amplitude = choice["tau_final_Nm"]
+            scale = amplitude / base
+        rows.append(
+            DitheredRow(
+                *_key(row),
+                frequency_hz=choice["frequency_Hz"],
+                scale=scale,
+                amplitude_nm=amplitude,
+                tau_base_nm=row["tau_base_Nm"],
+                tau_sje_nm=row["tau_sje_Nm"],
+                change_pct=row["change_pct"],
+                table="4.10",
+                amplitude_set=row["amplitude_set"],
+                outlier=False,
+            )
+        )
+    return rows
+
+
+def _scaled(row: dict[str, Any], base: float, table: str) -> DitheredRow:
+    """A row of the tables whose amplitude is scale × base."""
+    return DitheredRow(
+        *_key(row),
+        frequency_hz=row["frequency_Hz"],
+        scale=row["scale"],
+        amplitude_nm=row["scale"] * abs(base),
+        tau_base_nm=base,
+        tau_sje_nm=row["tau_sje_Nm"],
+        change_pct=row["change_pct"],
+        table=table,
+        amplitude_set="scale",
+        outlier=table == "4.7" and row["change_pct"] == -94.27,
+    )
+
+
+def _key(row: dict[str, Any]) -> tuple[str, int, str, str]:
+    return our_name(row["robot"]), row["joint"], row["load"], row["direction"]
+
+
+def _measured(robot: str) -> str:
+    """The robot by our name, if the thesis has measured it."""
+    if our_name(robot) not in ("panda", "iiwa7"):
+        raise unknown("robot of the thesis", robot, ("panda", "iiwa7"))
+    return our_name(robot)
+
+
+def _file(number: str) -> Any:
+    if number not in THESIS_TABLES:
+        raise unknown("thesis table", number, THESIS_TABLES)
+    name = f"table_{number.replace('.', '_')}.csv"
+    return files("stiction_envs.measured").joinpath("thesis", name)
+
+
+def _typed(line: Line, column: str) -> Any:
+    if column in _TEXT:
+        return line.fields[column]
+    if column == "joint":
+        return line.whole(column, 1)
+    if column == "final_set_by_hand":
+        return line.name(column, ("yes", "no")) == "yes"
+    return line.number(column)

@@ -1,0 +1,310 @@
+"""N arms in lockstep: the only place of the project that steps physics.
+
+One `Plant` runs N simulations of one sticking model on `mujoco.batch.Batch`. Each simulation has
+its own joints' friction, pose, torque and servo. Results are the same bits for any number of
+simulations and threads: every operation here is element by element, and a simulation has its
+own clock.
+
+Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here as parameters:
+
+* load, warm-up and offset, which change over tenths of a second, every `SLOW_STEPS` control steps;
+* direction, which changes within one, every control step – only if some level depends on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.load import LoadSensor
+from stiction_envs.friction.model import (
+    BRISTLE_DAMPING,
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    RIPPLE,
+    STICTION,
+    STRIBECK,
+    StickingModel,
+)
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, check_stability
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+CONTROL_DT = 1e-3
+"""Control step [s]."""
+SLOW_STEPS = 20
+"""Control steps between two updates of load, warm-up and offset."""
+
+
+class Plant:
+    """N simulations of one sticking arm, stepped in blocks of control steps of 1 ms."""
+
+    def __init__(
+        self,
+        sticking: StickingModel,
+        nsim: int,
+        *,
+        parameters: FrictionParameters | None = None,
+        nthread: int = 0,
+    ) -> None:
+        """Make the simulations; all rest at the arm's rest pose with servos off.
+
+        Args:
+            sticking: the model.
+            nsim: number of simulations N ≥ 1.
+            parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
+            nthread: threads, 0 for all processors.
+        """
+        if nsim < 1:
+            raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
+        self.sticking = sticking
+        self.nsim, self.n = nsim, sticking.n
+        self._substeps = round(CONTROL_DT / sticking.timestep)
+        self._batch = Batch(sticking.model, nsim, nthread)
+        self._biasprm = self._batch.expand("actuator_biasprm")
+        self._gainprm = self._batch.expand("actuator_gainprm")
+        self._dynprm = self._batch.expand("actuator_dynprm")
+        self._armature = self._batch.expand("dof_armature")
+        self._damping = self._batch.expand("dof_damping")
+        self._stiffness = self._batch.expand("jnt_stiffness")
+        self._bias_torque = self._batch.bind("qfrc_applied")
+        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._ctrl = self._batch.bind("ctrl")
+        self._load_sensor = LoadSensor(sticking, self._batch)
+        self._setpoint = np.zeros((nsim, self.n))
+        self._steps = np.zeros(nsim, dtype=np.int64)
+        self._moving_up = np.ones((nsim, self.n), dtype=bool)
+        self._level = np.empty((nsim, self.n, 2))
+        self._viscous = np.empty((nsim, self.n, 2))
+        self._asymmetric = False
+        self._factor = np.ones((nsim, self.n))
+        base = sticking.parameters if parameters is None else parameters
+        tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
+        self._p = {k: np.array(getattr(tiled, k)) for k in QUANTITIES}
+        self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
+        self.set_friction(np.arange(nsim), tiled)
+
+    # ---- state -------------------------------------------------------------------------------
+
+    @property
+    def position(self) -> Array:
+        """(N, n) link angles [rad]."""
+        return self.sticking.link_position(self._qpos)
+
+    @property
+    def velocity(self) -> Array:
+        """(N, n) link speeds [rad/s]."""
+        return self.sticking.link_position(self._qvel)
+
+    @property
+    def motor_position(self) -> Array:
+        """(N, n) motor-side angles [rad]; equal to the link's where the joint is rigid."""
+        return self._qpos[:, self.sticking.motor]
+
+    @property
+    def bristle(self) -> Array:
+        """(N, n) LuGre bristle deflections z [rad]."""
+        adr = self.sticking.model.actuator_actadr[self.sticking.torque_actuator]
+        return self._batch.bind("act")[:, adr]
+
+    @property
+    def load(self) -> tuple[Array, Array]:
+        """(signed, absolute) transmitted torque, each (N, n) [N·m]; see `friction.load`."""
+        return self._load_sensor.read(slice(None))
+
+    @property
+    def offset(self) -> Array:
+        """(N, n) torque that balances the arm beyond its gravity compensation [N·m]."""
+        signed, _ = self.load
+        return self._p["offset"] + self._p["gravity_error"] * signed
+
+    @property
+    def stiction(self) -> Array:
+        """(N, n) stiction at the present load, mean of the directions [N·m]."""
+        return self._level.mean(axis=2)
+
+    @property
+    def batch(self) -> Batch:
+        """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
+        return self._batch
+
+    def reset(self, ids: Index, q: ArrayLike) -> None:
+        """Put simulations ``ids`` at rest at link angles q (M, n) [rad], friction relaxed."""
+        q = np.asarray(q, float)
+        limits = self.sticking.arm.limits.position
+        if np.any((q < limits[:, 0]) | (q > limits[:, 1])) or not np.all(np.isfinite(q)):
+            bad = np.argwhere(~((q >= limits[:, 0]) & (q <= limits[:, 1])))[0][-1]
+            raise StictionError(
+                f"joint {bad + 1}: start angle outside [{limits[bad, 0]}, {limits[bad, 1]}] rad"
+            )
+        if len(ids) == 0:
+            return
+        self._batch.reset(ids, stage=0)
+        qpos = np.zeros((len(ids), self.sticking.model.nq))
+        qpos[:, self.sticking.motor] = q
+        self._qpos[ids] = qpos
+        self._setpoint[ids] = q
+        self._steps[ids] = 0
+        self._moving_up[ids] = True
+        self._batch.forward(ids)
+
+    def set_friction(self, ids: Index, parameters: FrictionParameters) -> None:
+        """Give simulations ``ids`` their own friction, fields (M, n) or (M, n, 2)."""
+        s = self.sticking
+        if not np.array_equal(parameters.elastic, s.parameters.elastic):
+            raise StictionError("which joints are elastic is fixed when the model is built")
+        for name in QUANTITIES:
+            self._p[name][ids] = getattr(parameters, name)
+        act, rotor = s.torque_actuator, np.asarray(parameters.rotor_inertia)
+        sigma1 = s.bristle_damping_of(parameters)
+        worst = np.argmin(sigma1 - 3 * s.timestep * parameters.bristle_stiffness, axis=0)
+        columns = np.arange(self.n)
+        check_stability(
+            parameters.bristle_stiffness[worst, columns],
+            sigma1[worst, columns],
+            s.friction_inertia,
+            s.timestep,
+        )
+        rows = np.asarray(ids)[:, None]
+        self._dynprm[rows, act, BRISTLE_STIFFNESS] = parameters.bristle_stiffness
+        self._dynprm[rows, act, BRISTLE_DAMPING] = sigma1
+        self._biasprm[rows, act, RIPPLE] = parameters.ripple_amplitude
+        self._biasprm[rows, act, RIPPLE + 1] = parameters.ripple_periods
+        self._biasprm[rows, act, RIPPLE + 2] = parameters.ripple_phase
+        self._armature[rows, s.motor] = rotor
+        elastic = s.spring >= 0
+        if elastic.any():
+            stiffness = parameters.joint_stiffness[:, elastic]
+            ratio = parameters.joint_damping_ratio[:, elastic]
+            joints = s.model.dof_jntid[s.spring[elastic]]
+            # with one coefficient MuJoCo keeps stiffness and damping as plain arrays
+            self._stiffness[rows, joints] = stiffness
+            self._damping[rows, s.spring[elastic]] = 2 * ratio * np.sqrt(
+                stiffness * rotor[:, elastic]
+            )
+        by_direction = [k for k, q in QUANTITIES.items() if q.by_direction]
+        self._asymmetric = any(
+            bool(np.any(self._p[k][..., 0] != self._p[k][..., 1])) for k in by_direction
+        )
+        self._write_slow(np.asarray(ids))
+
+    def scale_friction(self, ids: Index, factor: Array) -> None:
+        """Multiply the dry friction of simulations ``ids`` by ``factor`` (M, n) [-]."""
+        self._factor[ids] = factor
+        self._write_slow(np.asarray(ids))
+
+    def set_servo(
+        self, ids: Index, stiffness: ArrayLike, damping: ArrayLike, setpoint: ArrayLike
+    ) -> None:
+        """Hold joints of simulations ``ids`` natively, on the motor side.
+
+        Args:
+            ids: (M,) simulations.
+            stiffness: (M, n) [N·m/rad]; 0 leaves a joint free.
+            damping: (M, n) [N·m·s/rad].
+            setpoint: (M, n) [rad].
+        """
+        rows, act = np.asarray(ids)[:, None], self.sticking.servo_actuator
+        self._gainprm[rows, act, 0] = stiffness
+        self._biasprm[rows, act, 1] = -np.asarray(stiffness)
+        self._biasprm[rows, act, 2] = -np.asarray(damping)
+        self._setpoint[ids] = setpoint
+
+    # ---- stepping ----------------------------------------------------------------------------
+
+    def run(
+        self,
+        torque: Array,
+        ids: Index | None = None,
+        *,
+        setpoint: Array | None = None,
+        joint: Index | None = None,
+    ) -> Array:
+        """Advance simulations by K control steps of 1 ms.
+
+        Args:
+            torque: (M, K, n) torque on the joints [N·m], held for one control step each.
+            ids: (M,) sorted simulations, None for all N.
+            setpoint: (M, K, n) servo setpoints [rad]; None keeps those of `set_servo`.
+            joint: (M,) the one joint (from 0) to report of each simulation; None reports all.
+
+        Returns:
+            (M, K, n) link angles after each control step [rad], or (M, K) of the one joint.
+        """
+        ids = np.arange(self.nsim) if ids is None else np.asarray(ids)
+        m, k_total, _ = torque.shape
+        s = self.sticking
+        control = np.empty((m, k_total, s.model.nu))
+        control[:, :, s.torque_actuator] = torque
+        control[:, :, s.servo_actuator] = (
+            self._setpoint[ids][:, None] if setpoint is None else setpoint
+        )
+        if setpoint is not None:
+            self._setpoint[ids] = setpoint[:, -1]
+        out = np.empty((m, k_total) if joint is not None else (m, k_total, self.n))
+        k = 0
+        while k < k_total:
+            phase = self._steps[ids] % SLOW_STEPS
+            due = phase == 0
+            if due.any():
+                self._write_slow(ids[due])
+            block = 1 if self._asymmetric else SLOW_STEPS - int(phase.max())
+            if phase.min() != phase.max():
+                block = 1  # clocks out of step: give every simulation its update in time
+            block = min(block, k_total - k)
+            if self._asymmetric:
+                self._write_direction(ids)
+            part = control[:, k : k + block]
+            if self._substeps > 1:
+                part = np.repeat(part, self._substeps, axis=1)
+            qpos = self._batch.rollout(
+                block * self._substeps, control=part, record=("qpos",), ids=ids
+            )["qpos"]
+            qpos = qpos[:, self._substeps - 1 :: self._substeps]
+            if joint is None:
+                out[:, k : k + block] = s.link_position(qpos)
+            else:
+                out[:, k : k + block] = s.one_link_position(qpos, joint)
+            self._steps[ids] += block
+            k += block
+        return out
+
+    def _write_slow(self, ids: Index) -> None:
+        """Write what load, warm-up and offset make of the friction; symmetric levels."""
+        if len(ids) == 0:
+            return
+        p, s = self._p, self.sticking
+        signed, load = self._load_sensor.read(ids)
+        clipped = np.minimum(np.maximum(load, p["load_low"][ids]), p["load_high"][ids])
+        growth = (p["load_coefficient"][ids] * clipped)[..., None]
+        stiction = np.maximum(p["stiction"][ids] + growth, 1e-3 * p["stiction"][ids])
+        cold = np.exp(-(self._steps[ids] * CONTROL_DT)[:, None] / p["warm_up_time"][ids])
+        stiction *= (self._factor[ids] * (1.0 + p["warm_up_friction"][ids] * cold))[..., None]
+        viscous = p["viscous"][ids] * (1.0 + p["warm_up_viscous"][ids] * cold)[..., None]
+        self._level[ids], self._viscous[ids] = stiction, viscous
+        # the bias acts on the link: on both hinges of an elastic joint
+        bias = -(p["offset"][ids] + p["gravity_error"][ids] * signed)
+        rows = ids[:, None]
+        self._bias_torque[rows, s.motor] = bias
+        elastic = s.spring >= 0
+        self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
+        if not self._asymmetric:
+            self._write_levels(ids, np.zeros((len(ids), self.n), dtype=np.int64))
+
+    def _write_direction(self, ids: Index) -> None:
+        v = self._qvel[ids][:, self.sticking.motor]
+        # a joint at rest keeps the level of its last direction
+        up = np.where(v == 0, self._moving_up[ids], v > 0)
+        self._moving_up[ids] = up
+        self._write_levels(ids, np.where(up, 0, 1))
+
+    def _write_levels(self, ids: Index, side: Index) -> None:
+        rows, act = ids[:, None], self.sticking.torque_actuator
+        joints = np.arange(self.n)
+        level = self._level[rows, joints, side]
+        self._biasprm[rows, act, COULOMB] = level * self._p["coulomb_ratio"][rows, joints, side]
+        self._biasprm[rows, act, STICTION] = level
+        self._biasprm[rows, act, STRIBECK] = self._p["stribeck_velocity"][rows, joints, side]
+        self._damping[rows, self.sticking.motor] = self._viscous[rows, joints, side]

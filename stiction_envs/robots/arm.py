@@ -1,0 +1,189 @@
+"""A robot arm as data: rigid MJCF, limits, rest pose, interface of its controller."""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import mjcf
+from stiction_envs.robots.own import read_own
+from stiction_envs.robots.tables import Limits, generic, lookup, per_joint, read_toml
+
+BUILTIN = ("panda", "iiwa7", "iiwa14")
+"""Arms that come with the package."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """A serial arm of n hinges, without friction, rotors or actuators.
+
+    All angles in rad, torques in N·m; arrays are float64, read-only and ordered base to flange.
+    """
+
+    name: str
+    """Builtin name, or the stem of the user's file."""
+    xml: str
+    """MJCF of the rigid arm with tilt and payload; asset paths, if any, are absolute."""
+    joint_names: tuple[str, ...]
+    """Joints, base to flange."""
+    link_names: tuple[str, ...]
+    """Body that each joint moves."""
+    end_effector: str
+    """Name of the flange site."""
+    limits: Limits
+    """Position, velocity, torque and torque rate."""
+    rest: NDArray[np.float64]
+    """Rest pose, (n,), rad."""
+    controller_rate_hz: float
+    """Rate at which the robot takes torque commands, Hz."""
+    lowpass_hz: float
+    """Cutoff of the first-order filter on the commanded torque, Hz; 0 = off."""
+    payload: tuple[float, float, float, float] | None
+    """Mass [kg] and centre of mass x, y, z [m] in the flange frame, or None."""
+    tilt: tuple[float, float]
+    """Roll, then pitch, of the base about the world's x and y, rad."""
+    builtin: bool
+    """True for an arm of the package, False for a user's file."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    def spec(self) -> mujoco.MjSpec:
+        """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""
+        return mujoco.MjSpec.from_string(self.xml)
+
+    def model(self) -> mujoco.MjModel:
+        """Compiled MuJoCo model of the rigid arm: nq = nv = n, joint i has dof i."""
+        return self.spec().compile()
+
+    def pinocchio(self) -> pin.Model:
+        """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
+
+        Frames carry the names of bodies, joints and sites, so ``end_effector`` is a frame.
+        """
+        root = ET.fromstring(self.xml)
+        with tempfile.TemporaryDirectory() as folder:
+            # Pinocchio reads MJCF from files only, and needs no geometry.
+            path = Path(folder) / "arm.xml"
+            ET.ElementTree(mjcf.skeleton(root)).write(path, encoding="unicode")
+            model = pin.buildModelFromMJCF(str(path))
+        option = root.find("option")
+        gravity = (0.0, 0.0, -9.81)
+        if option is not None:
+            gravity = tuple(mjcf.read_numbers(option, "gravity", gravity))
+        model.gravity.linear = np.array(gravity)
+        if tuple(model.names)[1:] != self.joint_names:
+            raise StictionError(
+                f"{self.name}: pinocchio reads joints {list(model.names)[1:]}, "
+                f"MuJoCo {list(self.joint_names)}"
+            )
+        return model
+
+
+def load_arm(
+    robot: str | Path,
+    *,
+    payload: Sequence[float] | None = None,
+    tilt: Sequence[float] = (0.0, 0.0),
+) -> Arm:
+    """Load a builtin arm or a user's MJCF or URDF.
+
+    Args:
+        robot: ``panda``, ``iiwa7``, ``iiwa14``, or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
+            with one serial chain of 2 to 9 hinges. A TOML with the same stem beside it may give
+            limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
+            is assumed (``generic.toml``).
+        payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
+            of a solid sphere of 0.03 m radius (assumed). Mass 0 adds nothing.
+        tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
+            about its own origin. Gravity stays along the world's -z.
+
+    Raises:
+        StictionError: unknown name, unreadable file, not a serial arm of 2 to 9 hinges, a moving
+            link without mass, or a payload or tilt that is not a finite number.
+    """
+    load = _payload(payload)
+    lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
+    fields = _builtin(str(robot)) if str(robot) in BUILTIN else _own(robot)
+
+    root = ET.fromstring(fields["xml"])
+    if any(lean):
+        mjcf.tilt_base(root, fields["link_names"][0], (lean[0], lean[1]))
+    if load is not None and load[0] > 0:
+        mjcf.add_payload(root, fields["end_effector"], load, lookup(generic(), "payload_radius"))
+    if any(lean) or load is not None:
+        fields["xml"] = ET.tostring(root, encoding="unicode")
+    fields["rest"].flags.writeable = False
+    return Arm(**fields, payload=load, tilt=(lean[0], lean[1]))
+
+
+def _numbers(value: Sequence[float], n: int, what: str, meaning: str) -> tuple[float, ...]:
+    try:
+        out = tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        raise StictionError(f"{what} {value!r}: expected {n} numbers, {meaning}") from None
+    if len(out) != n or not np.isfinite(out).all():
+        raise StictionError(f"{what} {value!r}: expected {n} finite numbers, {meaning}")
+    return out
+
+
+def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, float] | None:
+    if payload is None:
+        return None
+    meaning = "mass in kg, centre of mass x y z in m"
+    mass, x, y, z = _numbers(payload, 4, "payload", meaning)
+    if mass < 0:
+        raise StictionError(f"payload mass {mass:g} kg: must not be negative")
+    return mass, x, y, z
+
+
+def _builtin(name: str) -> dict[str, Any]:
+    """Everything of an :class:`Arm` but payload and tilt, from the package's files."""
+    room = files("stiction_envs.robots")
+    xml = room.joinpath(f"{name}.xml").read_text("utf-8")
+    table = read_toml(Path(str(room.joinpath(f"{name}.toml"))))
+    joints = list(ET.fromstring(xml).iter("joint"))
+    n = len(joints)
+    shapes = {"position": (n, 2), "velocity": (n,), "torque": (n,), "torque_rate": (n,)}
+    limits = {
+        key: per_joint(lookup(table, f"limits.{key}"), shape, f"{name}.toml, limits.{key}")
+        for key, shape in shapes.items()
+    }
+    return {
+        "name": name,
+        "xml": xml,
+        "joint_names": tuple(f"joint{i + 1}" for i in range(n)),
+        "link_names": tuple(f"link{i + 1}" for i in range(n)),
+        "end_effector": table["end_effector"],
+        "limits": Limits(**limits),
+        "rest": per_joint(lookup(table, "rest"), (n,), f"{name}.toml, rest"),
+        "controller_rate_hz": lookup(table, "interface.controller_rate_hz"),
+        "lowpass_hz": lookup(table, "interface.lowpass_hz"),
+        "builtin": True,
+    }
+
+
+def _own(robot: str | Path) -> dict[str, Any]:
+    """Everything of an :class:`Arm` but payload and tilt, from a user's file."""
+    path = Path(robot).expanduser()
+    if path.suffix.lower() not in (".xml", ".mjcf", ".urdf"):
+        raise StictionError(
+            f"unknown robot {str(robot)!r}: allowed are {', '.join(BUILTIN)}, "
+            "or a path to an .xml, .mjcf or .urdf"
+        )
+    if not path.is_file():
+        raise StictionError(f"{path}: no such file")
+    return {**read_own(path), "builtin": False}

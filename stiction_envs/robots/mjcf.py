@@ -1,0 +1,123 @@
+"""Edits of MJCF text that lose no digits (``MjSpec.to_xml`` writes six)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers as an MJCF attribute, with all digits of a float64."""
+    return " ".join(repr(float(v)) for v in values)
+
+
+def parents(root: ET.Element) -> dict[ET.Element, ET.Element]:
+    """The parent of every element below ``root``."""
+    return {child: parent for parent in root.iter() for child in parent}
+
+
+def read_numbers(element: ET.Element, key: str, default: tuple[float, ...]) -> np.ndarray:
+    """Attribute ``key`` of ``element`` as float64 array, ``default`` where it is missing."""
+    text = element.get(key)
+    return np.array(default if text is None else [float(v) for v in text.split()])
+
+
+def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> None:
+    """Turn the top-level body that holds ``first_link`` about its own origin.
+
+    Args:
+        root: the ``mujoco`` element; changed in place.
+        first_link: name of the body of the first joint.
+        tilt: roll about the world's x, then pitch about the world's y, rad. Gravity stays.
+    """
+    up = parents(root)
+    body = next(b for b in root.iter("body") if b.get("name") == first_link)
+    while up[body].tag != "worldbody":
+        body = up[body]
+    quat = read_numbers(body, "quat", (1.0, 0.0, 0.0, 0.0))
+    # Extrinsic "xy": roll first, then pitch about the fixed y axis, i.e. R_y(pitch) R_x(roll).
+    turned = Rotation.from_euler("xy", tilt) * Rotation.from_quat(quat, scalar_first=True)
+    body.set("quat", numbers(turned.as_quat(scalar_first=True)))
+
+
+def add_payload(
+    root: ET.Element, site: str, payload: tuple[float, float, float, float], radius: float
+) -> None:
+    """Fix a body with a point mass to the flange.
+
+    Args:
+        root: the ``mujoco`` element; changed in place.
+        site: name of the flange site.
+        payload: mass [kg] and centre of mass x, y, z [m] in the frame of ``site``.
+        radius: of the solid sphere that lends the mass its inertia 2/5·m·r² [m].
+    """
+    mass, *com = payload
+    flange = next(s for s in root.iter("site") if s.get("name") == site)
+    taken = {b.get("name") for b in root.iter("body")}
+    name = "payload"
+    while name in taken:
+        name += "_"
+    body = ET.SubElement(parents(root)[flange], "body", name=name)
+    for key in ("pos", "quat"):
+        if flange.get(key) is not None:
+            body.set(key, str(flange.get(key)))
+    inertia = 0.4 * mass * radius**2
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=numbers(com),
+        mass=repr(mass),
+        diaginertia=numbers([inertia] * 3),
+    )
+    ET.SubElement(
+        body,
+        "geom",
+        type="sphere",
+        pos=numbers(com),
+        size=repr(radius),
+        mass="0",
+        group="2",
+        contype="0",
+        conaffinity="0",
+        rgba="0.85 0.45 0.1 1",
+    )
+
+
+def bodies_out_of_frames(root: ET.Element) -> None:
+    """Lift bodies, joints and sites out of ``frame`` elements; geometry stays in its frame.
+
+    Their poses have to be rewritten afterwards: a compiled model's include the frame.
+    """
+    moved = True
+    while moved:
+        moved = False
+        up = parents(root)
+        for frame in list(root.iter("frame")):
+            home = up[frame]
+            for child in list(frame):
+                if child.tag in ("body", "joint", "site"):
+                    frame.remove(child)
+                    home.append(child)
+                    style = frame.get("childclass")
+                    if style is not None and child.tag == "body" and not child.get("childclass"):
+                        child.set("childclass", style)
+                    moved = True
+
+
+def skeleton(root: ET.Element) -> ET.Element:
+    """Copy of ``root`` with bodies, inertia, joints and sites only: all that dynamics needs."""
+    keep = {"mujoco", "compiler", "option", "worldbody", "body", "inertial", "joint", "site"}
+    copy = ET.Element(root.tag, root.attrib)
+    for child in root:
+        if child.tag not in keep:
+            continue
+        bare = skeleton(child)
+        if child.tag in ("body", "site", "joint"):
+            # Defaults are gone; classes only carried looks, the arm's joints are explicit.
+            for key in ("class", "childclass"):
+                bare.attrib.pop(key, None)
+        copy.append(bare)
+    return copy

@@ -1,0 +1,82 @@
+"""Read the TOML beside an arm: limits, interface, rest pose, each with its source."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What the joints may do: float64 arrays, read-only, base to flange."""
+
+    position: NDArray[np.float64]
+    """Lower and upper joint angle, (n, 2), rad."""
+    velocity: NDArray[np.float64]
+    """Largest joint speed, (n,), rad/s."""
+    torque: NDArray[np.float64]
+    """Largest joint torque, (n,), N·m."""
+    torque_rate: NDArray[np.float64]
+    """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            # np.array copies: the caller's array must not change the limits later.
+            array = np.array(getattr(self, field.name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, field.name, array)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of the TOML file ``path``.
+
+    Raises:
+        StictionError: the file is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StictionError(f"{path}: not a TOML file: {error}") from None
+
+
+@cache
+def generic() -> dict[str, Any]:
+    """What is assumed about an arm whose file does not say it (``generic.toml``)."""
+    return tomllib.loads(files("stiction_envs.robots").joinpath("generic.toml").read_text("utf-8"))
+
+
+def lookup(table: Mapping[str, Any], key: str) -> Any:
+    """``value`` of the dotted ``key``, e.g. ``limits.torque``; None where it is missing."""
+    node: Any = table
+    for part in key.split("."):
+        if not isinstance(node, Mapping) or part not in node:
+            return None
+        node = node[part]
+    return node.get("value") if isinstance(node, Mapping) else None
+
+
+def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
+    """``value`` as float64 array of ``shape``; a single number fills it.
+
+    Raises:
+        StictionError: not numbers, another number of joints, or NaN.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise StictionError(f"{where}: {value!r} is not a list of numbers") from None
+    if array.ndim and array.shape != shape:
+        raise StictionError(f"{where}: shape {array.shape}, but the arm needs {shape}")
+    if np.isnan(array).any():
+        raise StictionError(f"{where}: contains NaN")
+    return np.array(np.broadcast_to(array, shape))

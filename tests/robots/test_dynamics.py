@@ -1,0 +1,172 @@
+"""MuJoCo and pinocchio read the same arm: M, C, g, J and the flange agree to 1e-9."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiction_envs.robots import BUILTIN, Arm, load_arm
+from tests.robots.own_arms import MJCF, TETRA, URDF
+
+STATES = 1000
+TOLERANCE = 1e-9
+PAYLOAD = (1.7, 0.02, -0.03, 0.08)
+TILT = (0.2, -0.35)
+
+# physics.md 1.4 and 2.3: largest gravity torque over the workspace, N·m.
+LARGEST_GRAVITY = {
+    "iiwa7": (0.0, 65.2, 18.5, 18.5, 0.58, 0.38, 0.0),
+    "iiwa14": (0.0, 69.8, 18.9, 19.0, 0.60, 0.39, 0.0),
+    "panda": (0.0, 56.6, 30.3, 23.2, 3.1, 2.9, 0.03),
+}
+
+
+def _states(arm: Arm, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(7)
+    q = rng.uniform(*arm.limits.position.T, size=(count, arm.n))
+    return q, rng.uniform(-1, 1, size=(count, arm.n)) * arm.limits.velocity
+
+
+def _disagreement(arm: Arm, count: int) -> dict[str, float]:
+    """Largest difference over the states, relative to the quantity's largest entry there."""
+    model, data = arm.model(), mujoco.MjData(arm.model())
+    other = arm.pinocchio()
+    store = other.createData()
+    frame = other.getFrameId(arm.end_effector)
+    site = model.site(arm.end_effector).id
+    jacobian = np.zeros((6, arm.n))
+    mass = np.zeros((arm.n, arm.n))
+    zero = np.zeros(arm.n)
+    worst: dict[str, float] = {}
+
+    def note(what: str, ours: np.ndarray, theirs: np.ndarray, scale: float) -> None:
+        error = float(np.abs(ours - theirs).max() / max(scale, np.abs(theirs).max()))
+        worst[what] = max(worst.get(what, 0.0), error)
+
+    for q, v in zip(*_states(arm, count), strict=True):
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+        bias = data.qfrc_bias.copy()
+        data.qvel[:] = 0
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+        gravity = data.qfrc_bias.copy()
+        mujoco.mj_fullM(model, data, mass)
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+
+        pin_gravity = pin.computeGeneralizedGravity(other, store, q).copy()
+        pin_bias = pin.rnea(other, store, q, v, zero).copy()
+        pin_mass = np.triu(pin.crba(other, store, q))
+        pin_mass += np.triu(pin_mass, 1).T
+        coriolis = pin.computeCoriolisMatrix(other, store, q, v) @ v
+        frames = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        pin_jacobian = pin.computeFrameJacobian(other, store, q, frame, frames)
+        pin.framesForwardKinematics(other, store, q)
+        pose = store.oMf[frame]
+
+        note("M", mass, pin_mass, 1e-3)
+        note("bias", bias, pin_bias, 1.0)
+        note("C qd", bias - gravity, coriolis, 1.0)
+        note("g", gravity, pin_gravity, 1.0)
+        note("J", jacobian, pin_jacobian, 1.0)
+        note("position", data.site_xpos[site], pose.translation, 1.0)
+        note("rotation", data.site_xmat[site].reshape(3, 3), pose.rotation, 1.0)
+    return worst
+
+
+@pytest.mark.parametrize("payload", [None, PAYLOAD], ids=["bare", "payload"])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), TILT], ids=["upright", "tilted"])
+@pytest.mark.parametrize("name", BUILTIN)
+def test_pinocchio_agrees_with_mujoco(name, tilt, payload):
+    worst = _disagreement(load_arm(name, payload=payload, tilt=tilt), STATES)
+    assert len(worst) == 7
+    assert max(worst.values()) < TOLERANCE, worst
+
+
+@pytest.mark.parametrize(("suffix", "text"), [("xml", MJCF), ("urdf", URDF)])
+def test_pinocchio_agrees_on_users_arms(tmp_path: Path, suffix: str, text: str):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
+    path = tmp_path / f"own.{suffix}"
+    path.write_text(text)
+    worst = _disagreement(load_arm(path, payload=PAYLOAD, tilt=TILT), 200)
+    assert max(worst.values()) < TOLERANCE, worst
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_the_file_itself_is_read_alike_by_both(name):
+    """Not only our reduced copy: pinocchio may be pointed at the MJCF in the package."""
+    arm = load_arm(name)
+    folder = Path(__file__).parents[2] / "stiction_envs" / "robots"
+    direct, ours = pin.buildModelFromMJCF(str(folder / f"{name}.xml")), arm.pinocchio()
+    q, v = (part[0] for part in _states(arm, 1))
+    torque = [pin.rnea(m, m.createData(), q, v, v) for m in (direct, ours)]
+    np.testing.assert_allclose(*torque, rtol=1e-12, atol=1e-12)
+
+
+def _largest_gravity(arm: Arm) -> np.ndarray:
+    model = arm.pinocchio()
+    data = model.createData()
+    q, _ = _states(arm, 20000)
+    return np.max([np.abs(pin.computeGeneralizedGravity(model, data, p)) for p in q], axis=0)
+
+
+@pytest.mark.parametrize("name", ["iiwa7", "iiwa14"])
+def test_largest_gravity_torque_of_the_iiwa(name):
+    np.testing.assert_allclose(
+        _largest_gravity(load_arm(name)), LARGEST_GRAVITY[name], rtol=0.015, atol=0.005
+    )
+
+
+def test_largest_gravity_torque_of_the_panda_with_hand():
+    """The hand (0.73 kg at x -0.01 turned by -45 degrees about z) and two closed fingers of 15 g."""
+    turn = np.array([np.cos(-np.pi / 4), np.sin(-np.pi / 4)])
+    hand, fingers = np.array([*(-0.01 * turn), 0.03]), np.array([0.0, 0.0, 0.0584])
+    com = (0.73 * hand + 0.03 * fingers) / 0.76
+    arm = load_arm("panda", payload=(0.76, *com))
+    np.testing.assert_allclose(
+        _largest_gravity(arm), LARGEST_GRAVITY["panda"], rtol=0.02, atol=0.02
+    )
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_tilt_turns_gravity_in_the_base_frame(name):
+    """An upright arm under R_base^T g feels the torques of the tilted arm (physics.md 2.6)."""
+    from scipy.spatial.transform import Rotation
+
+    roll, pitch = TILT
+    base = Rotation.from_euler("y", pitch) * Rotation.from_euler("x", roll)
+    upright, tilted = load_arm(name).pinocchio(), load_arm(name, tilt=TILT).pinocchio()
+    upright.gravity.linear = base.inv().apply([0, 0, -9.81])
+    for q in _states(load_arm(name), 20)[0]:
+        np.testing.assert_allclose(
+            pin.computeGeneralizedGravity(tilted, tilted.createData(), q),
+            pin.computeGeneralizedGravity(upright, upright.createData(), q),
+            atol=1e-12,
+        )
+
+
+def test_payload_weighs_on_the_flange():
+    """Weight times lever: dg = -J_com^T (0, 0, -m g)."""
+    arm, loaded = load_arm("iiwa7"), load_arm("iiwa7", payload=PAYLOAD)
+    m, *com = PAYLOAD
+    model, bare = arm.model(), mujoco.MjData(arm.model())
+    heavy = mujoco.MjData(loaded.model())
+    for q in _states(arm, 20)[0]:
+        for mj, data in ((model, bare), (loaded.model(), heavy)):
+            data.qpos[:] = q
+            mujoco.mj_forward(mj, data)
+        site = model.site("flange").id
+        point = bare.site_xpos[site] + bare.site_xmat[site].reshape(3, 3) @ com
+        lever = np.zeros((3, 7))
+        mujoco.mj_jac(model, bare, lever, None, point, model.body("link7").id)
+        expected = -lever.T @ np.array([0, 0, -9.81 * m])
+        np.testing.assert_allclose(heavy.qfrc_bias - bare.qfrc_bias, expected, atol=1e-10)
