@@ -32,9 +32,9 @@ BANDWIDTH = 0.5
 
 _SINE, _SQUARE, _TRIANGLE, _CHIRP, _RANDOM = range(len(WAVEFORMS))
 _TWO_PI = 2.0 * np.pi
-# Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bit
-# of the time; an edge is therefore moved 1e-9 of a period, above rounding and below any effect.
-_EDGE = 1e-9
+# Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits
+# of a summed-up time; an edge is therefore moved 1e-6 of a period, above that and below any effect.
+_EDGE = 1e-6
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,9 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+
+import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
@@ -117,8 +120,7 @@ class Plant:
     @property
     def offset(self) -> Array:
         """(N, n) torque that balances the arm beyond its gravity compensation [N·m]."""
-        signed, _ = self.load
-        return self._p["offset"] + self._p["gravity_error"] * signed
+        return self._offset(np.arange(self.nsim), self.load[0])
 
     @property
     def stiction(self) -> Array:
@@ -181,8 +183,8 @@ class Plant:
             joints = s.model.dof_jntid[s.spring[elastic]]
             # with one coefficient MuJoCo keeps stiffness and damping as plain arrays
             self._stiffness[rows, joints] = stiffness
-            self._damping[rows, s.spring[elastic]] = 2 * ratio * np.sqrt(
-                stiffness * rotor[:, elastic]
+            self._damping[rows, s.spring[elastic]] = (
+                2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
         by_direction = [k for k, q in QUANTITIES.items() if q.by_direction]
         self._asymmetric = any(
@@ -232,6 +234,9 @@ class Plant:
 
         Returns:
             (M, K, n) link angles after each control step [rad], or (M, K) of the one joint.
+
+        Raises:
+            StictionError: a simulation that the engine stopped (NaN, divergence).
         """
         ids = np.arange(self.nsim) if ids is None else np.asarray(ids)
         m, k_total, _ = torque.shape
@@ -269,6 +274,7 @@ class Plant:
                 out[:, k : k + block] = s.one_link_position(qpos, joint)
             self._steps[ids] += block
             k += block
+        _raise_if_stopped(self._batch)
         return out
 
     def _write_slow(self, ids: Index) -> None:
@@ -285,13 +291,19 @@ class Plant:
         viscous = p["viscous"][ids] * (1.0 + p["warm_up_viscous"][ids] * cold)[..., None]
         self._level[ids], self._viscous[ids] = stiction, viscous
         # the bias acts on the link: on both hinges of an elastic joint
-        bias = -(p["offset"][ids] + p["gravity_error"][ids] * signed)
+        bias = -self._offset(ids, signed)
         rows = ids[:, None]
         self._bias_torque[rows, s.motor] = bias
         elastic = s.spring >= 0
         self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
         if not self._asymmetric:
             self._write_levels(ids, np.zeros((len(ids), self.n), dtype=np.int64))
+
+    def _offset(self, ids: Index, signed: Array) -> Array:
+        """Return (M, n) offset [N·m]; like friction, not extrapolated past the loads measured."""
+        high = self._p["load_high"][ids]
+        clipped = np.minimum(np.maximum(signed, -high), high)
+        return self._p["offset"][ids] + self._p["gravity_error"][ids] * clipped
 
     def _write_direction(self, ids: Index) -> None:
         v = self._qvel[ids][:, self.sticking.motor]
@@ -308,3 +320,54 @@ class Plant:
         self._biasprm[rows, act, STICTION] = level
         self._biasprm[rows, act, STRIBECK] = self._p["stribeck_velocity"][rows, joints, side]
         self._damping[rows, self.sticking.motor] = self._viscous[rows, joints, side]
+
+
+def _raise_if_stopped(batch: Batch) -> None:
+    """Raise if the engine stopped a simulation: its records then repeat, as if it stood still."""
+    count = batch.warning[:, :, 1]
+    if count.any():
+        sim, kind = np.argwhere(count)[0]
+        name = mujoco.mjtWarning(int(kind)).name
+        raise StictionError(f"simulation {sim} stopped by the engine: {name}")
+
+
+def rollout(
+    model: mujoco.MjModel,
+    qpos: Array,
+    torque: Callable[[Array], Array],
+    steps: int,
+    *,
+    record: Sequence[str] = ("qpos",),
+    chunk: int = 500,
+    nthread: int = 0,
+) -> Iterator[dict[str, Array]]:
+    """Step N simulations of any model under applied joint torques, in chunks of ``chunk`` steps.
+
+    Args:
+        model: the model; controls stay zero.
+        qpos: (N, nq) start positions, at rest.
+        torque: of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m or N]. It is
+            asked once per chunk, so it may depend on the chunks before.
+        steps: steps in all.
+        record: `MjData` fields.
+        chunk: steps between two calls of ``torque``.
+        nthread: threads, 0 for all processors.
+
+    Yields:
+        Per chunk, ``time`` (K,) at the start of each step [s] and each recorded field (N, K, ...)
+        after it.
+
+    Raises:
+        StictionError: a simulation that the engine stopped (NaN, divergence, full buffers).
+    """
+    batch = Batch(model, len(qpos), nthread)
+    batch.bind("qpos")[:] = qpos
+    applied = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+    for start in range(0, steps, chunk):
+        time = np.arange(start, min(start + chunk, steps), dtype=np.float64)
+        time *= model.opt.timestep
+        out = batch.rollout(
+            len(time), control=torque(time), control_spec=applied, record=tuple(record)
+        )
+        _raise_if_stopped(batch)
+        yield {"time": time, **out}

@@ -8,6 +8,8 @@ Friction is never reset between one ramp and the next: the arm is moved back (th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,13 +18,17 @@ from stiction_envs.dither import Dither
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.protocol import Configuration, Protocol
-from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.model import StickingModel, link_inertia
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS, Plant
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 IDLE, APPROACH, RAMP = 0, 1, 2
+AT_REST = 1e-3
+"""Fastest joint speed that counts as rest [rad/s]; assumed."""
+PATIENCE = 10
+"""A ramp starts after at most this many times the planned approach; assumed."""
 BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
 
@@ -64,8 +70,11 @@ class Rig:
         self.nsim, self.n = nsim, sticking.n
         limits = sticking.arm.limits
         self._hold = protocol.hold_stiffness * limits.torque
-        inertia = sticking.friction_inertia
-        self._hold_damping = 2 * protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+        links = link_inertia(sticking.arm, poses.q.reshape(-1, self.n)).reshape(poses.q.shape)
+        inertia = links + sticking.parameters.rotor_inertia
+        # (n, 2, n): of every pose, as the arm's inertia changes with it
+        self._pose_damping = 2 * protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+        self._hold_damping = np.zeros((nsim, self.n))
         self.columns = sticking.n if dither_all else 1
         self._path = TorquePath(interface, nsim, self.columns)
         self._limits = limits
@@ -84,6 +93,7 @@ class Rig:
         self.deviation = np.zeros(nsim)
         self._origin = np.zeros((nsim, self.n))
         self._torque_noise = np.zeros(nsim)
+        self._dither_seed = np.full(nsim, seed, dtype=np.uint64)
         self._give_up = np.zeros(nsim)
         self._approach_steps = round((protocol.return_time + protocol.settle_time) / CONTROL_DT)
         self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
@@ -95,6 +105,7 @@ class Rig:
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
         self.pose[ids] = self.poses.q[joint, load]
+        self._hold_damping[ids] = self._pose_damping[joint, load]
         self.deviation[ids] = 0.0
         start = self.pose[ids].copy()
         start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
@@ -102,7 +113,7 @@ class Rig:
         self.phase[ids] = IDLE
         self._path.set_limits(ids, *self._column_limits(joint))
 
-    def approach(self, ids: Index, keys: list[tuple[int, ...]]) -> None:
+    def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
         """Move slots back to their pose; ``keys`` seed the scatter of this iteration."""
         p = self.protocol
         self._origin[ids] = self.plant.motor_position[ids]
@@ -118,9 +129,10 @@ class Rig:
                 samples = max(1.0, p.averaging_time / CONTROL_DT)
                 self._torque_noise[i] = p.torque_noise * rng.normal() / np.sqrt(samples)
                 self.phi[i] = rng.uniform(0, 2 * np.pi, size=self.n)
+                self._dither_seed[i] = rng.integers(2**32)
         self.target[ids] = target
         self.plant.scale_friction(ids, factor)
-        self.plant.set_servo(ids, self._hold, self._hold_damping, self._origin[ids])
+        self.plant.set_servo(ids, self._hold, self._hold_damping[ids], self._origin[ids])
         self.phase[ids], self.step[ids] = APPROACH, 0
         self.tau[ids] = np.nan
 
@@ -146,13 +158,13 @@ class Rig:
             offset=np.broadcast_to(np.asarray(offset, float), shape),
             waveform=np.broadcast_to(np.asarray(waveform), shape),
             gate_velocity=np.broadcast_to(np.asarray(gate_velocity, float), shape),
-            seed=self.seed,
+            seed=self._dither_seed[ids],
         )
         self._set(self.dither.set_rows(ids, new))
 
     def retune(self, amplitude: Array, frequency: Array) -> None:
         """Change A [N·m] and f [Hz] of all slots, (N, columns), keeping each phase continuous."""
-        t = self.interface.tick(self.step) * CONTROL_DT
+        t: Array = self.interface.tick(self.step) * CONTROL_DT
         self._set(self.dither.retune(t, amplitude=amplitude, frequency=frequency))
 
     def _set(self, dither: Dither) -> None:
@@ -204,7 +216,7 @@ class Rig:
             hold = self.interface.hold_steps
             stride = hold if BLOCK % hold == 0 else 1
             for k in range(0, BLOCK, stride):
-                t = self.interface.tick(self.step + k) * CONTROL_DT
+                t: Array = self.interface.tick(self.step + k) * CONTROL_DT
                 command[:, k : k + stride] += self.dither.torque(t, speed)[ids][:, None]
         out = self._path.run(command, ids)
         if self.columns > 1:
@@ -224,6 +236,10 @@ class Rig:
         ids = ids[self.step[ids] >= self._approach_steps]
         if not len(ids):
             return
+        at_rest = np.abs(self.plant.velocity[ids]).max(axis=1) < AT_REST
+        ids = ids[at_rest | (self.step[ids] >= PATIENCE * self._approach_steps)]
+        if not len(ids):
+            return
         p, rows = self.protocol, np.arange(len(ids))
         joint = self.joint[ids]
         q = self.plant.position[ids]
@@ -239,7 +255,7 @@ class Rig:
         self.start_torque[ids] = averaged if p.averaged_start_torque else 0.0
         stiction = self.plant.stiction[ids][rows, joint]
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
-        stiffness, damping = (np.tile(a, (len(ids), 1)) for a in (self._hold, self._hold_damping))
+        stiffness, damping = np.tile(self._hold, (len(ids), 1)), self._hold_damping[ids]
         stiffness[rows, joint] = damping[rows, joint] = 0.0
         self.plant.set_servo(ids, stiffness, damping, self.target[ids])
         start = np.zeros((len(ids), self.columns))
@@ -253,7 +269,7 @@ class Rig:
         others[np.arange(len(ids)), self.joint[ids]] = 0.0
         self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
-        over = moved >= self.protocol.threshold
+        over: NDArray[np.bool_] = np.asarray(moved >= self.protocol.threshold)
         reached = over.any(axis=1)
         first = over.argmax(axis=1)
         torque = self.ramp_torque(ids, step)

@@ -94,15 +94,20 @@ class StickingModel:
         )
 
 
-def rest_inertia(arm: Arm) -> Array:
-    """Return (n,) diagonal of the rigid mass matrix at the rest pose [kg·m²], without rotors."""
+def link_inertia(arm: Arm, q: Array) -> Array:
+    """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
+
+    What each joint must move when the others are locked, without rotors.
+    """
     model = arm.model()
     data = mujoco.MjData(model)
-    data.qpos[:] = arm.rest
-    mujoco.mj_forward(model, data)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    return np.diag(full).copy()
+    full, out = np.zeros((model.nv, model.nv)), np.empty_like(q)
+    for i, pose in enumerate(q):
+        data.qpos[:] = pose
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        out[i] = np.diag(full)
+    return out
 
 
 def build(
@@ -126,7 +131,7 @@ def build(
     if parameters.n != arm.n:
         raise StictionError(f"friction of {parameters.n} joints, but {arm.name} has {arm.n}")
     elastic = parameters.elastic
-    inertia = parameters.rotor_inertia + np.where(elastic, 0.0, rest_inertia(arm))
+    inertia = parameters.rotor_inertia + np.where(elastic, 0.0, link_inertia(arm, arm.rest[None])[0])
     damping = bristle_damping(
         parameters.bristle_stiffness, parameters.bristle_damping_ratio, inertia, timestep
     )

@@ -230,6 +230,31 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
         raise StictionError(f"{where}: {error}") from None
 
 
+def friction_path(robot: str | Path) -> Path:
+    """Return the TOML of a robot's name, or the path itself; `generic.toml` for unknown arms."""
+    path = Path(robot)
+    if path.suffix != ".toml":
+        path = HERE / f"{path.stem}.toml"
+        if not path.exists():
+            path = HERE / "generic.toml"
+    return path
+
+
+def friction_text(robot: str | Path) -> dict[str, Any]:
+    """Return the parsed TOML, with its sources.
+
+    Raises:
+        StictionError: unreadable, or not TOML.
+    """
+    path = friction_path(robot)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StictionError(f"friction file {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StictionError(f"friction file {path}: not TOML ({error})") from None
+
+
 def load_friction(robot: str | Path, n: int = 7) -> FrictionParameters:
     """Load the friction of a robot by name, or of a TOML path.
 
@@ -238,17 +263,7 @@ def load_friction(robot: str | Path, n: int = 7) -> FrictionParameters:
     Raises:
         StictionError: unreadable file, missing table, wrong shape, value out of bounds.
     """
-    path = Path(robot)
-    if path.suffix != ".toml":
-        path = HERE / f"{path.stem}.toml"
-        if not path.exists():
-            path = HERE / "generic.toml"
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StictionError(f"friction file {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise StictionError(f"friction file {path}: not TOML ({error})") from None
+    path, table = friction_path(robot), friction_text(robot)
     if path == HERE / "generic.toml":
         for entry in table.values():
             if isinstance(entry.get("value"), list):

@@ -29,21 +29,12 @@ LOADS = ("load", "no_load")
 DIRECTIONS = ("+", "-")
 """Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
 
-SJE_COLUMNS = (
-    "robot",
-    "joint",
-    "load",
-    "direction",
-    "frequency_hz",
-    "amplitude_nm",
-    "tau_nm",
-    "std_nm",
-    "iterations",
-    "reduction",
-)
+_KEY = ("robot", "joint", "load", "direction")
+_RESULT = ("frequency_hz", "amplitude_nm", "tau_nm", "std_nm", "iterations", "reduction")
+SJE_COLUMNS = (*_KEY, *_RESULT)
 AMPLITUDE_COLUMNS = ("joint", "frequency_hz", "amplitude_nm")
 AMPLITUDE_OPTIONAL = ("waveform", "offset_nm")
-THESIS_BASE_COLUMNS = ("robot", "joint", "load", "direction", "tau_base_Nm")
+THESIS_BASE_COLUMNS = (*_KEY, "tau_base_Nm")
 
 
 @dataclass(frozen=True)
@@ -221,8 +212,8 @@ class BaseTable:
 def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTable:
     """Read the base torques of one robot from an SJE table or one in the form of thesis table 4.3.
 
-    Of an SJE table only the rows without dither count. ``robot`` may be left out when the file holds
-    one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
+    Of an SJE table only the rows without dither count. ``robot`` may be left out when the file
+    holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
     thesis = "tau_base_Nm" in read_header(path)
     lines = read_lines(path, THESIS_BASE_COLUMNS if thesis else SJE_COLUMNS)
@@ -245,17 +236,15 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
         load, direction = line.name("load", LOADS), line.name("direction", DIRECTIONS)
         at = joint - 1, LOADS.index(load), DIRECTIONS.index(direction)
         if not math.isnan(tau[at]):
-            raise line.error(
-                f"second base torque of joint {joint}, {load} {direction}: allowed is one"
-            )
+            raise line.error(f"joint {joint}, {load} {direction} occurs twice: allowed is once")
         tau[at] = line.number("tau_base_Nm" if thesis else "tau_nm")
         _check_sign(tau[at], at[2], f"{line.where}: joint {joint}, {load}")
     missing = np.argwhere(np.isnan(tau))
     if missing.size:
         j, k, d = missing[0]
         raise StictionError(
-            f"{path}: {robot} has {tau.size - len(missing)} of {tau.size} base torques, first missing "
-            f"is joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]}: allowed is every joint, load and direction"
+            f"{path}: {tau.size - len(missing)} of {tau.size} base torques of {robot}: "
+            f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: allowed is all, once"
         )
     return BaseTable(robot, tau)
 

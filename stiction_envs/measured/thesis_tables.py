@@ -1,10 +1,11 @@
 """The printed tables of the thesis, as typed rows.
 
 S. Monzó Martínez, A. Zejnullahu, *Accuracy Improvement and Joint Stiction Relieve in Robot Arms
-Movement Applying Torque-Based Cartesian Impedance Control With Dithering*, MSc thesis TFRT-6202, Lund
-University, 2023. The CSVs in ``thesis/`` stand as printed, misprints included; :func:`thesis_table`
-returns them so. :func:`thesis_dithered` corrects the two that touch it (joint 3's scale in 4.9 is 1.2,
-not 1.0; joint 5's no-load + intermediate amplitude is 1.2 × base) and marks one bad measurement.
+Movement Applying Torque-Based Cartesian Impedance Control With Dithering*, MSc thesis TFRT-6202,
+Lund University, 2023. The CSVs in ``thesis/`` stand as printed, misprints included, and
+:func:`thesis_table` returns them so. :func:`thesis_dithered` corrects the two that touch it (joint
+3's scale in 4.9 is 1.2, not 1.0; joint 5's no-load + intermediate amplitude is 1.2 × base) and
+marks one bad measurement.
 """
 
 from __future__ import annotations
@@ -17,35 +18,12 @@ from stiction_envs.errors import unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines
 from stiction_envs.measured.tables import BaseTable, our_name, read_base
 
-THESIS_TABLES = (
-    "4.1",
-    "4.2",
-    "4.3",
-    "4.4",
-    "4.5",
-    "4.6",
-    "4.7",
-    "4.8",
-    "4.9",
-    "4.10",
-    "4.11",
-    "A.1",
-)
-"""Numbers of the tables; their content is listed in ``thesis/README.md`` of the project's sources."""
+_MAIN = tuple(f"4.{i}" for i in range(1, 12))
+THESIS_TABLES = (*_MAIN, "A.1")
+"""Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
 
-_TEXT = {
-    "robot",
-    "load",
-    "direction",
-    "subtable",
-    "quantity",
-    "unit",
-    "printed",
-    "amplitude_set",
-    "trajectory",
-    "axis",
-    "unit_printed",
-}
+_TEXT = {"robot", "load", "direction", "subtable", "quantity", "unit", "printed"}
+_TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
 @dataclass(frozen=True)
@@ -97,7 +75,7 @@ def thesis_base(robot: str) -> BaseTable:
 
 
 def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
-    """Every dithered breakaway torque: tables 4.6, 4.7, 4.8 and 4.10 for ``panda``, 4.5 for ``iiwa7``."""
+    """Every dithered breakaway torque: ``panda`` 4.6, 4.7, 4.8 and 4.10, ``iiwa7`` 4.5."""
     robot = _measured(robot)
     if robot == "iiwa7":
         return [_scaled(row, row["tau_base_Nm"], "4.5") for row in thesis_table("4.5")]

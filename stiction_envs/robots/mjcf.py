@@ -108,16 +108,25 @@ def bodies_out_of_frames(root: ET.Element) -> None:
 
 
 def skeleton(root: ET.Element) -> ET.Element:
-    """Copy of ``root`` with bodies, inertia, joints and sites only: all that dynamics needs."""
-    keep = {"mujoco", "compiler", "option", "worldbody", "body", "inertial", "joint", "site"}
-    copy = ET.Element(root.tag, root.attrib)
-    for child in root:
-        if child.tag not in keep:
-            continue
-        bare = skeleton(child)
-        if child.tag in ("body", "site", "joint"):
-            # Defaults are gone; classes only carried looks, the arm's joints are explicit.
-            for key in ("class", "childclass"):
-                bare.attrib.pop(key, None)
-        copy.append(bare)
+    """Copy of ``root`` with bodies, inertia, joints and sites only, as pinocchio reads it.
+
+    Everything hangs on one more body, "mount": pinocchio 4.1 ignores pos and quat of a jointless
+    top-level body, so a tilted base would stand upright.
+    """
+    copy = _bare(root)
+    for world in copy.findall("worldbody"):
+        content = list(world)
+        for child in content:
+            world.remove(child)
+        ET.SubElement(world, "body", name="mount").extend(content)
+    return copy
+
+
+def _bare(element: ET.Element) -> ET.Element:
+    keep = {"compiler", "option", "worldbody", "body", "inertial", "joint", "site"}
+    copy = ET.Element(element.tag, element.attrib)
+    # Classes carry looks only, and their defaults are gone here.
+    for key in ("class", "childclass"):
+        copy.attrib.pop(key, None)
+    copy.extend(_bare(child) for child in element if child.tag in keep)
     return copy

@@ -24,11 +24,11 @@ from stiction_envs.robots.tables import Limits, generic, lookup, per_joint, read
 JOINTS = (2, 9)
 """Smallest and largest number of hinges of an arm."""
 
-FLANGE_NAMES = ("flange", "attachment_site", "tool0", "tcp", "end_effector", "ee")
-"""Names by which a site or link is taken for the flange, most likely first."""
+FLANGE_NAMES = ("flange", "attachment_site", "tool0", "tcp", "end_effector", "ee", "link8")
+"""Names by which a site or link is taken for the flange, most likely first, also behind ``_``."""
 
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE
-_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_own(path: Path) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def _chain(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
         StictionError: not one serial chain of hinges.
     """
     for j in range(model.njnt):
-        if model.jnt_type[j] not in (_HINGE, _SLIDE):
+        if int(model.jnt_type[j]) not in (_HINGE, _SLIDE):
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
             raise StictionError(
                 f"{path}: joint {model.joint(j).name!r} is a {kind} joint: only hinges are allowed"
@@ -161,8 +161,8 @@ def _chain(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
         body = int(model.jnt_bodyid[slide])
         if body == tip or tip not in _above(model, body):
             raise StictionError(
-                f"{path}: slide joint {model.joint(int(slide)).name!r} is not behind the last hinge: "
-                "only fingers may slide"
+                f"{path}: slide joint {model.joint(int(slide)).name!r} is not behind the last "
+                "hinge: only fingers may slide"
             )
     for hinge in hinges:
         if model.qpos0[model.jnt_qposadr[hinge]] != 0:
@@ -235,6 +235,15 @@ def _absolute_assets(spec: mujoco.MjSpec) -> None:
     spec.meshdir = spec.texturedir = ""
 
 
+def _known(names: list[str]) -> str | None:
+    """The first of ``names`` that is, or ends on ``_`` and, the most likely flange name."""
+    for wanted in FLANGE_NAMES:
+        for name in names:
+            if f"_{name.lower()}".endswith(f"_{wanted}"):
+                return name
+    return None
+
+
 def _flange(
     spec: mujoco.MjSpec, model: mujoco.MjModel, tip: int, fingers: set[int]
 ) -> tuple[str, str | None]:
@@ -251,18 +260,16 @@ def _flange(
     sites = [
         s for s in range(model.nsite) if int(model.site_bodyid[s]) in tail and model.site(s).name
     ]
-    by_name = {model.site(s).name.lower(): model.site(s).name for s in reversed(sites)}
-    for name in FLANGE_NAMES:
-        if name in by_name:
-            return by_name[name], None
-    bodies = {model.body(b).name.lower(): model.body(b).name for b in reversed(tail)}
+    known = _known([model.site(s).name for s in sites])
+    if known is not None:
+        return known, None
     taken = {site.name for site in spec.sites}
     new = "flange"
     while new in taken:
         new += "_"
-    for name in FLANGE_NAMES:
-        if name in bodies:
-            return new, bodies[name]
+    known = _known([model.body(b).name for b in tail])
+    if known is not None:
+        return new, known
     on_tip = [s for s in sites if int(model.site_bodyid[s]) == tip]
     if on_tip:
         return model.site(on_tip[0]).name, None

@@ -13,11 +13,18 @@ MJCF = """
       <joint armature="0.1" damping="2" frictionloss="0.3" stiffness="4" axis="0 0 1"
         range="-123.456789 120"/>
       <general dyntype="none" biastype="affine" ctrlrange="-2 2" forcerange="-87 87"/>
+      <material specular="0.5"/>
+      <default class="look"><geom material="white" contype="0" conaffinity="0" group="2"/></default>
       <default class="finger"><joint axis="0 1 0" type="slide" range="0 0.04"/></default>
     </default>
   </default>
-  <asset><mesh name="tetra" file="tetra.obj"/></asset>
+  <asset>
+    <material class="arm" name="white" rgba="1 1 1 1"/>
+    <mesh file="tetra.obj"/>
+  </asset>
+  <contact><exclude body1="base" body2="one"/></contact>
   <worldbody>
+    <light name="top" pos="0 0 2" mode="trackcom"/>
     <body name="base" childclass="arm" pos="0.1 0.2 0.3">
       <geom type="box" size="0.1 0.1 0.05"/>
       <frame pos="0 0 0.123456789" euler="10 0 0">
@@ -28,7 +35,7 @@ MJCF = """
             <joint name="b" pos="0 0.01 0" actuatorfrcrange="-55 55"/>
             <inertial pos="0 -0.1 0" mass="1.23456789012"
               fullinertia="0.02 0.03 0.04 0.001 0.002 0.003"/>
-            <geom type="mesh" mesh="tetra"/>
+            <geom class="look" type="mesh" mesh="tetra"/>
             <body name="three" pos="0 -0.3 0" euler="90 0 12.3456789">
               <joint name="c" range="-30 90"/>
               <geom type="sphere" size="0.06" density="700"/>
@@ -70,7 +77,7 @@ MJCF = """
 TETRA = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 _INERTIAL = """<inertial><origin xyz="0.01 0 0.1" rpy="0.1 0.2 0.3"/><mass value="1.5"/>
-  <inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0.001" ixz="0" iyz="0.002"/></inertial>"""
+  <inertia ixx="0.02" iyy="0.03" izz="0.02" ixy="0.001" ixz="0" iyz="0.002"/></inertial>"""
 
 URDF = f"""
 <robot name="two">
@@ -94,7 +101,7 @@ URDF = f"""
 
 
 def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
-    """MJCF of ``n`` joints of one ``kind`` in a row, named j1, j2, ...; ``extra`` in the last link."""
+    """MJCF of ``n`` joints j1, j2, ... of one ``kind`` in a row, ``extra`` in the last link."""
     text = extra
     for i in range(n, 0, -1):
         text = (

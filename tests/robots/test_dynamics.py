@@ -127,7 +127,7 @@ def test_largest_gravity_torque_of_the_iiwa(name):
 
 
 def test_largest_gravity_torque_of_the_panda_with_hand():
-    """The hand (0.73 kg at x -0.01 turned by -45 degrees about z) and two closed fingers of 15 g."""
+    """Hand 0.73 kg at x -0.01, turned by -45 degrees about z, and two closed fingers of 15 g."""
     turn = np.array([np.cos(-np.pi / 4), np.sin(-np.pi / 4)])
     hand, fingers = np.array([*(-0.01 * turn), 0.03]), np.array([0.0, 0.0, 0.0584])
     com = (0.73 * hand + 0.03 * fingers) / 0.76

@@ -1,0 +1,215 @@
+"""Identify an arm's friction from its measured base torques: anyone's Table 4.3.
+
+Half the difference of the two directions is friction, half their sum an offset (gravity-model or
+sensor error) that dither cannot remove (physics.md 1.6). Both are known in two poses per joint:
+
+    stiction(L) = F_0 + k L          from the friction in the load and the no-load pose
+    offset(G)   = o_0 + e G          from the offset there, G the signed load
+
+The table's torques hold the slide to the 0.15 rad threshold too, so that F_0 is not read off but
+found: simulate the experiment, compare half-sums and half-differences, correct, repeat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.poses import Poses
+from stiction_envs.experiments.sje import SingleJointExperiment, base_torques
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import (
+    FrictionParameters,
+    dump_friction,
+    friction_text,
+    load_friction,
+)
+from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.measured.tables import BaseTable, read_base
+from stiction_envs.robots import load_arm
+
+Array = NDArray[np.float64]
+TOLERANCE = 0.002
+"""Rounds end when every base torque agrees this well, relative [-]."""
+ROUNDS = 10
+"""Most rounds of simulate and correct."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """What an identification found, and how well it reproduces the table."""
+
+    parameters: FrictionParameters
+    simulated: Array
+    """(n, 2, 2) base torques with these parameters, scatter off [N·m]."""
+    measured: BaseTable
+    error: float
+    """Largest |simulated − measured| / |measured| [-]."""
+    rounds: int
+    negative_load: tuple[int, ...]
+    """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
+
+
+def with_levels(
+    parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
+) -> FrictionParameters:
+    """Return parameters whose law passes through both poses of every joint.
+
+    Args:
+        parameters: of one arm; what is not dry friction or offset is kept.
+        poses: where the two poses are, and their loads.
+        friction: (n, 2) stiction in the load and the no-load pose [N·m].
+        offset: (n, 2) offset there [N·m].
+    """
+    high, low = poses.load[:, 0], poses.load[:, 1]
+    slope = (friction[:, 0] - friction[:, 1]) / (high - low)
+    level = friction[:, 1] - slope * low
+    gravity_error = (offset[:, 0] - offset[:, 1]) / (poses.signed[:, 0] - poses.signed[:, 1])
+    bias = offset[:, 1] - gravity_error * poses.signed[:, 1]
+    return parameters.replace(
+        stiction=np.repeat(level[:, None], 2, axis=1),
+        load_coefficient=slope,
+        load_low=low,
+        load_high=high,
+        offset=bias,
+        gravity_error=gravity_error,
+    )
+
+
+def calibrate(
+    table: BaseTable,
+    experiment: SingleJointExperiment,
+    *,
+    progress: Callable[[int, float], None] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Calibration:
+    """Identify stiction, load coefficient, offset and gravity error of every joint.
+
+    Args:
+        table: measured base torques.
+        experiment: the arm and the protocol it was measured with; its scatter is switched off.
+        progress: called with (round, largest relative error so far) after each round.
+        tolerance: relative error of every base torque at which to stop.
+
+    Raises:
+        StictionError: table of another number of joints, a direction whose friction is not
+            positive, or no convergence (the message names the worst cell).
+    """
+    n = experiment.n
+    if table.n_joints != n:
+        raise StictionError(f"base table of {table.n_joints} joints, but the arm has {n}")
+    if (table.friction <= 0).any():
+        raise StictionError("base table: friction (half-difference of + and −) must be positive")
+    poses = experiment.poses
+    friction, offset = table.friction.copy(), table.offset.copy()
+    best: Calibration | None = None
+    for round_ in range(1, ROUNDS + 1):
+        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
+        sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
+        trial = dataclasses.replace(experiment, sticking=sticking, scatter=False)
+        simulated = base_torques(trial)
+        error = np.abs(simulated - table.tau) / np.abs(table.tau)
+        worst = float(np.nan_to_num(error, nan=np.inf).max())
+        if best is None or worst < best.error:
+            best = Calibration(
+                parameters=parameters,
+                simulated=simulated,
+                measured=table,
+                error=worst,
+                rounds=round_,
+                negative_load=tuple(
+                    int(j) + 1 for j in np.flatnonzero(parameters.load_coefficient < 0)
+                ),
+            )
+        if progress is not None:
+            progress(round_, worst)
+        if best.error <= tolerance:
+            break
+        half_width = (simulated[..., 0] - simulated[..., 1]) / 2
+        middle = (simulated[..., 0] + simulated[..., 1]) / 2
+        # the slide to the threshold adds to the reading, whatever the friction
+        friction = np.maximum(friction + table.friction - half_width, 0.05 * table.friction)
+        offset = offset + table.offset - middle
+    assert best is not None
+    if best.error > 5 * tolerance:
+        cell = np.unravel_index(
+            np.argmax(np.abs(best.simulated - table.tau) / np.abs(table.tau)), table.tau.shape
+        )
+        raise StictionError(
+            f"calibration did not converge: joint {cell[0] + 1}, "
+            f"{('load', 'no_load')[cell[1]]}, {'+-'[cell[2]]}: simulated "
+            f"{best.simulated[cell]:.4f} N·m, measured {table.tau[cell]:.4f} N·m"
+        )
+    return best
+
+
+def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text: bytes) -> str:
+    """Return the friction TOML of a calibration: old sources kept, new ones stated."""
+    old = friction_text(robot)
+    sources = {k: str(v["source"]) for k, v in old.items() if k not in ("meta", "provenance")}
+    found = f"calibrated: stiction_envs.experiments.calibrate on {table_name}"
+    for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
+        sources[name] = found
+    sources["load_coefficient"] = found
+    if result.negative_load:
+        joints = ", ".join(map(str, result.negative_load))
+        sources["load_coefficient"] += (
+            f"; negative for joints {joints}: measured friction was smaller in the load pose, "
+            "which load does not explain; kept so that both poses are met"
+        )
+    return dump_friction(
+        result.parameters,
+        sources=sources,
+        meta=old["meta"],
+        provenance={
+            "method": "stiction_envs.experiments.calibrate: simulate, correct, repeat",
+            "table": table_name,
+            "table_sha256": hashlib.sha256(table_text).hexdigest(),
+            "rounds": str(result.rounds),
+            "largest_relative_error": repr(result.error),
+            "scatter": "off",
+        },
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Calibrate from the command line: ROBOT TABLE.csv --out FRICTION.toml."""
+    parser = argparse.ArgumentParser(prog="stiction_envs.experiments.calibrate", description=__doc__)
+    parser.add_argument("robot", help="panda, iiwa7, iiwa14, or a path to an MJCF/URDF")
+    parser.add_argument("table", type=Path, help="base torques (thesis Table 4.3 or our base.csv)")
+    parser.add_argument("--out", type=Path, required=True, help="friction TOML to write")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    args = parser.parse_args(argv)
+    try:
+        if args.out.exists() and not args.force:
+            raise StictionError(f"{args.out} exists: choose another name, or --force")
+        arm = load_arm(args.robot)
+        table = read_base(args.table, arm.name, arm.n)
+        experiment = SingleJointExperiment.of(
+            arm, friction=load_friction(arm.name, arm.n), scatter=False
+        )
+        result = calibrate(
+            table,
+            experiment,
+            progress=lambda k, e: print(f"round {k}: worst {100 * e:.2f} %", file=sys.stderr),
+        )
+    except StictionError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    text = calibrated_toml(result, arm.name, args.table.name, args.table.read_bytes())
+    write_text_atomic(args.out, text)
+    print(f"{args.out}: worst base torque off by {100 * result.error:.2f} %")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,411 @@
+"""Does a model stick? A joint loaded under its stiction must stand, one loaded over it must go.
+
+    report = check("panda")          # or a path, MJCF text, an MjModel, a StickingModel
+    print(report.text(), report.passed)
+
+Per joint that carries friction, in both directions, with gravity, contacts and joint limits off:
+
+* **hold**: the torque rises smoothly to 90 % of stiction and stays, 60 s in all. The joint gives
+  way by its presliding deflection; over the last 30 s it may not move by more than 1e-6 rad;
+* **go**: the same with 110 %; the joint must move by more than 0.1 rad within 20 s;
+* **ramp**: the torque grows at a few constant rates; the largest dry friction torque on the way to
+  0.1 rad is the breakaway torque. It is reported, not judged: that it falls with the rate is LuGre.
+
+MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (physics.md 3.5).
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
+from stiction_envs.plant import rollout
+from stiction_envs.robots import BUILTIN, load_arm
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+UNDER, OVER = 0.9, 1.1
+"""Loads of hold and go over stiction [-]."""
+HOLD_TIME, WATCHED_TIME, RISE_TIME = 60.0, 30.0, 10.0
+"""Length of a hold, its end in which the joint may not move, the rise of its load [s]."""
+GO_TIME, GO_RISE_TIME = 20.0, 1.0
+"""Longest time to move away under the larger load, the rise of that load [s]."""
+STILL, GONE = 1e-6, 0.1
+"""Largest motion of a joint that stands, least of one that goes [rad]."""
+_SILENT = 30  # actuator group that is switched off
+RATES = (0.02, 0.07, 0.2, 1.0)
+"""Ramp rates of the breakaway torque [N·m/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResult:
+    """How one joint sticks. Of two directions the worse one is given."""
+
+    name: str
+    """Joint name."""
+    stiction: float
+    """F_s the joint was tested against [N·m]."""
+    bristle_stiffness: float
+    """σ0 of its LuGre bristle [N·m/rad]; NaN where it has none."""
+    deflection: float
+    """Motion at the end of the hold, from its start [rad]."""
+    still: float
+    """Largest excursion over the last seconds of the hold [rad]."""
+    creep: float
+    """Speed over that time [rad/s]."""
+    go_time: float
+    """Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not."""
+    breakaway: tuple[float, ...]
+    """Breakaway torque per ramp rate, + direction [N·m]; NaN if it did not break away."""
+
+    @property
+    def presliding(self) -> float:
+        """Deflection that LuGre gives at a slow rise: −ln(1 − 0.9) F_s/σ0 [rad]."""
+        return -np.log(1 - UNDER) * self.stiction / self.bristle_stiffness
+
+    @property
+    def holds(self) -> bool:
+        """Whether it stood under 90 % of stiction."""
+        return self.still < STILL and self.deflection < GONE
+
+    @property
+    def goes(self) -> bool:
+        """Whether it moved under 110 % of stiction."""
+        return bool(np.isfinite(self.go_time))
+
+    @property
+    def passed(self) -> bool:
+        """Whether it both holds and goes."""
+        return self.holds and self.goes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Results of all joints that carry friction."""
+
+    joints: tuple[JointResult, ...]
+    rates: tuple[float, ...]
+    """Ramp rates of the breakaway torques [N·m/s]."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether every joint sticks."""
+        return all(j.passed for j in self.joints)
+
+    def text(self) -> str:
+        """Return the results as a table with units."""
+        head = [
+            "joint",
+            "F_s N·m",
+            "deflect. mrad",
+            "LuGre mrad",
+            "motion rad",
+            "creep rad/s",
+            "go s",
+        ]
+        head += [f"at {r:g} N·m/s" for r in self.rates]
+        rows = [
+            [
+                j.name,
+                f"{j.stiction:.4f}",
+                f"{1e3 * j.deflection:.3f}",
+                "-" if np.isnan(j.presliding) else f"{1e3 * j.presliding:.3f}",
+                f"{j.still:.1e}",
+                f"{j.creep:.1e}",
+                f"{j.go_time:.2f}" if j.goes else "stuck",
+                *("stuck" if np.isnan(b) else f"{b:.4f}" for b in j.breakaway),
+                "yes" if j.passed else "NO",
+            ]
+            for j in self.joints
+        ]
+        table = [[*head, "sticks"], *rows]
+        width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+        lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
+        n = sum(j.passed for j in self.joints)
+        return "\n".join(
+            [
+                *lines,
+                f"{n} of {len(self.joints)} joints stick: under {UNDER:.0%} of F_s they move less "
+                f"than {STILL:g} rad in the last {WATCHED_TIME:g} s of {HOLD_TIME:g} s, under "
+                f"{OVER:.0%} more than {GONE:g} rad in {GO_TIME:g} s.",
+                "Right of that: dry friction torque at breakaway [N·m] by ramp rate.",
+            ]
+        )
+
+
+def check(
+    model: str | Path | mujoco.MjModel | StickingModel,
+    stiction: ArrayLike | None = None,
+    *,
+    qpos: ArrayLike | None = None,
+    rates: Sequence[float] = RATES,
+    nthread: int = 0,
+) -> Report:
+    """Test every hinge that carries friction.
+
+    The model is copied. On the copy gravity, contacts and joint limits are off, controls are zero,
+    and actuators other than ``dcmotor`` are silenced, as are a ``dcmotor``'s own controller and the
+    spring of a tested hinge: none of them is friction, and each could hold the joint.
+
+    Args:
+        model: robot name, path of an MJCF, MJCF text, compiled model, or a sticking model.
+        stiction: F_s of every hinge of the model in its order [N·m], 0 for one not to be tested.
+            None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
+        qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
+        rates: ramp rates for the breakaway torque [N·m/s].
+        nthread: threads, 0 for all processors.
+
+    Raises:
+        StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
+            negative, position outside limits, rate that is not positive, or a simulation that
+            the engine stopped.
+    """
+    if any(not (np.isfinite(r) and r > 0) for r in rates):
+        raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
+    bare = _bare(_compiled(model))
+    hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
+    read, stiffness = _friction(bare, hinges)
+    level = read if stiction is None else np.asarray(stiction, dtype=float)
+    if level.shape != hinges.shape:
+        raise StictionError(f"stiction has shape {level.shape}, the model {len(hinges)} hinges")
+    if not (np.isfinite(level).all() and (level >= 0).all()):
+        raise StictionError(f"stiction {level.tolist()} N·m must be finite and not negative")
+    tested = level > 0
+    if not tested.any():
+        raise StictionError("no hinge of the model carries friction: give stiction per hinge")
+    joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
+    bench = _Bench(bare, joints, level, _start(bare, qpos), nthread)
+    deflection, still, creep = bench.hold()
+    go = bench.go()
+    breakaway = np.array([bench.breakaway(rate) for rate in rates]).reshape(len(rates), len(joints))
+    results = tuple(
+        JointResult(
+            name=bare.joint(int(j)).name or f"hinge {j}",
+            stiction=float(level[k]),
+            bristle_stiffness=float(stiffness[k]),
+            deflection=float(deflection[k]),
+            still=float(still[k]),
+            creep=float(creep[k]),
+            go_time=float(go[k]),
+            breakaway=tuple(breakaway[:, k].tolist()),
+        )
+        for k, j in enumerate(joints)
+    )
+    return Report(joints=results, rates=tuple(float(r) for r in rates))
+
+
+class _Bench:
+    """One simulation per joint and direction: first all joints +, then all −."""
+
+    def __init__(
+        self, model: mujoco.MjModel, joints: Index, level: Array, qpos: Array, nthread: int
+    ) -> None:
+        self.model, self.nthread = model, nthread
+        self.qpos, self.n = qpos, len(joints)
+        self.level = level
+        self.dof = model.jnt_dofadr[joints]
+        self.adr = model.jnt_qposadr[joints]
+
+    def run(
+        self,
+        torque: Callable[[Array], Array],
+        time: float,
+        signs: tuple[int, ...],
+        record: tuple[str, ...] = ("qpos",),
+    ) -> Iterator[tuple[dict[str, Array], Array]]:
+        """Yield chunks and (M, K) motion along the torque [rad].
+
+        ``torque`` of times (K,) is (joints, K); it is applied with each of the signs in turn.
+        """
+        m = len(signs) * self.n
+        dof = np.tile(self.dof, len(signs))
+        sign = np.repeat(np.array(signs, float), self.n)
+
+        def applied(t: Array) -> Array:
+            out = np.zeros((m, len(t), self.model.nv))
+            out[np.arange(m), :, dof] = sign[:, None] * np.tile(torque(t), (len(signs), 1))
+            return out
+
+        start = np.tile(self.qpos, (m, 1))
+        steps = round(time / self.model.opt.timestep)
+        adr = np.tile(self.adr, len(signs))
+        for part in rollout(self.model, start, applied, steps, record=record, nthread=self.nthread):
+            q = part["qpos"][np.arange(m), :, adr] - self.qpos[adr][:, None]
+            yield part, sign[:, None] * q
+
+    def worse(self, values: Array) -> Array:
+        """Return (joints,) the largest of both directions; NaN if either is."""
+        return values.reshape(2, self.n).max(axis=0)
+
+    def hold(self) -> tuple[Array, Array, Array]:
+        """Return deflection [rad], motion at the end [rad] and creep [rad/s] under 90 %."""
+
+        def torque(t: Array) -> Array:
+            return UNDER * self.level[:, None] * _rise(t / RISE_TIME)
+
+        low, high = np.full(2 * self.n, np.inf), np.full(2 * self.n, -np.inf)
+        first: Array | None = None
+        for part, moved in self.run(torque, HOLD_TIME, (1, -1)):
+            late = part["time"] >= HOLD_TIME - WATCHED_TIME
+            if late.any():
+                low = np.minimum(low, moved[:, late].min(axis=1))
+                high = np.maximum(high, moved[:, late].max(axis=1))
+                first = moved[:, late][:, 0] if first is None else first
+            end = moved[:, -1]
+        assert first is not None
+        creep = np.abs(end - first) / WATCHED_TIME
+        return self.worse(np.abs(end)), self.worse(high - low), self.worse(creep)
+
+    def go(self) -> Array:
+        """Return the time to 0.1 rad under 110 % [s], NaN if that is not reached."""
+
+        def torque(t: Array) -> Array:
+            # none for a joint that has gone both ways
+            factor = np.where(np.isnan(gone).reshape(2, self.n).any(axis=0), OVER, 0.0)
+            return (factor * self.level)[:, None] * _rise(t / GO_RISE_TIME)
+
+        gone = np.full(2 * self.n, np.nan)
+        for part, moved in self.run(torque, GO_TIME, (1, -1)):
+            over = moved > GONE
+            new = over.any(axis=1) & np.isnan(gone)
+            gone[new] = part["time"][over.argmax(axis=1)[new]]
+            if not np.isnan(gone).any():
+                break
+        return self.worse(gone)
+
+    def breakaway(self, rate: float) -> Array:
+        """Return the largest dry friction torque of a ramp on its way to 0.1 rad [N·m]."""
+
+        def torque(t: Array) -> Array:
+            return np.where(gone, 0.0, rate)[:, None] * t
+
+        gone = np.zeros(self.n, dtype=bool)
+        peak = np.full(self.n, -np.inf)
+        fields = ("qpos", "qfrc_actuator", "qfrc_constraint")
+        time = 2 * float(self.level.max()) / rate + GO_TIME
+        for part, moved in self.run(torque, time, (1,), fields):
+            friction = -(part["qfrc_actuator"] + part["qfrc_constraint"])
+            mine = friction[np.arange(self.n), :, self.dof]
+            before = np.cumsum(moved > GONE, axis=1) == 0
+            top = np.where(before & ~gone[:, None], mine, -np.inf).max(axis=1)
+            peak = np.maximum(peak, top)
+            gone |= ~before[:, -1]
+            if gone.all():
+                break
+        return np.where(gone, peak, np.nan)
+
+
+def _rise(x: Array) -> Array:
+    """Return the minimum-jerk rise from 0 to 1."""
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+def _compiled(model: str | Path | mujoco.MjModel | StickingModel) -> mujoco.MjModel:
+    if isinstance(model, StickingModel):
+        return model.model
+    if isinstance(model, mujoco.MjModel):
+        return model
+    text = str(model)
+    if text in BUILTIN:
+        return build(load_arm(text)).model
+    try:
+        if "<" in text:
+            return mujoco.MjModel.from_xml_string(text)
+        if not Path(text).is_file():
+            raise StictionError(
+                f"{text}: no such file, and no robot of that name ({', '.join(BUILTIN)})"
+            )
+        return mujoco.MjModel.from_xml_path(text)
+    except ValueError as error:
+        if isinstance(error, StictionError):
+            raise
+        line = str(error).strip().splitlines()[0]
+        raise StictionError(f"MuJoCo cannot read the model: {line}") from None
+
+
+def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy in which nothing but friction and elastic joints acts."""
+    out = copy.copy(model)
+    off = mujoco.mjtDisableBit
+    out.opt.gravity[:] = 0.0
+    out.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT)
+    motor = out.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR
+    out.actuator_group[~motor] = _SILENT
+    out.opt.disableactuator |= 1 << _SILENT
+    out.actuator_gainprm[motor, 4:7] = 0.0  # kp, ki, kd (physics.md 3.5)
+    return out
+
+
+def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
+    """Return stiction [N·m] and bristle stiffness [N·m/rad, NaN without] of each hinge."""
+    level = model.dof_frictionloss[model.jnt_dofadr[hinges]].copy()
+    stiffness = np.zeros(len(hinges))
+    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    motor = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR
+    for a in np.flatnonzero(on_joint & motor):
+        sigma0 = model.actuator_dynprm[a, BRISTLE_STIFFNESS]
+        here = hinges == model.actuator_trnid[a, 0]
+        if sigma0 > 0 and here.any():
+            gear = abs(model.actuator_gear[a, 0])
+            level[here] += gear * model.actuator_biasprm[a, STICTION]
+            stiffness[here] += gear**2 * sigma0
+    for joint in hinges[level > 0]:
+        model.jnt_stiffness[joint] = 0.0
+    return level, np.where(stiffness > 0, stiffness, np.nan)
+
+
+def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
+    """Return the position to test at, (nq,)."""
+    scalar = np.isin(
+        model.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    )
+    limited = np.flatnonzero(model.jnt_limited.astype(bool) & scalar)
+    adr = model.jnt_qposadr[limited]
+    if qpos is None:
+        middle = np.array(model.qpos0)
+        middle[adr] = model.jnt_range[limited].mean(axis=1)
+        return middle
+    q = np.asarray(qpos, dtype=float)
+    if q.shape != (model.nq,) or not np.isfinite(q).all():
+        raise StictionError(f"qpos must be {model.nq} finite numbers")
+    for joint, at in zip(limited, adr, strict=True):
+        low, high = model.jnt_range[joint]
+        if not low <= q[at] <= high:
+            name = model.joint(int(joint)).name
+            raise StictionError(f"joint {name}: position {q[at]} is outside [{low}, {high}]")
+    return q
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the report of one model: exit code 0 if it sticks, 1 if not, 2 for bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m stiction_envs.experiments.conformance",
+        description="Does every joint of a MuJoCo model stick under 90 % of its stiction?",
+    )
+    parser.add_argument("model", help=f"{', '.join(BUILTIN)}, or the path of an MJCF")
+    parser.add_argument(
+        "--stiction", type=float, nargs="+", metavar="NM", help="of every hinge [N·m], 0 to skip"
+    )
+    args = parser.parse_args(argv)
+    try:
+        report = check(args.model, args.stiction)
+    except StictionError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(report.text())
+    return 0 if report.passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiction_envs.measured as measured
+from stiction_envs.dither import Dither
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import (
+    AmplitudeRow,
+    BaseTable,
+    SJERow,
+    read_amplitudes,
+    read_base,
+    read_sje,
+    thesis_base,
+    write_amplitudes,
+    write_sje,
+)
+
+THESIS = Path(measured.__file__).parent / "thesis"
+SJE = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"
+ROW = SJERow("panda", 3, "no_load", "-", 30.0, 0.7, -0.6, 0.01, 5, 0.1)
+
+
+def put(path: Path, text: str | bytes) -> Path:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def random_sje(count: int) -> list[SJERow]:
+    rng = np.random.default_rng(0)
+    return [
+        SJERow(
+            robot=str(rng.choice(["panda", 'my "arm", v2.xml'])),
+            joint=int(rng.integers(1, 8)),
+            load=str(rng.choice(["load", "no_load"])),
+            direction=str(rng.choice(["+", "-"])),
+            frequency_hz=rng.uniform(1, 100),
+            amplitude_nm=rng.uniform(0, 4),
+            tau_nm=rng.normal() * 10.0 ** rng.integers(-12, 3),
+            std_nm=rng.uniform(0, 1e-9),
+            iterations=int(rng.integers(1, 20)),
+            reduction=rng.normal(),
+        )
+        for _ in range(count)
+    ]
+
+
+# ---- SJE tables ----
+
+
+def test_sje_round_trip_is_exact(tmp_path):
+    rows = random_sje(200)
+    write_sje(tmp_path / "sje.csv", rows)
+    assert read_sje(tmp_path / "sje.csv") == rows
+    text = (tmp_path / "sje.csv").read_text()
+    assert text.startswith(SJE)
+    write_sje(tmp_path / "again.csv", read_sje(tmp_path / "sje.csv"))
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "sje.csv").read_bytes()
+
+
+def test_sje_accepts_numpy_numbers_and_unknown_spread(tmp_path):
+    row = replace(
+        ROW,
+        joint=np.int64(3),
+        tau_nm=np.float64(0.1) + 0.2,
+        frequency_hz=np.float32(15),
+        std_nm=math.nan,
+        reduction=math.nan,
+    )
+    write_sje(tmp_path / "a.csv", [row])
+    back = read_sje(tmp_path / "a.csv")[0]
+    assert back.tau_nm == 0.1 + 0.2
+    assert back.frequency_hz == 15.0
+    assert math.isnan(back.std_nm)
+    assert math.isnan(back.reduction)
+
+
+def test_other_line_ends_column_order_and_byte_order_mark(tmp_path):
+    header = ",".join(reversed(SJE.strip().split(",")))
+    text = f"{header}\r\n\r\n0.1 , 5,0.01,-0.6,0.7,30,-,no_load,3,panda\r\n"
+    path = put(tmp_path / "a.csv", b"\xef\xbb\xbf" + text.encode())
+    assert read_sje(path) == [ROW]
+
+
+BAD_SJE = {
+    "load": ("panda,3,up,-,30,0.7,-0.6,0.01,5,0.1", "line 2.*load 'up'.*load, no_load"),
+    "direction": ("panda,3,load,1,30,0.7,-0.6,0.01,5,0.1", r"direction '1'.*\+, -"),
+    "joint": ("panda,0,load,-,30,0.7,-0.6,0.01,5,0.1", "joint is 0.*from 1"),
+    "joint float": ("panda,1.0,load,-,30,0.7,-0.6,0.01,5,0.1", "joint is '1.0'.*whole"),
+    "iterations": ("panda,1,load,-,30,0.7,-0.6,0.01,0,0.1", "iterations is 0"),
+    "tau": ("panda,1,load,-,30,0.7,nan,0.01,5,0.1", "tau_nm is 'nan'.*finite"),
+    "std": ("panda,1,load,-,30,0.7,-0.6,-0.01,5,0.1", "std_nm is -0.01"),
+    "std inf": ("panda,1,load,-,30,0.7,-0.6,inf,5,0.1", "std_nm is 'inf'"),
+    "reduction": ("panda,1,load,-,30,0.7,-0.6,0.01,5,x", "reduction is 'x'"),
+    "frequency": ("panda,1,load,-,0,0.7,-0.6,0.01,5,0.1", "frequency_hz is 0.0.*> 0"),
+    "robot": (",1,load,-,30,0.7,-0.6,0.01,5,0.1", "robot is empty"),
+    "columns": ("panda,1,load", "line 2: 3 values"),
+}
+
+
+@pytest.mark.parametrize(("line", "message"), BAD_SJE.values(), ids=BAD_SJE.keys())
+def test_bad_sje(tmp_path, line, message):
+    with pytest.raises(StictionError, match=message) as error:
+        read_sje(put(tmp_path / "sje.csv", SJE + line + "\n"))
+    assert "sje.csv" in str(error.value)
+    assert "allowed" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robot": ""},
+        {"robot": " panda"},
+        {"joint": 0},
+        {"load": "up"},
+        {"direction": "*"},
+        {"frequency_hz": 0.0},
+        {"frequency_hz": math.nan},
+        {"amplitude_nm": -1.0},
+        {"tau_nm": math.inf},
+        {"std_nm": -1.0},
+        {"iterations": 0},
+        {"reduction": math.inf},
+    ],
+)
+def test_write_sje_writes_nothing_it_could_not_read(tmp_path, change):
+    with pytest.raises(StictionError, match="allowed"):
+        write_sje(tmp_path / "a.csv", [ROW, replace(ROW, **change)])
+    with pytest.raises(StictionError, match="no rows"):
+        write_sje(tmp_path / "a.csv", [])
+    assert not list(tmp_path.iterdir())
+
+
+# ---- amplitude tables ----
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_amplitudes_round_trip_is_exact(tmp_path, plain):
+    rng = np.random.default_rng(1)
+    rows = [AmplitudeRow(j, rng.uniform(1, 99), rng.uniform(0, 2)) for j in (7, 1, 4)]
+    if not plain:
+        rows.append(AmplitudeRow(2, 15.1, 0.3, "random", -0.1 / 3))
+    write_amplitudes(tmp_path / "final.csv", rows)
+    assert read_amplitudes(tmp_path / "final.csv", n_joints=7) == rows
+    header = (tmp_path / "final.csv").read_text().splitlines()[0]
+    assert header == "joint,frequency_hz,amplitude_nm" + ("" if plain else ",waveform,offset_nm")
+
+
+def test_amplitudes_feed_dither(tmp_path):
+    path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm,offset_nm\n7,15,0.8,0.1\n")
+    d = Dither.from_table(read_amplitudes(path, n_joints=7), 2, 7)
+    assert d.amplitude[1, 6] == 0.8
+    assert d.torque(0.0)[0, 6] == 0.1
+
+
+def test_no_dither_on_a_joint_may_have_no_frequency(tmp_path):
+    path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm\n7,0,0\n")
+    assert read_amplitudes(path, n_joints=7, controller_rate_hz=200) == [AmplitudeRow(7, 0, 0)]
+
+
+HEAD = "joint,frequency_hz,amplitude_nm\n"
+WIDE = "joint,frequency_hz,amplitude_nm,waveform,offset_nm\n"
+BAD_AMPLITUDES = {
+    "missing column": ("joint,frequency_hz\n1,2\n", "missing column 'amplitude_nm'.*joint,freq"),
+    "unknown column": ("joint,frequency_hz,amplitude_nm,f\n1,2,3,4\n", "column 'f'.*waveform,off"),
+    "repeated column": ("joint,joint,frequency_hz,amplitude_nm\n1,1,2,3\n", "repeated column"),
+    "semicolons": ("joint;frequency_hz;amplitude_nm\n1;2;3\n", "missing column 'joint'"),
+    "text": (HEAD + "1,15,0.5\n2,fast,0.5\n", "line 3: frequency_hz is 'fast'.*numbers"),
+    "empty number": (HEAD + "1,,0.5\n", "line 2: frequency_hz is ''"),
+    "underscore": (HEAD + "1,1_5,0.5\n", "frequency_hz is '1_5'"),
+    "nan": (HEAD + "1,15,nan\n", "amplitude_nm is 'nan'.*finite"),
+    "inf": (HEAD + "1,inf,0.5\n", "frequency_hz is 'inf'.*finite"),
+    "overflow": (HEAD + "1,1e999,0.5\n", "frequency_hz is '1e999'.*finite"),
+    "duplicate joint": (HEAD + "1,15,0.5\n1,15,0.5\n", "line 3: joint 1 occurs twice"),
+    "joint 0": (HEAD + "0,15,0.5\n", "joint is 0.*1 to 7"),
+    "joint 8": (HEAD + "8,15,0.5\n", "joint is 8.*1 to 7"),
+    "joint text": (HEAD + "J1,15,0.5\n", "joint is 'J1'.*1 to 7"),
+    "negative amplitude": (HEAD + "1,15,-0.5\n", "amplitude_nm is -0.5.*>= 0"),
+    "torque limit": (HEAD + "7,15,12.5\n", "amplitude_nm is 12.5.*joint 7, 12 N·m"),
+    "limit and offset": (WIDE + "7,15,11,sine,-2\n", r"\|offset_nm\| is 13.*12 N·m"),
+    "frequency 0": (HEAD + "1,0,0.5\n", "frequency_hz is 0.0.*> 0"),
+    "frequency negative": (HEAD + "1,-15,0.5\n", "frequency_hz is -15.0.*> 0"),
+    "beyond the rate": (HEAD + "1,201,0.5\n", "line 2: .*201 Hz.*at most 200 Hz"),
+    "waveform": (WIDE + "1,15,0.5,saw,0\n", "waveform 'saw'.*sine, square"),
+    "offset": (WIDE + "1,15,0.5,sine,nan\n", "offset_nm is 'nan'"),
+    "empty": ("", "empty file.*joint,frequency_hz,amplitude_nm"),
+    "blank": ("\n  \n", "empty file"),
+    "no rows": (HEAD, "no rows below the header"),
+    "not UTF-8": (b"joint,frequency_hz,amplitude_nm\n1,15,\xff\n", "byte 37 is not UTF-8"),
+    "binary": (b"\x00\x01\x02", "allowed"),
+    "too few": (HEAD + "1,15\n", "line 2: 2 values"),
+    "too many": (HEAD + "1,15,0,5\n", "line 2: 4 values"),
+    "open quote": (HEAD + '1,15,"0.5\n', "allowed is comma-separated text"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_AMPLITUDES.values(), ids=BAD_AMPLITUDES.keys())
+def test_bad_amplitudes(tmp_path, text, message):
+    limits = [87, 87, 87, 87, 12, 12, 12]
+    with pytest.raises(StictionError, match=message) as error:
+        read_amplitudes(
+            put(tmp_path / "final.csv", text),
+            n_joints=7,
+            torque_limit=limits,
+            controller_rate_hz=200,
+        )
+    assert "final.csv" in str(error.value)
+    assert "allowed" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_not_a_file(tmp_path):
+    for path in (tmp_path, tmp_path / "none.csv"):
+        for read in (read_sje, read_base, lambda p: read_amplitudes(p, n_joints=7)):
+            with pytest.raises(StictionError, match=r"directory.*allowed"):
+                read(path)
+
+
+def test_frequencies_at_which_a_held_command_misleads_warn(tmp_path):
+    path = put(tmp_path / "a.csv", HEAD + "1,99,0.5\n2,100,0.5\n3,200,0.5\n")
+    with pytest.warns(UserWarning, match="200 Hz controller") as caught:
+        read_amplitudes(path, n_joints=7, controller_rate_hz=200)
+    assert [str(w.message).split(": ")[0] for w in caught] == [f"{path}, line {i}" for i in (3, 4)]
+    assert "Nyquist" in str(caught[0].message)
+    assert "constant offset" in str(caught[1].message)
+    assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_amplitudes(path, n_joints=7, controller_rate_hz=1000)
+        read_amplitudes(path, n_joints=7)
+
+
+def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
+    good = AmplitudeRow(1, 15.0, 0.5)
+    for bad in (
+        good,
+        AmplitudeRow(0, 15.0, 0.5),
+        AmplitudeRow(2, 0.0, 0.5),
+        AmplitudeRow(2, 15.0, -0.5),
+        AmplitudeRow(2, 15.0, 0.5, "saw"),
+        AmplitudeRow(2, 15.0, 0.5, "sine", math.inf),
+    ):
+        with pytest.raises(StictionError, match="allowed"):
+            write_amplitudes(tmp_path / "a.csv", [good, bad])
+    assert not list(tmp_path.iterdir())
+
+
+# ---- base tables ----
+
+
+def test_half_sums_are_those_of_the_reference():
+    """physics.md 1.6 and 2.4: half-width and offset of table 4.3, rounded to 1 mN·m."""
+    panda, iiwa = thesis_base("panda"), thesis_base("iiwa7")
+    for table, friction, offset in (
+        (
+            panda,
+            [
+                [0.700, 2.106, 0.996, 1.095, 0.597, 0.432, 0.652],
+                [0.750, 0.954, 0.733, 0.895, 0.549, 0.444, 0.618],
+            ],
+            [
+                [-0.129, -1.026, -0.341, 0.569, -0.126, 0.038, -0.018],
+                [0.100, 0.040, 0.045, 0.367, 0.043, -0.044, -0.014],
+            ],
+        ),
+        (
+            iiwa,
+            [
+                [0.477, 0.957, 0.542, 0.583, 0.627, 0.452, 0.374],
+                [0.972, 1.045, 0.660, 0.718, 0.667, 0.660, 0.359],
+            ],
+            [
+                [-0.149, -0.308, 0.163, -0.301, -0.205, -0.084, 0.055],
+                [0.100, -0.196, -0.054, 0.197, 0.144, 0.024, 0.177],
+            ],
+        ),
+    ):
+        # 0.6 mN·m: a half-sum that ends on 5 may be rounded either way.
+        np.testing.assert_allclose(table.friction.T, friction, atol=6e-4)
+        np.testing.assert_allclose(table.offset.T, offset, atol=6e-4)
+        np.testing.assert_allclose(table.offset + table.friction, table.tau[..., 0])
+        np.testing.assert_allclose(table.offset - table.friction, table.tau[..., 1])
+    assert (panda.robot, iiwa.robot, panda.n_joints) == ("panda", "iiwa7", 7)
+    assert panda.get(2, "load", "-") == -3.132
+    assert thesis_base("iiwa").get(1, "no_load", "+") == 1.072
+
+
+def base_rows() -> list[SJERow]:
+    tau = thesis_base("panda").tau
+    return [
+        SJERow("panda", j + 1, load, sign, 0.0, 0.0, tau[j, k, d], 0.02, 5, 0.0)
+        for j in range(7)
+        for k, load in enumerate(("load", "no_load"))
+        for d, sign in enumerate("+-")
+    ]
+
+
+def test_base_from_our_own_table(tmp_path):
+    """Rows with dither and other robots are left out; order does not matter."""
+    rows = base_rows()[::-1]
+    write_sje(tmp_path / "base.csv", rows)
+    assert read_base(tmp_path / "base.csv").tau.tobytes() == thesis_base("panda").tau.tobytes()
+    write_sje(tmp_path / "sje.csv", [ROW, *rows, replace(rows[0], robot="iiwa7")])
+    table = read_base(tmp_path / "sje.csv", "panda")
+    assert table.tau.tobytes() == thesis_base("panda").tau.tobytes()
+    with pytest.raises(StictionError, match="robots with base torques are panda, iiwa7"):
+        read_base(tmp_path / "sje.csv")
+    assert rows[0].is_base
+    assert not ROW.is_base
+
+
+def test_both_names_of_the_iiwa(tmp_path):
+    for name in ("iiwa", "iiwa7"):
+        assert read_base(THESIS / "table_4_3.csv", name).robot == "iiwa7"
+    with pytest.raises(StictionError, match="unknown robot 'iiwa14': allowed are iiwa7, panda"):
+        read_base(THESIS / "table_4_3.csv", "iiwa14")
+
+
+PRINTED = (THESIS / "table_4_3.csv").read_text()
+PANDA = "panda,5,no_load,-,-0.506"
+BAD_BASE = {
+    "missing": ("", "27 of 28 base torques of panda: joint 5, no_load - missing"),
+    "duplicate": (PANDA + "\n" + PANDA, r"line 5\d: joint 5, no_load - occurs twice"),
+    "sign": ("panda,5,no_load,-,0.506", r"line \d+: joint 5, no_load -: .* 0.506 N·m: .*< 0"),
+    "zero": ("panda,5,no_load,-,0", "allowed is < 0"),
+    "nan": ("panda,5,no_load,-,nan", "tau_base_Nm is 'nan'"),
+    "joint": ("panda,8,no_load,-,-1", "joint is 8.*1 to 7"),
+    "load": ("panda,5,none,-,-1", "load 'none'"),
+    "direction": ("panda,5,no_load,x,-1", "direction 'x'"),
+}
+
+
+@pytest.mark.parametrize(("line", "message"), BAD_BASE.values(), ids=BAD_BASE.keys())
+def test_bad_base(tmp_path, line, message):
+    assert PANDA in PRINTED
+    path = put(tmp_path / "base.csv", PRINTED.replace(PANDA, line))
+    with pytest.raises(StictionError, match=message) as error:
+        read_base(path, "panda")
+    assert "base.csv" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert read_base(path, "iiwa7").n_joints == 7, "the other robot's rows are sound"
+
+
+def test_base_needs_undithered_rows(tmp_path):
+    write_sje(tmp_path / "sje.csv", [ROW])
+    with pytest.raises(StictionError, match="robots with base torques are none"):
+        read_base(tmp_path / "sje.csv")
+    with pytest.raises(StictionError, match="unknown robot 'panda': allowed are none"):
+        read_base(tmp_path / "sje.csv", "panda")
+
+
+def test_base_table_checks_its_array():
+    with pytest.raises(StictionError, match=r"shape \(7, 2\)"):
+        BaseTable("panda", np.ones((7, 2)))
+    tau = thesis_base("panda").tau.copy()
+    tau[2, 1, 0] = np.nan
+    with pytest.raises(StictionError, match=r"joint 3, no_load \+: base torque is nan"):
+        BaseTable("panda", tau)
+    with pytest.raises(ValueError, match="read-only"):
+        thesis_base("panda").tau[0, 0, 0] = 1
+    with pytest.raises(StictionError, match="unknown joint 8"):
+        thesis_base("panda").get(8, "load", "+")
+    with pytest.raises(StictionError, match="unknown load 'up'"):
+        thesis_base("panda").get(1, "up", "+")

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import stiction_envs.measured as measured
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import THESIS_TABLES, thesis_base, thesis_dithered, thesis_table
+
+THESIS = Path(measured.__file__).parent / "thesis"
+SHARED = Path(__file__).parents[3] / "shared" / "thesis"
+
+
+def test_csvs_are_those_of_the_project():
+    if not SHARED.is_dir():
+        pytest.skip("no /shared/thesis beside the repository")
+    theirs = {p.name: p.read_bytes() for p in SHARED.glob("*.csv")}
+    ours = {p.name: p.read_bytes() for p in THESIS.glob("*.csv")}
+    assert ours == theirs
+    assert len(ours) == len(THESIS_TABLES)
+
+
+@pytest.mark.parametrize(
+    ("number", "rows"),
+    list(zip(THESIS_TABLES, (91, 12, 56, 28, 8, 112, 84, 56, 28, 56, 24, 14), strict=True)),
+)
+def test_thesis_tables_are_typed(number, rows):
+    table = thesis_table(number)
+    assert len(table) == rows
+    for row in table:
+        assert isinstance(row.get("joint", 1), int)
+        for name, value in row.items():
+            if name in ("robot", "load", "direction", "quantity", "unit", "printed", "axis"):
+                assert isinstance(value, str)
+            elif name.endswith(("_Nm", "_Hz", "_pct")) or name in ("scale", "value", "diff"):
+                assert isinstance(value, float)
+
+
+def test_thesis_percentages_agree_with_their_torques():
+    for row in thesis_dithered("panda") + thesis_dithered("iiwa"):
+        percent = 100 * (abs(row.tau_sje_nm) / abs(row.tau_base_nm) - 1)
+        assert percent == pytest.approx(row.change_pct, abs=0.032)
+
+
+def test_thesis_dithered():
+    rows = thesis_dithered("panda")
+    counts = {t: sum(r.table == t for r in rows) for t in ("4.6", "4.7", "4.8", "4.10")}
+    assert counts == {"4.6": 112, "4.7": 84, "4.8": 56, "4.10": 56}
+    assert sum(r.change_pct > 0 for r in rows if r.table != "4.10") == 20
+    (bad,) = (r for r in rows if r.outlier)
+    assert (bad.joint, bad.load, bad.direction, bad.frequency_hz) == (2, "load", "-", 30.0)
+    assert [r.table for r in thesis_dithered("iiwa7")] == ["4.5"] * 8
+    for row in rows:
+        assert row.amplitude_nm == pytest.approx(row.scale * abs(row.tau_base_nm), rel=1e-12)
+
+
+def test_amplitudes_of_the_verification_are_the_printed_ones():
+    """Intermediate and final of 4.9, save joint 5 no_load + (0.7996 printed for 0.7096)."""
+    chosen = {(r["joint"], r["load"], r["direction"]): r for r in thesis_table("4.9")}
+    for row in thesis_dithered():
+        if row.table != "4.10":
+            continue
+        printed = chosen[row.joint, row.load, row.direction][f"tau_{row.amplitude_set}_Nm"]
+        if (row.joint, row.load, row.direction) == (5, "no_load", "+"):
+            printed = {0.7996: 0.7096}.get(printed, printed)
+        assert row.amplitude_nm == pytest.approx(abs(printed), abs=6e-4)
+
+
+def test_unknown_thesis_names():
+    with pytest.raises(StictionError, match=r"thesis table '4.12'.*4\.1, .*A\.1"):
+        thesis_table("4.12")
+    for read in (thesis_base, thesis_dithered):
+        with pytest.raises(StictionError, match="'iiwa14': allowed are panda, iiwa7"):
+            read("iiwa14")

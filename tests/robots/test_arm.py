@@ -1,0 +1,246 @@
+"""Arms: kinematics, limits, sources, self-collision, payload and tilt, and what is refused."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import BUILTIN, Arm, load_arm
+
+# physics.md 1.1: a, d, alpha of the modified Denavit-Hartenberg table, m and rad.
+PANDA_DH = [
+    (0, 0.333, 0),
+    (0, 0, -np.pi / 2),
+    (0, 0.316, np.pi / 2),
+    (0.0825, 0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2),
+    (0, 0, np.pi / 2),
+    (0.088, 0, np.pi / 2),
+    (0, 0.107, 0),
+]
+# physics.md 2.1: d1, d3, d5, wrist to flange [m].
+IIWA_D = {"iiwa7": (0.34, 0.40, 0.40, 0.126), "iiwa14": (0.36, 0.42, 0.40, 0.126)}
+IIWA_ALPHA = np.array([0, 1, -1, -1, 1, 1, -1]) * np.pi / 2
+# These alphas (STZ17) turn joints 2, 4, 6 the other way round than the controller and LBRF, where
+# positive joint 2 leans forward (+x).
+IIWA_SIGN = np.array([1, -1, 1, -1, 1, -1, 1])
+
+
+def _dh(q: np.ndarray, table: list[tuple[float, float, float]]) -> np.ndarray:
+    """Flange pose (4, 4) by Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d)."""
+    pose = np.eye(4)
+    for theta, (a, d, alpha) in zip([*q, 0.0], table, strict=True):
+        (ct, st), (ca, sa) = (np.cos(theta), np.sin(theta)), (np.cos(alpha), np.sin(alpha))
+        pose = pose @ np.array(
+            [
+                [ct, -st, 0, a],
+                [st * ca, ct * ca, -sa, -d * sa],
+                [st * sa, ct * sa, ca, d * ca],
+                [0, 0, 0, 1],
+            ]
+        )
+    return pose
+
+
+def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    pose = np.eye(4)
+    pose[:3, 3] = data.site(arm.end_effector).xpos
+    pose[:3, :3] = data.site(arm.end_effector).xmat.reshape(3, 3)
+    return pose
+
+
+def _contacts(model: mujoco.MjModel, q: np.ndarray) -> int:
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_fwdPosition(model, data)
+    return data.ncon
+
+
+def _samples(arm: Arm, count: int) -> np.ndarray:
+    return np.random.default_rng(3).uniform(*arm.limits.position.T, size=(count, arm.n))
+
+
+def test_panda_flange_follows_the_dh_table():
+    arm = load_arm("panda")
+    for q in _samples(arm, 100):
+        np.testing.assert_allclose(_flange(arm, q), _dh(q, PANDA_DH), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["iiwa7", "iiwa14"])
+def test_iiwa_flange_follows_the_dh_table(name):
+    """The link frames differ (LBRF), joint axes and flange do not."""
+    d1, d3, d5, flange = IIWA_D[name]
+    d = (d1, 0, d3, 0, d5, 0, 0)
+    table = [(0, length, alpha) for length, alpha in zip(d, IIWA_ALPHA, strict=True)]
+    arm = load_arm(name)
+    for q in _samples(arm, 100):
+        expected = _dh(IIWA_SIGN * q, [*table, (0, flange, 0)])
+        np.testing.assert_allclose(_flange(arm, q), expected, atol=1e-12)
+    assert _flange(arm, np.array([0, 0.5, 0, 0, 0, 0, 0]))[0, 3] > 0.3
+    height = _flange(arm, np.zeros(7))[:3, 3]
+    np.testing.assert_allclose(height, [0, 0, d1 + d3 + d5 + flange], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_builtin_arm_is_bare_and_complete(name):
+    arm = load_arm(name)
+    model = arm.model()
+    assert arm.n == model.nq == model.nv == 7
+    assert arm.joint_names == tuple(f"joint{i}" for i in range(1, 8))
+    assert arm.link_names == tuple(f"link{i}" for i in range(1, 8))
+    assert [model.joint(i).name for i in range(7)] == list(arm.joint_names)
+    assert model.nbody == 9
+    assert (arm.end_effector, model.nsite, model.nu, model.nsensor) == ("flange", 1, 0, 0)
+    for passive in (model.dof_armature, model.dof_damping, model.dof_frictionloss):
+        assert not passive.any()
+    assert not model.jnt_stiffness.any()
+    np.testing.assert_array_equal(model.opt.gravity, [0, 0, -9.81])
+    assert arm.builtin
+    assert arm.payload is None
+    assert arm.tilt == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_limits_are_those_of_the_xml_and_read_only(name):
+    arm = load_arm(name)
+    np.testing.assert_array_equal(arm.model().jnt_range, arm.limits.position)
+    assert (arm.rest > arm.limits.position[:, 0]).all()
+    assert (arm.rest < arm.limits.position[:, 1]).all()
+    for array in (*vars(arm.limits).values(), arm.rest):
+        assert array.dtype == np.float64
+        assert not array.flags.writeable
+
+
+def test_interfaces():
+    panda, iiwa = load_arm("panda"), load_arm("iiwa7")
+    assert (panda.controller_rate_hz, panda.lowpass_hz) == (1000.0, 100.0)
+    assert (iiwa.controller_rate_hz, iiwa.lowpass_hz) == (200.0, 0.0)
+    np.testing.assert_array_equal(panda.limits.torque_rate, 1000.0)
+    np.testing.assert_array_equal(panda.limits.torque, [87] * 4 + [12] * 3)
+    np.testing.assert_allclose(np.rad2deg(iiwa.limits.velocity), [98, 98, 100, 130, 140, 180, 180])
+    np.testing.assert_array_equal(
+        load_arm("iiwa14").limits.torque, [320, 320, 176, 176, 110, 40, 40]
+    )
+
+
+def test_masses():
+    """physics.md 1.3 and 2.3; the geometry weighs nothing."""
+    total = {name: load_arm(name).model().body_mass.sum() for name in BUILTIN}
+    assert total == pytest.approx({"panda": 16.69, "iiwa7": 23.9, "iiwa14": 29.9}, abs=0.005)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_self_collision_only_where_it_is_real(name):
+    arm = load_arm(name)
+    model = arm.model()
+    assert _contacts(model, arm.rest) == 0
+    assert _contacts(model, np.clip(np.zeros(7), *arm.limits.position.T)) == 0
+    assert np.mean([_contacts(model, q) > 0 for q in _samples(arm, 500)]) < 0.05
+    # Upper arm forward, elbow shut: the wrist runs into the foot.
+    folded = {"panda": [0, 1.7, 0, -3.0, 0, 1.6, 0], "iiwa7": [0, 2.0, 0, -2.05, 0, 1.5, 0]}
+    folded["iiwa14"] = folded["iiwa7"]
+    assert _contacts(model, np.array(folded[name])) > 0
+
+
+@pytest.mark.parametrize("name", [*BUILTIN, "generic"])
+def test_every_number_has_a_source(name):
+    table = tomllib.loads(files("stiction_envs.robots").joinpath(f"{name}.toml").read_text())
+    seen = []
+
+    def walk(node: dict, where: str) -> None:
+        if "value" in node or "source" in node:
+            seen.append(where)
+            assert node["source"] in table["sources"], where
+            assert node["trust"] in "VMIDG", where
+            assert len(node["trust"]) == 1, where
+            assert "value" not in node or "unit" in node, where
+            # A number of our own says so.
+            assert (node["trust"] == "G") == node.get("assumed", False), where
+            return
+        for key, child in node.items():
+            if key == "sources":
+                continue
+            assert isinstance(child, dict | str), f"{where}.{key}: a number without a source"
+            if isinstance(child, dict):
+                walk(child, f"{where}.{key}")
+
+    walk(table, name)
+    assert len(seen) >= 7
+    used = set(re.findall(r'^source = "(.*)"', _text(f"{name}.toml"), re.MULTILINE))
+    assert used == set(table["sources"])
+    if name != "generic":
+        assert set(re.findall(r"\[([A-Z]+[0-9]*)\]", _text(f"{name}.xml"))) <= used
+
+
+def _text(name: str) -> str:
+    return files("stiction_envs.robots").joinpath(name).read_text()
+
+
+def test_payload_and_tilt_are_recorded_and_in_the_text():
+    arm = load_arm("panda", payload=[0.5, 0, 0, 0.1], tilt=np.array([0.1, 0.0]))
+    assert arm.payload == (0.5, 0.0, 0.0, 0.1)
+    assert arm.tilt == (0.1, 0.0)
+    model = mujoco.MjModel.from_xml_string(arm.xml)
+    assert model.body("payload").mass == 0.5
+    np.testing.assert_allclose(model.body("payload").inertia, 0.4 * 0.5 * 0.03**2)
+    assert load_arm("panda", payload=(0, 0, 0, 0)).model().nbody == 9
+
+
+def test_spec_is_fresh_and_editable():
+    arm = load_arm("panda")
+    spec = arm.spec()
+    spec.joint("joint1").armature = 0.2
+    spec.add_actuator(name="m", target="joint1", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    spec.body("link1").add_joint(name="spring", axis=[0, 0, 1], stiffness=[1e4, 0, 0])
+    assert spec.compile().nu == 1
+    assert arm.model().nu == 0
+
+
+def _one_clear_line(error: StictionError, where: str) -> None:
+    assert "\n" not in str(error)
+    assert where in str(error)
+
+
+@pytest.mark.parametrize("name", ["ur5", "", "panda.stl", "Panda"])
+def test_unknown_robot(name):
+    with pytest.raises(StictionError, match="unknown robot") as caught:
+        load_arm(name)
+    for allowed in (*BUILTIN, ".xml", ".mjcf", ".urdf"):
+        _one_clear_line(caught.value, allowed)
+
+
+def test_missing_file(tmp_path: Path):
+    with pytest.raises(StictionError, match=r"gone\.xml: no such file"):
+        load_arm(tmp_path / "gone.xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"payload": (-1, 0, 0, 0)}, "payload mass -1 kg: must not be negative"),
+        ({"payload": (np.nan, 0, 0, 0)}, "4 finite numbers, mass in kg"),
+        ({"payload": (1, 0, np.inf, 0)}, "4 finite numbers, mass in kg"),
+        ({"payload": (1, 0, 0)}, "4 finite numbers, mass in kg"),
+        ({"payload": "heavy"}, "4 numbers, mass in kg"),
+        ({"payload": 1.0}, "4 numbers, mass in kg"),
+        ({"tilt": (np.nan, 0)}, "2 finite numbers, roll and pitch in rad"),
+        ({"tilt": (0, np.inf)}, "2 finite numbers, roll and pitch in rad"),
+        ({"tilt": (0, 0, 0)}, "2 finite numbers, roll and pitch in rad"),
+        ({"tilt": 0.1}, "2 numbers, roll and pitch in rad"),
+    ],
+)
+def test_bad_payload_or_tilt(options, message):
+    with pytest.raises(StictionError, match=message) as caught:
+        load_arm("panda", **options)
+    _one_clear_line(caught.value, next(iter(options)))
