@@ -12,6 +12,14 @@ class StictionError(ValueError):
     """
 
 
+class ExperimentError(RuntimeError):
+    """The input was fine, but the simulated experiment failed: exit code 1.
+
+    An arm that cannot be held in its pose, a joint that sticks, a calibration that does not
+    converge. The message is one line.
+    """
+
+
 def unknown(what: str, value: object, allowed: Iterable[object]) -> StictionError:
     """Error for a ``value`` that is not among the ``allowed`` names of ``what``."""
     names = ", ".join(str(a) for a in allowed)

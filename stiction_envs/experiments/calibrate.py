@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje import SingleJointExperiment, base_torques
 from stiction_envs.friction.model import build
@@ -101,8 +101,8 @@ def calibrate(
         tolerance: relative error of every base torque at which to stop.
 
     Raises:
-        StictionError: table of another number of joints, a direction whose friction is not
-            positive, or no convergence (the message names the worst cell).
+        StictionError: table of another number of joints, or friction that is not positive.
+        ExperimentError: no convergence (the message names the worst cell).
     """
     n = experiment.n
     if table.n_joints != n:
@@ -144,7 +144,7 @@ def calibrate(
         cell = np.unravel_index(
             np.argmax(np.abs(best.simulated - table.tau) / np.abs(table.tau)), table.tau.shape
         )
-        raise StictionError(
+        raise ExperimentError(
             f"calibration did not converge: joint {cell[0] + 1}, "
             f"{('load', 'no_load')[cell[1]]}, {'+-'[cell[2]]}: simulated "
             f"{best.simulated[cell]:.4f} N·m, measured {table.tau[cell]:.4f} N·m"

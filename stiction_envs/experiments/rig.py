@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither import Dither
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.protocol import Configuration, Protocol
 from stiction_envs.friction.model import StickingModel, link_inertia
@@ -164,7 +164,7 @@ class Rig:
 
     def retune(self, amplitude: Array, frequency: Array) -> None:
         """Change A [N·m] and f [Hz] of all slots, (N, columns), keeping each phase continuous."""
-        t: Array = self.interface.tick(self.step) * CONTROL_DT
+        t = np.multiply(self.interface.tick(self.step), CONTROL_DT, dtype=np.float64)
         self._set(self.dither.retune(t, amplitude=amplitude, frequency=frequency))
 
     def _set(self, dither: Dither) -> None:
@@ -216,7 +216,7 @@ class Rig:
             hold = self.interface.hold_steps
             stride = hold if BLOCK % hold == 0 else 1
             for k in range(0, BLOCK, stride):
-                t: Array = self.interface.tick(self.step + k) * CONTROL_DT
+                t = np.multiply(self.interface.tick(self.step + k), CONTROL_DT, dtype=np.float64)
                 command[:, k : k + stride] += self.dither.torque(t, speed)[ids][:, None]
         out = self._path.run(command, ids)
         if self.columns > 1:
@@ -245,7 +245,7 @@ class Rig:
         q = self.plant.position[ids]
         if np.abs(q - self.pose[ids]).max() > p.start_tolerance:
             i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
-            raise StictionError(
+            raise ExperimentError(
                 f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
                 f"at most {p.start_tolerance} rad is allowed (raise hold_stiffness)"
             )

@@ -142,7 +142,7 @@ class SingleJointExperiment:
             slots: most simulations at once.
 
         Raises:
-            StictionError: an arm that cannot be held in its pose.
+            ExperimentError: an arm that cannot be held in its pose.
         """
         if not jobs:
             return

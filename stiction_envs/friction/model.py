@@ -85,13 +85,18 @@ class StickingModel:
         return q
 
     def bristle_damping_of(self, parameters: FrictionParameters) -> Array:
-        """Return (..., n) σ1 [N·m·s/rad] of other parameters on this model."""
-        return bristle_damping(
-            parameters.bristle_stiffness,
-            parameters.bristle_damping_ratio,
-            self.friction_inertia,
-            self.timestep,
+        """Return (..., n) σ1 [N·m·s/rad] of other parameters on this model.
+
+        Raises:
+            StictionError: a bristle that would chatter with these parameters.
+        """
+        inertia = self.friction_inertia + (parameters.rotor_inertia - self.parameters.rotor_inertia)
+        stiffness = parameters.bristle_stiffness
+        damping = bristle_damping(
+            stiffness, parameters.bristle_damping_ratio, inertia, self.timestep
         )
+        check_stability(stiffness, damping, inertia, self.timestep)
+        return damping
 
 
 def link_inertia(arm: Arm, q: Array) -> Array:
@@ -131,7 +136,9 @@ def build(
     if parameters.n != arm.n:
         raise StictionError(f"friction of {parameters.n} joints, but {arm.name} has {arm.n}")
     elastic = parameters.elastic
-    inertia = parameters.rotor_inertia + np.where(elastic, 0.0, link_inertia(arm, arm.rest[None])[0])
+    inertia = parameters.rotor_inertia + np.where(
+        elastic, 0.0, link_inertia(arm, arm.rest[None])[0]
+    )
     damping = bristle_damping(
         parameters.bristle_stiffness, parameters.bristle_damping_ratio, inertia, timestep
     )
@@ -153,7 +160,9 @@ def build(
     def dof(name: str) -> int:
         return int(model.joint(name).dofadr[0])
 
-    springs = [dof(f"{j}_spring") if e else -1 for j, e in zip(arm.joint_names, elastic, strict=True)]
+    springs = [
+        dof(f"{j}_spring") if e else -1 for j, e in zip(arm.joint_names, elastic, strict=True)
+    ]
     return StickingModel(
         arm=arm,
         parameters=parameters,

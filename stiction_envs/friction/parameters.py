@@ -141,7 +141,8 @@ class FrictionParameters:
     def tile(self, nsim: int) -> FrictionParameters:
         """Return the parameters of ``nsim`` equal arms, (nsim, n)."""
         out = {
-            k: np.broadcast_to(getattr(self, k), (nsim, *getattr(self, k).shape)) for k in QUANTITIES
+            k: np.broadcast_to(getattr(self, k), (nsim, *getattr(self, k).shape))
+            for k in QUANTITIES
         }
         return FrictionParameters(**out)
 
@@ -172,25 +173,31 @@ def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: 
     """Raise if a stuck joint would chatter in MuJoCo's Euler: physics.md 3.5.
 
     Args:
-        stiffness: σ0 (n,) [N·m/rad].
-        damping: σ1 (n,) [N·m·s/rad].
-        inertia: inertia that carries the friction (n,) [kg·m²].
+        stiffness: σ0 (n,) or (N, n) [N·m/rad].
+        damping: σ1, same shape [N·m·s/rad].
+        inertia: inertia that carries the friction, same shape [kg·m²].
         timestep: h [s].
 
     Raises:
         StictionError: σ1 < 3hσ0, or hσ1/J ≥ 2.
     """
-    for i, (s0, s1, j) in enumerate(zip(stiffness, damping, inertia, strict=True), start=1):
-        if s1 < 3 * timestep * s0 * (1 - 1e-12):
-            raise StictionError(
-                f"joint {i}: bristle damping {s1:.4g} is under 3·h·stiffness = "
-                f"{3 * timestep * s0:.4g} N·m·s/rad at h = {timestep} s: a stuck joint would creep"
-            )
-        if timestep * s1 / j >= 2:
-            raise StictionError(
-                f"joint {i}: h·damping/inertia = {timestep * s1 / j:.3g} at h = {timestep} s must "
-                f"stay under 2: use a smaller step, softer bristles or more inertia ({j:.3g} kg·m²)"
-            )
+    soft = damping < 3 * timestep * stiffness * (1 - 1e-12)
+    # written so that an inertia of zero or less fails too
+    hard = ~(timestep * damping < 2 * inertia)
+    if soft.any():
+        at = tuple(np.argwhere(soft)[0])
+        raise StictionError(
+            f"joint {at[-1] + 1}: bristle damping {damping[at]:.4g} is under 3·h·stiffness = "
+            f"{3 * timestep * stiffness[at]:.4g} N·m·s/rad at h = {timestep} s: "
+            f"a stuck joint would creep"
+        )
+    if hard.any():
+        at = tuple(np.argwhere(hard)[0])
+        raise StictionError(
+            f"joint {at[-1] + 1}: h·damping = {timestep * damping[at]:.3g} kg·m² at h = {timestep} "
+            f"s must stay under twice the inertia {inertia[at]:.3g} kg·m²: use a smaller step, "
+            f"softer bristles or more inertia"
+        )
 
 
 def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
@@ -208,7 +215,11 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
                 raise StictionError(f"{where}: table [{name}] is missing")
             value = np.full(n, quantity.default)
         else:
-            if not ({"source", "assumed"} & set(entry)) or "value" not in entry:
+            if (
+                not isinstance(entry, dict)
+                or not ({"source", "assumed"} & set(entry))
+                or "value" not in entry
+            ):
                 raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
             try:
                 value = np.array(entry["value"], dtype=np.float64)

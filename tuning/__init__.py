@@ -1,0 +1,1 @@
+"""The dither tuner: from measured base torques to a final amplitude table."""

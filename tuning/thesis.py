@@ -1,0 +1,449 @@
+"""The thesis's protocol (4.2) as one function: base torques in, final amplitude table out.
+
+    base torques -> frequencies at scale 1.0 -> best frequency per joint -> scales
+      -> intermediate (scale x base of each configuration) -> final (largest of the four)
+      -> verification, measured anew with another seed
+
+Every measurement is written to the lab book when it is made: interrupt it anywhere, start it
+again, and it goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+from numpy.typing import NDArray
+
+from stiction_envs import __version__
+from stiction_envs.dither import check_frequency
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.calibrate import calibrate, calibrated_toml
+from stiction_envs.experiments.protocol import (
+    Configuration,
+    Job,
+    Measurement,
+    Protocol,
+    configurations,
+)
+from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.tables import sje_rows
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
+from stiction_envs.measured import AmplitudeRow, BaseTable, write_amplitudes, write_sje
+from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.robots import Arm
+from tuning.labbook import LabBook
+from tuning.search import Cell, GridStudy, run_grids
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float, float], None]
+TUNE, VERIFY = "tune", "verify"
+
+
+@functools.lru_cache
+def settings() -> dict[str, Any]:
+    """Return `thesis.toml`."""
+    path = Path(__file__).parent / "thesis.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def frequencies_of(robot: str) -> tuple[float, ...]:
+    """Return the frequencies [Hz] the thesis tried on a robot."""
+    table = settings()["frequencies_hz"]
+    return tuple(table.get(robot, table["default"])["value"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What was decided for one joint, and from what."""
+
+    joint: int
+    frequency_hz: float
+    scale: float
+    intermediate: Array
+    """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
+    half_width: float
+    """Friction half-width in the joint's freest pose [N·m]."""
+    amplitude_nm: float
+    """Final amplitude [N·m]; 0 if no dither helped."""
+    reason: str
+    """Why that amplitude."""
+
+
+def final_amplitude(
+    intermediate: Array, half_width: float, *, frequency_hz: float, torque_rate: float
+) -> tuple[float, str]:
+    """Return the final amplitude [N·m] of a joint and the reason for it (thesis Table 4.9).
+
+    The largest of the four configurations, but no candidate above `cap_half_widths` friction
+    half-widths: what the thesis did by hand to joint 2. Never faster than the torque-rate limit.
+
+    Args:
+        intermediate: amplitudes of the configurations, any shape [N·m].
+        half_width: friction half-width of the joint in its freest pose [N·m].
+        frequency_hz: dither frequency [Hz].
+        torque_rate: limit of the torque rate [N·m/s], inf if there is none.
+    """
+    candidates = np.sort(np.abs(np.ravel(intermediate)))[::-1]
+    cap = settings()["cap_half_widths"]["value"] * half_width
+    kept = candidates[candidates <= cap]
+    if len(kept) == len(candidates):
+        amplitude, reason = float(candidates[0]), "largest of the four configurations"
+    elif len(kept):
+        amplitude = float(kept[0])
+        reason = f"largest of the four up to {cap:.3f} N·m; {candidates[0]:.3f} N·m was dropped"
+    else:
+        amplitude, reason = float(cap), f"capped at {cap:.3f} N·m, all four were above"
+    fastest = torque_rate / (2 * np.pi * frequency_hz)
+    if amplitude > fastest:
+        amplitude = float(fastest)
+        reason = f"limited to {fastest:.3f} N·m by the torque rate of {torque_rate:.0f} N·m/s"
+    return amplitude, reason
+
+
+class ThesisTuner:
+    """One run of the protocol in one output folder."""
+
+    def __init__(
+        self,
+        experiment: SingleJointExperiment,
+        out: Path,
+        book: LabBook,
+        *,
+        frequencies: tuple[float, ...],
+        scales: tuple[float, ...],
+        iterations: int | None,
+        storage: str | None,
+        study: str,
+        progress: Progress | None,
+    ) -> None:
+        self.experiment, self.out, self.book = experiment, out, book
+        self.frequencies, self.scales = frequencies, scales
+        self.iterations = iterations
+        self.storage = storage or f"sqlite:///{(out / 'optuna.db').resolve()}"
+        self.study, self._progress = study, progress
+        self.base: dict[Configuration, Measurement] = {}
+        self.cells: dict[Job, Measurement] = {}
+
+    def _measure(self, stage: str, series: str, jobs: list[Job]) -> dict[Job, Measurement]:
+        experiment = self.experiment
+        if series == VERIFY:
+            experiment = dataclasses.replace(experiment, seed=experiment.seed + 1)
+        repeats = self.iterations or int(experiment.protocol.iterations)
+        missing = [j for j in jobs if self.book.get(series, j) is None]
+        rate = experiment.protocol.ramp_rate
+        total = sum(experiment.expected(j) / rate + 1.4 for j in missing) * repeats
+        done = 0.0
+
+        def report(seconds: float) -> None:
+            nonlocal done
+            done += seconds
+            if self._progress is not None:
+                self._progress(stage, min(done, total), total)
+
+        return self.book.measure(
+            series, experiment, jobs, iterations=self.iterations, progress=report
+        )
+
+    def run_base(self) -> None:
+        """Measure the base torques of all configurations."""
+        jobs = self.experiment.jobs()
+        self.base = {j.configuration: m for j, m in self._measure("base", TUNE, jobs).items()}
+        stuck = [c for c, m in self.base.items() if not np.isfinite(m.mean)]
+        if stuck:
+            c = stuck[0]
+            raise ExperimentError(
+                f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither at "
+                f"{self.experiment.protocol.give_up_factor:g} times its stiction"
+            )
+        self._write("base.csv", [])
+
+    def job(self, c: Configuration, frequency: float, scale: float) -> Job:
+        """Return the job of a configuration at a frequency [Hz], A = scale × |base|."""
+        return Job(c, frequency, scale * abs(self.base[c].mean))
+
+    def prefetch(self) -> None:
+        """Measure every cell of the grid in one batch; the studies then find it in the book.
+
+        Which cells are wanted is known once the bases are, and one batch has one slow tail.
+        """
+        cs = configurations(self.experiment.n)
+        scales = sorted({1.0, *self.scales})
+        self._measure(
+            "grid", TUNE, [self.job(c, f, s) for c in cs for f in self.frequencies for s in scales]
+        )
+
+    def _grids(self, stage: str, scales: tuple[float, ...]) -> list[dict[Cell, float]]:
+        n = self.experiment.n
+        grid = {"frequency_hz": self.frequencies, "scale": scales}
+        studies = [
+            GridStudy(f"{self.study}-{stage}-joint{j}", self.storage, grid, self.experiment.seed)
+            for j in range(1, n + 1)
+        ]
+
+        def evaluate(wanted: list[tuple[int, Cell]]) -> dict[tuple[int, Cell], float]:
+            jobs = {
+                (i, cell): [self.job(c, *cell) for c in configurations(n, [i + 1])]
+                for i, cell in wanted
+            }
+            measured = self._measure(stage, TUNE, [j for group in jobs.values() for j in group])
+            return {
+                key: float(
+                    np.mean(
+                        [abs(measured[j].mean / self.base[j.configuration].mean) for j in group]
+                    )
+                )
+                for key, group in jobs.items()
+            }
+
+        return run_grids(studies, evaluate)
+
+    def run_frequencies(self) -> list[float]:
+        """Try the frequencies at scale 1.0; return the best of each joint [Hz]."""
+        values = self._grids("frequency", (1.0,))
+        self._collect("frequency.csv", (1.0,))
+        return [
+            min(v, key=lambda cell: (v[cell], cell))[0] if v else self.frequencies[-1]
+            for v in values
+        ]
+
+    def run_scales(self, best: list[float]) -> list[tuple[float, float]]:
+        """Try the scales; return (best scale, its mean |τ|/|τ_base|) at each best frequency.
+
+        All frequencies are measured at every scale, as Tables 4.7 and 4.8 show most of them.
+        """
+        values = self._grids("scale", self.scales)
+        self._collect("scale.csv", self.scales)
+        out = []
+        for v, f in zip(values, best, strict=True):
+            mine = {cell[1]: value for cell, value in v.items() if cell[0] == f}
+            scale = min(mine, key=lambda s: (mine[s], s)) if mine else 1.0
+            out.append((scale, mine.get(scale, np.inf)))
+        return out
+
+    def _collect(self, name: str, scales: tuple[float, ...]) -> None:
+        jobs = [
+            self.job(c, f, s)
+            for c in configurations(self.experiment.n)
+            for f in self.frequencies
+            for s in scales
+        ]
+        found = {j: m for j in jobs if (m := self.book.get(TUNE, j)) is not None}
+        self.cells |= found
+        self._write(name, list(found.values()))
+
+    def choose(self, best: list[float], scales: list[tuple[float, float]]) -> list[Choice]:
+        """Return the final choice of every joint."""
+        choices = []
+        rates = self.experiment.interface.torque_rate
+        for i, (f, (scale, ratio)) in enumerate(zip(best, scales, strict=True)):
+            tau = np.array(
+                [
+                    [self.base[Configuration(i + 1, load, d)].mean for d in "+-"]
+                    for load in ("load", "no_load")
+                ]
+            )
+            half = float(((tau[:, 0] - tau[:, 1]) / 2).min())
+            inter = scale * np.abs(tau)
+            amplitude, reason = final_amplitude(
+                inter, half, frequency_hz=f, torque_rate=float(rates[i])
+            )
+            if ratio >= 1.0:
+                amplitude, reason = 0.0, "no dither lowered the torque"
+            choices.append(
+                Choice(
+                    joint=i + 1,
+                    frequency_hz=f,
+                    scale=scale,
+                    intermediate=inter,
+                    half_width=half,
+                    amplitude_nm=amplitude,
+                    reason=reason,
+                )
+            )
+        return choices
+
+    def verify(self, choices: list[Choice]) -> dict[str, dict[Job, Measurement]]:
+        """Measure the intermediate and the final amplitudes anew, with another seed."""
+        inter, final = [], []
+        for choice in choices:
+            for c in configurations(self.experiment.n, [choice.joint]):
+                _, load, direction = c.index
+                a = float(choice.intermediate[load, direction])
+                inter.append(Job(c, choice.frequency_hz, a))
+                frequency = choice.frequency_hz if choice.amplitude_nm else 0.0
+                final.append(Job(c, frequency, choice.amplitude_nm))
+        found = self._measure("verification", VERIFY, inter + final)
+        out = {
+            "intermediate": {j: found[j] for j in inter},
+            "final": {j: found[j] for j in final},
+        }
+        self._write("intermediate.csv", list(out["intermediate"].values()))
+        self._write("verification.csv", list(out["final"].values()))
+        return out
+
+    def _write(self, name: str, measurements: list[Measurement]) -> None:
+        """Write a table of measurements, without those that stuck."""
+        rows = sje_rows([*self.base.values(), *measurements], self.experiment.sticking.arm.name)
+        wanted = name == "base.csv"
+        write_sje(self.out / name, [r for r in rows if r.is_base == wanted])
+
+    def write_final(self, choices: list[Choice]) -> None:
+        """Write final.csv."""
+        rows = [AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices]
+        write_amplitudes(self.out / "final.csv", rows)
+
+
+def _fingerprint(
+    experiment: SingleJointExperiment, iterations: int | None, extra: dict[str, Any]
+) -> dict[str, Any]:
+    p = experiment.sticking.parameters
+    return {
+        "version": __version__,
+        "model": experiment.sticking.arm.xml,
+        "friction": {k: getattr(p, k).tolist() for k in QUANTITIES},
+        "protocol": dataclasses.asdict(experiment.protocol),
+        "rate_hz": experiment.interface.controller_rate_hz,
+        "lowpass_hz": experiment.interface.lowpass_hz,
+        "scatter": experiment.scatter,
+        "seed": experiment.seed,
+        "iterations": iterations,
+        **extra,
+    }
+
+
+def _check(frequencies: tuple[float, ...], scales: tuple[float, ...], rate_hz: float) -> list[str]:
+    """Return warnings about frequencies past half the controller's rate; raise on bad ones."""
+    if not frequencies or not scales:
+        raise StictionError("at least one frequency and one scale are needed")
+    if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
+        raise StictionError("frequencies and scales must not repeat")
+    for scale in scales:
+        if not (np.isfinite(scale) and 0 < scale <= 5):
+            raise StictionError(f"scale {scale}: allowed is above 0 up to 5")
+    return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
+
+
+def tune(
+    arm: Arm,
+    *,
+    out: Path,
+    table: BaseTable | None = None,
+    frequencies: tuple[float, ...] | None = None,
+    scales: tuple[float, ...] | None = None,
+    iterations: int | None = None,
+    scatter: bool = True,
+    seed: int = 0,
+    storage: str | None = None,
+    study: str | None = None,
+    sampler: str = "grid",
+    friction: FrictionParameters | None = None,
+    protocol: Protocol | None = None,
+    nthread: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Run the thesis's protocol; continue it if ``out`` holds a part of the same run.
+
+    Args:
+        arm: the arm.
+        out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
+            verification.csv, report.md, plots, friction.toml, labbook.jsonl, optuna.db.
+        table: measured base torques; the friction is calibrated to them first. None tunes with
+            the friction as it is.
+        frequencies: [Hz]; None for the thesis's of that robot.
+        scales: amplitude over base torque [-]; None for 0.8, 1.0, 1.2.
+        iterations: per configuration; None for the protocol's.
+        scatter: whether iterations differ.
+        seed: of the scatter.
+        storage: Optuna storage URL; None for a SQLite file in ``out``.
+        study: prefix of the studies' names; None for the arm's name.
+        sampler: "grid": the protocol is a grid.
+        friction: parameters to start from; None for the robot's.
+        protocol: of the experiment; None for the robot's.
+        nthread: threads, 0 for all processors.
+        progress: called with (stage, simulated seconds done, total).
+
+    Returns:
+        A summary: final table, mean reduction per joint, warnings, files.
+
+    Raises:
+        StictionError: bad input, or an output folder of another run.
+        ExperimentError: a joint that sticks, a calibration that does not converge.
+    """
+    if sampler != "grid":
+        raise StictionError(f"sampler {sampler!r} with protocol 'thesis': allowed is grid")
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    experiment = SingleJointExperiment.of(
+        arm, friction=friction, protocol=protocol, scatter=scatter, seed=seed, nthread=nthread
+    )
+    frequencies = frequencies_of(arm.name) if frequencies is None else frequencies
+    scales = tuple(settings()["scales"]["value"]) if scales is None else scales
+    warnings = _check(frequencies, scales, experiment.interface.controller_rate_hz)
+    if table is not None and table.n_joints != arm.n:
+        raise StictionError(f"base table of {table.n_joints} joints, but {arm.name} has {arm.n}")
+    extra: dict[str, Any] = {
+        "frequencies": frequencies,
+        "scales": scales,
+        "table": None if table is None else table.tau.tolist(),
+    }
+    book = LabBook(out / "labbook.jsonl", _fingerprint(experiment, iterations, extra))
+    if table is not None:
+        experiment = _calibrated(arm, experiment, table, out, progress)
+
+    tuner = ThesisTuner(
+        experiment,
+        out,
+        book,
+        frequencies=frequencies,
+        scales=scales,
+        iterations=iterations,
+        storage=storage,
+        study=study or arm.name,
+        progress=progress,
+    )
+    tuner.run_base()
+    tuner.prefetch()
+    best = tuner.run_frequencies()
+    choices = tuner.choose(best, tuner.run_scales(best))
+    tuner.write_final(choices)
+    verified = tuner.verify(choices)
+    from tuning.report import write_report  # matplotlib only when there is something to draw
+
+    return write_report(tuner, choices, verified, table=table, warnings=warnings)
+
+
+def _calibrated(
+    arm: Arm,
+    experiment: SingleJointExperiment,
+    table: BaseTable,
+    out: Path,
+    progress: Progress | None,
+) -> SingleJointExperiment:
+    """Return the experiment with friction calibrated to the table; kept in friction.toml."""
+    path = out / "friction.toml"
+    if not path.exists():
+        result = calibrate(
+            table,
+            experiment,
+            progress=None if progress is None else lambda k, e: progress("calibrate", k, 10),
+        )
+        write_text_atomic(
+            path,
+            calibrated_toml(
+                result,
+                arm.name,
+                f"base torques of {table.robot}",
+                repr(table.tau.tolist()).encode(),
+            ),
+        )
+    parameters = load_friction(path, arm.n)
+    sticking = build(arm, parameters, timestep=experiment.sticking.timestep)
+    return dataclasses.replace(experiment, sticking=sticking)
