@@ -20,7 +20,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load import LoadSensor
 from stiction_envs.friction.model import (
     BRISTLE_DAMPING,
@@ -232,7 +232,7 @@ class Plant:
             (M, K, n) link angles after each control step [rad], or (M, K) of the one joint.
 
         Raises:
-            StictionError: a simulation that the engine stopped (NaN, divergence).
+            ExperimentError: a simulation that the engine stopped (NaN, divergence).
         """
         ids = np.arange(self.nsim) if ids is None else np.asarray(ids)
         m, k_total, _ = torque.shape
@@ -324,7 +324,7 @@ def _raise_if_stopped(batch: Batch) -> None:
     if count.any():
         sim, kind = np.argwhere(count)[0]
         name = mujoco.mjtWarning(int(kind)).name
-        raise StictionError(f"simulation {sim} stopped by the engine: {name}")
+        raise ExperimentError(f"simulation {sim} stopped by the engine: {name}")
 
 
 def rollout(
@@ -354,7 +354,7 @@ def rollout(
         after it.
 
     Raises:
-        StictionError: a simulation that the engine stopped (NaN, divergence, full buffers).
+        ExperimentError: a simulation that the engine stopped (NaN, divergence, full buffers).
     """
     batch = Batch(model, len(qpos), nthread)
     batch.bind("qpos")[:] = qpos

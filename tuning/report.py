@@ -177,7 +177,7 @@ def write_report(
         f"({reductions[least]:.0f} %). Verified on {len(verified['final'])} configurations "
         "measured anew with another seed.",
         "",
-        *(f"> warning: {w}\n" for w in warnings),
+        *_caveats(tuner, reductions, warnings),
         *_choice_section(choices, arm.name),
         "![reduction against frequency](frequency.png)",
         "",
@@ -224,6 +224,21 @@ def write_report(
         "warnings": warnings,
         "report": str(tuner.out / "report.md"),
     }
+
+
+def _caveats(tuner: ThesisTuner, reductions: dict[int, float], warnings: list[str]) -> list[str]:
+    lines = [f"> {w}" for w in warnings]
+    left_out = [f"{f:g}" for f in tuner.frequencies if f not in tuner.eligible]
+    if left_out:
+        lines.append(
+            f"> measured, but not chosen from: {', '.join(left_out)} Hz (not below half the "
+            "controller's rate)"
+        )
+    worse = [str(j) for j, r in reductions.items() if r < 0]
+    if worse:
+        lines.append(f"> not confirmed by the verification: joint {', '.join(worse)}")
+    # an empty quoted line between them keeps each a paragraph of its own
+    return ["\n>\n".join(lines), ""] if lines else []
 
 
 def _own_verification(tuner: ThesisTuner, verified: Verified) -> list[str]:

@@ -210,10 +210,21 @@ class ThesisTuner:
         """Try the frequencies at scale 1.0; return the best of each joint [Hz]."""
         values = self._grids("frequency", (1.0,))
         self._collect("frequency.csv", (1.0,))
-        return [
-            min(v, key=lambda cell: (v[cell], cell))[0] if v else self.frequencies[-1]
-            for v in values
-        ]
+        best = []
+        for v in values:
+            real = {cell: value for cell, value in v.items() if cell[0] in self.eligible}
+            best.append(min(real, key=lambda c: (real[c], c))[0] if real else self.eligible[-1])
+        return best
+
+    @property
+    def eligible(self) -> tuple[float, ...]:
+        """Frequencies that may be chosen [Hz]: those below half the controller's rate.
+
+        The others alias to a constant offset or to ±A sin φ, whose luck with φ is no dither. They
+        are measured all the same, as the thesis did on the iiwa (physics.md 2.6).
+        """
+        half = self.experiment.interface.controller_rate_hz / 2
+        return tuple(f for f in self.frequencies if f < half) or self.frequencies
 
     def run_scales(self, best: list[float]) -> list[tuple[float, float]]:
         """Try the scales; return (best scale, its mean |τ|/|τ_base|) at each best frequency.

@@ -36,7 +36,7 @@ class TorqueInterface:
 
     def __post_init__(self) -> None:
         rate = self.controller_rate_hz
-        if rate != int(rate) or not 1 <= rate <= CONTROL_RATE_HZ or CONTROL_RATE_HZ % int(rate):
+        if not 1 <= rate <= CONTROL_RATE_HZ or rate != int(rate) or CONTROL_RATE_HZ % int(rate):
             raise StictionError(
                 f"controller rate {rate} Hz: allowed are the divisors of {CONTROL_RATE_HZ} Hz"
             )

@@ -12,13 +12,10 @@ found: simulate the experiment, compare half-sums and half-differences, correct,
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import hashlib
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +28,8 @@ from stiction_envs.friction.parameters import (
     FrictionParameters,
     dump_friction,
     friction_text,
-    load_friction,
 )
-from stiction_envs.measured.atomic import write_text_atomic
-from stiction_envs.measured.tables import BaseTable, read_base
-from stiction_envs.robots import load_arm
+from stiction_envs.measured.tables import BaseTable
 
 Array = NDArray[np.float64]
 TOLERANCE = 0.002
@@ -179,37 +173,3 @@ def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text
             "scatter": "off",
         },
     )
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Calibrate from the command line: ROBOT TABLE.csv --out FRICTION.toml."""
-    parser = argparse.ArgumentParser(prog="stiction_envs.experiments.calibrate", description=__doc__)
-    parser.add_argument("robot", help="panda, iiwa7, iiwa14, or a path to an MJCF/URDF")
-    parser.add_argument("table", type=Path, help="base torques (thesis Table 4.3 or our base.csv)")
-    parser.add_argument("--out", type=Path, required=True, help="friction TOML to write")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    args = parser.parse_args(argv)
-    try:
-        if args.out.exists() and not args.force:
-            raise StictionError(f"{args.out} exists: choose another name, or --force")
-        arm = load_arm(args.robot)
-        table = read_base(args.table, arm.name, arm.n)
-        experiment = SingleJointExperiment.of(
-            arm, friction=load_friction(arm.name, arm.n), scatter=False
-        )
-        result = calibrate(
-            table,
-            experiment,
-            progress=lambda k, e: print(f"round {k}: worst {100 * e:.2f} %", file=sys.stderr),
-        )
-    except StictionError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    text = calibrated_toml(result, arm.name, args.table.name, args.table.read_bytes())
-    write_text_atomic(args.out, text)
-    print(f"{args.out}: worst base torque off by {100 * result.error:.2f} %")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -27,7 +27,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
 from stiction_envs.plant import rollout
 from stiction_envs.robots import BUILTIN, load_arm
@@ -138,7 +138,7 @@ class Report:
                 f"{n} of {len(self.joints)} joints stick: under {UNDER:.0%} of F_s they move less "
                 f"than {STILL:g} rad in the last {WATCHED_TIME:g} s of {HOLD_TIME:g} s, under "
                 f"{OVER:.0%} more than {GONE:g} rad in {GO_TIME:g} s.",
-                "Right of that: dry friction torque at breakaway [N·m] by ramp rate.",
+                "Columns with a ramp rate: dry friction torque at breakaway [N·m].",
             ]
         )
 
@@ -167,8 +167,8 @@ def check(
 
     Raises:
         StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
-            negative, position outside limits, rate that is not positive, or a simulation that
-            the engine stopped.
+            negative, position outside limits, or rate that is not positive.
+        ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
@@ -403,6 +403,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except StictionError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except ExperimentError as error:
+        print(f"does not stick: {error}", file=sys.stderr)
+        return 1
     print(report.text())
     return 0 if report.passed else 1
 

@@ -66,7 +66,8 @@ def ramps(m: Measurement, ramp_rate: float) -> list[tuple[Array, Array]]:
     out = []
     for trace, start in zip(m.traces, m.start_torque, strict=True):
         time = (np.arange(len(trace)) + 1) * m.trace_dt - BLOCK * CONTROL_DT
-        out.append((sign * float(start) + ramp_rate * time, np.asarray(trace, dtype=float)))
+        torque = np.asarray(sign * float(start) + ramp_rate * time, dtype=np.float64)
+        out.append((torque, np.array(trace, dtype=np.float64)))
     return out
 
 
@@ -148,9 +149,7 @@ def plot_sje(
     )
     lower.set_xlabel("commanded torque along the ramp, |τ| at breakaway [N·m]")
     for axes in (upper, lower):
-        axes.legend(
-            loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8.5
-        )
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8.5)
     c = ordered[0].job.configuration
     kinds = dict.fromkeys(dither_text(m.job) for m in ordered)
     figure.suptitle(
@@ -185,10 +184,17 @@ def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
     colour: Any = colormaps[MAPS[direction]](0.75)
     torque, _, angle, spread = mean_ramp(m, ramp_rate)
     axes.fill_between(torque, angle - spread, angle + spread, color=colour, alpha=0.22, lw=0)
-    axes.plot(torque, angle, color=colour, lw=1.8, label=f"({SIGNS[direction]}) mean", zorder=3)
+    axes.plot(
+        torque,
+        angle,
+        color=colour,
+        lw=1.8,
+        label=f"({SIGNS[direction]}) mean, std of angle",
+        zorder=3,
+    )
     if np.isfinite(m.mean):
-        text = f"|τ| = {abs(m.mean):.3f} N·m"
-        text += f"\n± {m.std:.3f} N·m" if len(m.tau) > 1 else "\n(one iteration)"
+        text = f"({SIGNS[direction]}) |τ| = {abs(m.mean):.3f} N·m"
+        text += f"\n     ± {m.std:.3f} N·m" if len(m.tau) > 1 else "\n     (one iteration)"
         axes.errorbar(
             abs(m.mean),
             angle[-1],
@@ -251,11 +257,10 @@ def plot_with_and_without(
     axes.axhline(threshold, color="0.35", lw=0.9, ls=(0, (1, 2)), zorder=1)
     axes.annotate(
         f"threshold {threshold:g} rad",
-        (0.99, threshold),
+        (0.01, threshold),
         xycoords=("axes fraction", "data"),
         xytext=(0, -4),
         textcoords="offset points",
-        ha="right",
         va="top",
         fontsize=9,
         color="0.35",

@@ -128,7 +128,9 @@ def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
         away = np.sqrt((((q - arm.rest) / span) ** 2).mean(axis=1))
         return np.where(ok, values + 0.02 * away, np.inf)
 
-    q = np.concatenate([np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (_SAMPLES, arm.n))])
+    q = np.concatenate(
+        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (_SAMPLES, arm.n))]
+    )
     costs = cost(q)
     scale = 0.2
     for _ in range(_ROUNDS):

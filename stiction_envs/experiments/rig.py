@@ -269,8 +269,8 @@ class Rig:
         others[np.arange(len(ids)), self.joint[ids]] = 0.0
         self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
-        over: NDArray[np.bool_] = np.asarray(moved >= self.protocol.threshold)
-        reached = over.any(axis=1)
+        over = np.greater_equal(moved, self.protocol.threshold)
+        reached: NDArray[np.bool_] = np.any(over, axis=1)
         first = over.argmax(axis=1)
         torque = self.ramp_torque(ids, step)
         stuck = ~reached & (np.abs(torque[:, -1] - self.start_torque[ids]) > self._give_up[ids])

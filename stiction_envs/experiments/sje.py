@@ -1,8 +1,8 @@
 """Single Joint Experiment (thesis 3.2): the torque at which a joint breaks away.
 
-    bench = SingleJointExperiment.of("panda")
-    for m in bench.run(bench.jobs()):
-        print(m.job.configuration, m.mean, m.std)
+bench = SingleJointExperiment.of("panda")
+for m in bench.run(bench.jobs()):
+    print(m.job.configuration, m.mean, m.std)
 """
 
 from __future__ import annotations
@@ -180,7 +180,9 @@ class SingleJointExperiment:
 
     def _begin(self, rig: Rig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
         jobs = [book[int(i)].job for i in ids]
-        keys = [(*j.configuration.index, len(book[int(i)].tau)) for i, j in zip(ids, jobs, strict=True)]
+        keys = [
+            (*j.configuration.index, len(book[int(i)].tau)) for i, j in zip(ids, jobs, strict=True)
+        ]
         rig.approach(ids, keys)
         rig.set_dither(
             ids,

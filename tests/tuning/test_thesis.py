@@ -152,6 +152,16 @@ def test_bad_input(small_arm, fast, tmp_path, options, message):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
+def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_path):
+    """A 600 Hz dither at 1 kHz is another frequency's alias; it must not become the table."""
+    summary = tune(small_arm, out=tmp_path / "out", protocol=fast, frequencies=(600.0, 15.0))
+    assert [row["frequency_hz"] for row in summary["final"]] == [15.0, 15.0]
+    assert len(summary["warnings"]) == 1
+    assert {r.frequency_hz for r in read_sje(tmp_path / "out" / "scale.csv")} == {600.0, 15.0}
+    assert "not chosen from: 600 Hz" in (tmp_path / "out" / "report.md").read_text()
+
+
 def test_frequencies_are_the_thesis_ones():
     assert frequencies_of("panda") == (80.0, 50.0, 30.0, 15.0)
     assert frequencies_of("iiwa7") == (200.0, 100.0, 50.0, 20.0)

@@ -1,0 +1,39 @@
+# Needs Python >= 3.11 with its venv module, and make; everything else goes into .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/pip --disable-pip-version-check install --quiet -c constraints.txt
+
+.NOTPARALLEL:
+.PHONY: help tune test env bench clean
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14
+
+tune: .venv/.stamp-run ## tune the panda's dither from Table 4.3 into runs/panda; interrupted, it resumes
+	$(BIN)/stiction tune panda --table stiction_envs/measured/thesis/table_4_3.csv --out runs/panda
+
+test: .venv/.stamp-dev ## linter, formatter, types, then pytest
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/pytest
+
+env: .venv/.stamp-dev ## .venv with everything: rl, video and dev extras
+
+bench: .venv/.stamp-dev ## every benchmark; each writes its result beside itself
+	@set -e; for script in benchmarks/[a-z]*.py; do echo "$$script"; $(BIN)/python "$$script"; done
+
+clean: ## remove .venv, builds and caches; runs/ stays
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# What a user runs needs no PyTorch, so `make tune` installs without the extras.
+.venv/.stamp-run: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(PIP) -e .
+	touch $@
+
+.venv/.stamp-dev: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(PIP) -e '.[rl,video,dev]'
+	touch .venv/.stamp-run $@

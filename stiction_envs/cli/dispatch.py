@@ -1,0 +1,101 @@
+"""From arguments to an exit code: the only place that prints errors and knows the codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any, TextIO
+
+from stiction_envs.cli import calibrate, export, sje, tune
+from stiction_envs.cli.common import Failed, Parser, one_line, plain
+from stiction_envs.errors import StictionError
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+COMMANDS = (sje, tune, calibrate, export)
+"""Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
+
+
+def build_parser() -> Parser:
+    """Return the parser of all commands."""
+    parser = Parser(
+        prog="stiction",
+        description="Robot joints that stick in MuJoCo, and the dither that frees them.",
+        epilog="Exit codes: 0 done, 1 failed while working, 2 bad input (nothing written).",
+    )
+    subparsers = parser.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, parser_class=Parser
+    )
+    for module in COMMANDS:
+        module.add_parser(subparsers)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: arguments; None for those of the process.
+
+    Returns:
+        0 done, 1 failed while working, 2 bad input or usage. One line on standard error says why;
+        the environment variable STICTION_DEBUG=1 adds the traceback.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal that does not know "·"
+    interrupted = "nothing was written"
+    try:
+        args = build_parser().parse_args(argv)
+        interrupted = args.interrupted
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = _show_warning
+            result: dict[str, Any] = args.run(args)
+        if args.json:
+            print(json.dumps(plain(result), indent=2, ensure_ascii=False, allow_nan=False))
+        else:
+            print(args.show(result))
+        if result.get("failed"):
+            return _say(str(result["failed"]), FAILED)
+        return DONE
+    except SystemExit as end:  # --help
+        return end.code if isinstance(end.code, int) else BAD_INPUT
+    except StictionError as error:
+        return _say(str(error), BAD_INPUT)
+    except Failed as error:
+        return _say(str(error), FAILED)
+    except KeyboardInterrupt:
+        return _say(f"interrupted: {interrupted}", FAILED)
+    except BrokenPipeError:
+        # the reader of our output has gone; Python would complain again at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say(f"{where}{(error.strerror or str(error)).lower()}", FAILED)
+    except Exception as error:
+        name = type(error).__name__
+        return _say(f"{name}: {error} (STICTION_DEBUG=1 shows the traceback)", FAILED)
+
+
+def _say(message: str, code: int) -> int:
+    if os.environ.get("STICTION_DEBUG") == "1":
+        traceback.print_exc()
+    print(f"error: {one_line(message)}", file=sys.stderr)
+    return code
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    print(f"warning: {one_line(str(message))}", file=sys.stderr)

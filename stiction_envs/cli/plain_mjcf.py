@@ -1,0 +1,187 @@
+"""A sticking model as MJCF text with all digits (``MjSpec.to_xml`` writes six)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import (
+    BRISTLE_DAMPING,
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    RIPPLE,
+    STICTION,
+    STRIBECK,
+    StickingModel,
+)
+from stiction_envs.robots.mjcf import numbers, parents
+
+_COMMENT = """ {name} with joints that stick, written by stiction export. SI units.
+     Friction: {friction}. It is native MuJoCo: a LuGre bristle in each dcmotor, rotor inertia as
+     armature, viscous friction as damping, elastic gears as a second hinge JOINT_spring on the same
+     axis (link angle = JOINT + JOINT_spring). Controls are joint torques [N m], within the limits
+     of the arm. Gravity is compensated by gravcomp, as the arm's own controller does it.
+     Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and longer
+     steps change a LuGre joint. Contacts are off, as in our experiments; remove the flag to have
+     them. Keyframe "home" is the rest pose.
+     What plain MJCF cannot say and this file leaves out: torque offsets and gravity-compensation
+     error{offsets}, friction that depends on direction (here: the mean), on load (here:
+     the level of the unloaded joint) or on warm-up, a controller slower than the simulation, limits
+     of torque rate and low-pass. """
+
+
+def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
+    """Return MJCF of the model that stock MuJoCo compiles to the same numbers.
+
+    Args:
+        sticking: the model.
+        friction_name: what the comment at the top calls the friction.
+
+    Raises:
+        StictionError: the text does not give the model back.
+    """
+    arm, model = sticking.arm, sticking.model
+    root = ET.fromstring(arm.xml)
+    _options(root, sticking.timestep)
+    for body in root.iter("body"):
+        body.set("gravcomp", "1")
+    up = parents(root)
+    joints = {j.get("name"): j for j in root.iter("joint")}
+    for name in arm.joint_names:
+        element = joints[name]
+        _motor_side(element, model)
+        if f"{name}_spring" in {model.joint(j).name for j in range(model.njnt)}:
+            home = up[element]
+            home.insert(list(home).index(element) + 1, _spring(f"{name}_spring", model))
+    actuators = ET.SubElement(root, "actuator")
+    for name, limit in zip(arm.joint_names, arm.limits.torque, strict=True):
+        actuators.append(_dcmotor(name, float(limit), model))
+    rest = np.zeros(model.nq)
+    rest[sticking.motor] = arm.rest
+    keys = ET.SubElement(root, "keyframe")
+    ET.SubElement(keys, "key", name="home", qpos=numbers(rest))
+
+    offsets = sticking.parameters.offset, sticking.parameters.gravity_error
+    comment = _COMMENT.format(
+        name=arm.name,
+        friction=friction_name.replace("--", "- -"),
+        timestep=sticking.timestep,
+        offsets=" (this arm has some)" if any(o.any() for o in offsets) else "",
+    )
+    ET.indent(root)
+    text = f"<!--{comment}-->\n{ET.tostring(root, encoding='unicode')}\n"
+    _check(text, sticking)
+    return text
+
+
+def _options(root: ET.Element, timestep: float) -> None:
+    option = root.find("option")
+    if option is None:
+        option = ET.Element("option")
+        root.insert(0, option)
+    option.set("timestep", repr(timestep))
+    option.set("integrator", "Euler")
+    flag = option.find("flag")
+    if flag is None:
+        flag = ET.SubElement(option, "flag")
+    flag.set("contact", "disable")
+    # a default for actuators would reach ours
+    for default in root.iter("default"):
+        for kind in ("general", "motor", "position", "velocity", "dcmotor"):
+            for element in default.findall(kind):
+                default.remove(element)
+
+
+def _motor_side(element: ET.Element, model: mujoco.MjModel) -> None:
+    joint = model.joint(element.get("name"))
+    element.attrib.pop("frictionloss", None)
+    element.set("armature", repr(float(joint.armature[0])))
+    element.set("damping", repr(float(joint.damping[0])))
+
+
+def _spring(name: str, model: mujoco.MjModel) -> ET.Element:
+    joint = model.joint(name)
+    return ET.Element(
+        "joint",
+        name=name,
+        type="hinge",
+        limited="false",
+        pos=numbers(joint.pos),
+        axis=numbers(joint.axis),
+        stiffness=repr(float(np.ravel(joint.stiffness)[0])),
+        damping=repr(float(joint.damping[0])),
+        armature="0",
+        frictionloss="0",
+    )
+
+
+def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
+    actuator = model.actuator(f"{name}_torque").id
+    bias, dyn = model.actuator_biasprm[actuator], model.actuator_dynprm[actuator]
+    element = ET.Element(
+        "dcmotor",
+        name=f"{name}_torque",
+        joint=name,
+        input="ff",
+        motorconst="1",
+        resistance="1",
+        lugre=numbers(
+            [
+                dyn[BRISTLE_STIFFNESS],
+                dyn[BRISTLE_DAMPING],
+                bias[COULOMB],
+                bias[STICTION],
+                bias[STRIBECK],
+            ]
+        ),
+    )
+    if bias[RIPPLE] != 0:
+        element.set("cogging", numbers(bias[RIPPLE : RIPPLE + 3]))
+    if np.isfinite(limit):
+        element.set("ctrlrange", numbers([-limit, limit]))
+    return element
+
+
+def _check(text: str, sticking: StickingModel) -> None:
+    """Raise if stock MuJoCo does not read the text as the same model (to 1e-9)."""
+    try:
+        again = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        raise StictionError(f"{sticking.arm.name}: cannot be exported: {error}") from None
+    worst = {k: v for k, v in differences(again, sticking).items() if not v <= 1e-9}
+    if worst:
+        name, value = max(worst.items(), key=lambda item: item[1])
+        raise StictionError(f"{sticking.arm.name}: cannot be exported: {name} off by {value:.1e}")
+
+
+def differences(again: mujoco.MjModel, sticking: StickingModel) -> dict[str, float]:
+    """Return the largest difference of every physical field, relative to the field's largest.
+
+    Args:
+        again: the model read back; it has the torque actuators only.
+        sticking: what it was made of.
+    """
+    model, act = sticking.model, sticking.torque_actuator
+    fields = (
+        *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat"),
+        *("jnt_pos", "jnt_axis", "jnt_range", "jnt_stiffness"),
+        *("dof_armature", "dof_damping", "dof_frictionloss", "qpos0", "qpos_spring"),
+    )
+    pairs = {k: (getattr(again, k), getattr(model, k)) for k in fields}
+    for k in ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_gear"):
+        pairs[k] = (getattr(again, k), getattr(model, k)[act])
+    pairs["body_gravcomp"] = (again.body_gravcomp[1:], model.body_gravcomp[1:])  # not the world's
+    pairs["timestep"] = (np.array([again.opt.timestep]), np.array([model.opt.timestep]))
+    pairs["gravity"] = (again.opt.gravity, model.opt.gravity)
+    out = {}
+    for k, (new, old) in pairs.items():
+        if new.shape != old.shape:
+            out[k] = np.inf
+            continue
+        scale = np.maximum(np.abs(old), 1e-3 * np.abs(old).max(initial=0.0))
+        off = np.abs(new - old)
+        out[k] = float((off[off > 0] / np.maximum(scale, 1e-12)[off > 0]).max(initial=0.0))
+    return out

@@ -1,0 +1,74 @@
+"""A progress bar on standard error: tqdm on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Self
+
+EVERY = 10.0
+"""Least time between two lines where standard error is no terminal [s]."""
+
+
+class Progress:
+    """Progress of long work; a context manager that leaves no half-drawn bar."""
+
+    def __init__(self, unit: str = "s simulated") -> None:
+        """Start at nothing; ``unit`` is what is counted."""
+        self._unit = unit
+        self._bar: Any = None
+        self._stage = ""
+        self._done = 0.0
+        self._said = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._close()
+
+    def add(self, stage: str, amount: float, total: float) -> None:
+        """Count ``amount`` more of a stage."""
+        self.set(stage, (self._done if stage == self._stage else 0.0) + amount, total)
+
+    def set(self, stage: str, done: float, total: float) -> None:
+        """Say how much of a stage is done; an estimated ``total`` may be passed."""
+        if stage != self._stage:
+            self._close()
+        self._stage, self._done = stage, done
+        shown = min(done, total)
+        if sys.stderr.isatty():
+            self._draw(shown, total)
+        elif time.monotonic() - self._said >= EVERY and total > 0:
+            self._said = time.monotonic()
+            percent = 100 * shown / total
+            print(
+                f"{stage}: {percent:.0f} % ({shown:.0f} of {total:.0f} {self._unit})",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def _draw(self, shown: float, total: float) -> None:
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                desc=self._stage,
+                total=total,
+                leave=False,
+                file=sys.stderr,
+                bar_format="{desc}: {percentage:3.0f} %|{bar}| {elapsed} elapsed, {remaining} left",
+            )
+        self._bar.total = total
+        self._bar.update(shown - self._bar.n)
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+        self._bar, self._done = None, 0.0

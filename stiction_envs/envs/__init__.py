@@ -1,0 +1,1 @@
+"""Gymnasium environments: thin skins over `experiments`; the package registers them."""

@@ -1,0 +1,318 @@
+"""The SJE environment for N slots: what the single and the vector environment share.
+
+One episode is one ramp of one configuration. Nothing here depends on how many slots there are:
+row i of a batch and a single environment with the same random generator are the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from stiction_envs.envs.base import base_torques
+from stiction_envs.envs.layout import (
+    GROUPS,
+    action_bounds,
+    check_options,
+    observation_bounds,
+    observation_names,
+)
+from stiction_envs.envs.trace import Trace
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.protocol import Configuration, configurations
+from stiction_envs.experiments.rig import APPROACH, BLOCK, RAMP
+from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import load_arm
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Index = NDArray[np.int64]
+TERMS = ("breakaway", "torque", "power", "torque_rate")
+"""Terms of the reward, in the order in which they are summed."""
+BLOCK_S = BLOCK * CONTROL_DT
+"""The control interval is a multiple of this [s]."""
+_ROUNDING = 1e-5  # of an action's range: what float32 and RescaleAction may be off by
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step:
+    """What one step of M slots gave; arrays (M,)."""
+
+    reward: Array
+    terms: dict[str, Array]
+    """Per name of `TERMS`; they sum to the reward."""
+    terminated: Bools
+    truncated: Bools
+    torque: Array
+    """Commanded torque of the tested joint, dither excluded [N·m]."""
+    displacement: Array
+    """Angle of the tested joint since its ramp started [rad]."""
+    time: Array
+    """Time since the ramp started [s]."""
+    tau_sje: Array
+    """Torque at the threshold [N·m]; NaN while not terminated."""
+    tau_base: Array
+    """[N·m]."""
+    reduction: Array
+    """1 − |τ_SJE| / |τ_base|; NaN while not terminated [-]."""
+
+
+class Core:
+    """N slots of the SJE environment."""
+
+    def __init__(
+        self,
+        num_envs: int,
+        *,
+        robot: str | Path = "panda",
+        payload: Sequence[float] | None = None,
+        tilt: Sequence[float] = (0.0, 0.0),
+        scatter: bool = True,
+        friction: str | Path | FrictionParameters | None = None,
+        control_interval_s: float = 0.1,
+        power_weight: float = 0.01,
+        torque_rate_weight: float = 0.01,
+        max_episode_steps: int = 1000,
+        fixed_options: Mapping[str, Any] | None = None,
+        nthread: int = 0,
+        record: bool = False,
+    ) -> None:
+        """Make the slots; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
+        arm = load_arm(robot, payload=payload, tilt=tilt)
+        if isinstance(friction, (str, Path)):
+            friction = load_friction(Path(friction), arm.n)
+        for name, value in (("power", power_weight), ("torque_rate", torque_rate_weight)):
+            if not 0 <= value < np.inf:
+                raise StictionError(f"{name}_weight {value}: allowed are 0 and above")
+        if not isinstance(max_episode_steps, (int, np.integer)) or max_episode_steps < 1:
+            raise StictionError(
+                f"max_episode_steps {max_episode_steps}: allowed are whole numbers from 1"
+            )
+        self.blocks = _blocks(control_interval_s)
+        self.interval = self.blocks * BLOCK_S
+        self.experiment = SingleJointExperiment.of(
+            arm, friction=friction, scatter=scatter, nthread=nthread
+        )
+        self.arm, self.n, self.num_envs = arm, arm.n, num_envs
+        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
+        self.max_episode_steps = int(max_episode_steps)
+        self.fixed_options = check_options(fixed_options, arm.n)
+        e = self.experiment
+        low, high = action_bounds(e.sticking.parameters, e.poses, e.interface)
+        self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        self.observation_space = Box(*observation_bounds(arm.n), dtype=np.float32)
+        self.observation_names = observation_names(arm.n)
+        self._low = self.action_space.low.astype(float)
+        self._high = self.action_space.high.astype(float)
+        self.rig = e.rig(num_envs, dither_all=True)
+        self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
+        self.action = np.zeros((num_envs, 2 * arm.n))
+        self.tau_base = np.ones(num_envs)
+        self.steps = np.zeros(num_envs, dtype=np.int64)
+        self.alive = np.zeros(num_envs, dtype=bool)
+        self._level = np.zeros(num_envs)
+        self.trace: list[Trace] | None = [Trace() for _ in range(num_envs)] if record else None
+
+    # ---- reset -------------------------------------------------------------------------------
+
+    def reset(
+        self,
+        ids: Index,
+        rngs: Sequence[np.random.Generator],
+        options: Sequence[Mapping[str, Any] | None],
+    ) -> None:
+        """Start an episode in slots ``ids``, each drawn from its own generator.
+
+        A generator gives the same number of draws whatever the options say.
+
+        Raises:
+            StictionError: an option that does not exist.
+        """
+        checked = [{**self.fixed_options, **check_options(o, self.n)} for o in options]
+        drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
+        chosen, keys = [c for c, _ in drawn], [k for _, k in drawn]
+        wanted = set(chosen)
+        if any(set(o) != {"joint", "load", "direction"} for o in checked):
+            # further episodes will draw as well: one batch for all is the fastest
+            wanted |= {c for c in configurations(self.n) if _fits(c, self.fixed_options)}
+        base = base_torques(self.experiment, sorted(wanted))
+        for i, c in zip(ids, chosen, strict=True):
+            self.configuration[i], self.tau_base[i] = c, base[c]
+        rig = self.rig
+        rig.place(ids, chosen)
+        rig.approach(ids, keys)
+        rig.set_dither(ids, amplitude=0.0, frequency=0.0)
+        self.action[ids] = self._low
+        # slots come to rest at different times; no ramp may start before the first action
+        while len(moving := ids[rig.phase[ids] == APPROACH]):
+            rig.advance(moving)
+        self._level[ids], self.steps[ids], self.alive[ids] = 0.0, 0, True
+        if self.trace is not None:
+            for i in ids:
+                self.trace[i].clear()
+
+    def _draw(
+        self, rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> tuple[Configuration, tuple[int, ...]]:
+        drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
+        key = tuple(int(k) for k in rng.integers(2**32, size=2))
+        return Configuration(
+            options.get("joint", drawn.joint),
+            options.get("load", drawn.load),
+            options.get("direction", drawn.direction),
+        ), key
+
+    # ---- step --------------------------------------------------------------------------------
+
+    def step(self, ids: Index, action: Any) -> Step:
+        """Dither slots ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
+
+        Raises:
+            StictionError: an action outside the space, or a slot whose episode is over.
+        """
+        if not np.all(self.alive[ids]):
+            raise StictionError("step: the episode is over or was never started: call reset")
+        action = self._check_action(action, len(ids))
+        rig = self.rig
+        self.action[ids] = action
+        rig.retune(self.action[:, : self.n], self.action[:, self.n :])
+        busy = ids
+        for _ in range(self.blocks):
+            ended = rig.advance(busy)
+            if self.trace is not None:
+                self._record(busy)
+            if len(ended):
+                busy = np.setdiff1d(busy, ended)
+            if not len(busy):
+                break
+        self.steps[ids] += 1
+        return self._outcome(ids, action)
+
+    def _check_action(self, action: Any, m: int) -> Array:
+        """Return the action as float64 within the space."""
+        try:
+            out = np.array(action, dtype=float)
+        except (TypeError, ValueError):
+            raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
+        shape = (m, 2 * self.n)
+        if out.shape != shape:
+            raise StictionError(f"action has shape {out.shape}: allowed is {shape}")
+        slack = _ROUNDING * (self._high - self._low)
+        good = (out >= self._low - slack) & (out <= self._high + slack)
+        if not good.all():
+            row, k = np.argwhere(~good)[0]
+            what, unit = ("amplitude", "N·m") if k < self.n else ("frequency", "Hz")
+            raise StictionError(
+                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: allowed are "
+                f"{self._low[k]:g} to {self._high[k]:g} {unit}"
+            )
+        return np.clip(out, self._low, self._high)
+
+    def _outcome(self, ids: Index, action: Array) -> Step:
+        rig = self.rig
+        tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
+        running = rig.phase[ids] == RAMP
+        terminated = ~running & np.isfinite(tau)
+        truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
+        torque = np.where(terminated, tau, self.torque(ids))
+        level = np.abs(torque)
+        terms = {
+            "breakaway": terminated.astype(float),
+            "torque": -(level - self._level[ids]) / base,
+            **self._penalties(action, base),
+        }
+        self._level[ids] = level
+        self.alive[ids] = ~(terminated | truncated)
+        reward = np.zeros(len(ids))
+        for name in TERMS:
+            reward = reward + terms[name]
+        tau[~terminated] = np.nan
+        return Step(
+            reward=reward,
+            terms=terms,
+            terminated=terminated,
+            truncated=truncated,
+            torque=torque,
+            displacement=rig.displacement()[ids],
+            time=rig.step[ids].astype(float) * CONTROL_DT,
+            tau_sje=tau,
+            tau_base=self.tau_base[ids].copy(),
+            reduction=1.0 - np.abs(tau) / base,
+        )
+
+    def _penalties(self, action: Array, base: Array) -> dict[str, Array]:
+        amplitude, frequency = action[:, : self.n], action[:, self.n :]
+        share = self.interval * self.experiment.protocol.ramp_rate / base
+        top = self._high[: self.n]
+        rate = 2 * np.pi * frequency * amplitude / self.experiment.interface.torque_rate
+        power = np.mean((amplitude / top) ** 2, axis=1)
+        return {
+            "power": -self.power_weight * share * power,
+            "torque_rate": -self.torque_rate_weight * share * np.mean(rate**2, axis=1),
+        }
+
+    # ---- what is seen ------------------------------------------------------------------------
+
+    def torque(self, ids: Index) -> Array:
+        """Return (M,) commanded torque of the tested joints, dither excluded, now [N·m]."""
+        last = np.maximum(self.rig.step[ids] - 1, 0)
+        return self.rig.ramp_torque(ids, last[:, None])[:, 0]
+
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of slots ``ids``: a fresh array."""
+        rig, rows = self.rig, np.arange(len(ids))
+        threshold = rig.protocol.threshold
+        base = np.abs(self.tau_base[ids])
+        torque = self.torque(ids)
+        tested = np.zeros((len(ids), self.n))
+        tested[rows, rig.joint[ids]] = 1.0
+        scaled = 2.0 * (self.action[ids] - self._low) / (self._high - self._low) - 1.0
+        values = {
+            "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
+            "velocity": rig.plant.velocity[ids] / threshold,
+            "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
+            "torque": torque / base,
+            "elapsed": rig.sign[ids] * (torque - rig.start_torque[ids]) / base,
+            "tested": tested,
+            "load": np.array([float(self.configuration[i].load == "load") for i in ids]),
+            "direction": rig.sign[ids],
+            "amplitude": scaled[:, : self.n],
+            "frequency": scaled[:, self.n :],
+        }
+        columns = [values[g.name].reshape(len(ids), -1) for g in GROUPS]
+        space = self.observation_space
+        return np.clip(np.concatenate(columns, axis=1), space.low, space.high).astype(np.float32)
+
+    def _record(self, ids: Index) -> None:
+        assert self.trace is not None
+        torque, moved = self.torque(ids), self.rig.displacement()[ids]
+        for row, i in enumerate(ids):
+            k = self.rig.joint[i]
+            self.trace[i].add(
+                time=float(self.rig.step[i] * CONTROL_DT),
+                torque=float(torque[row]),
+                amplitude=float(self.action[i, k]),
+                frequency=float(self.action[i, self.n + k]),
+                displacement=float(moved[row]),
+            )
+
+
+def _fits(configuration: Configuration, options: Mapping[str, Any]) -> bool:
+    return all(getattr(configuration, k) == v for k, v in options.items())
+
+
+def _blocks(interval: float) -> int:
+    blocks = round(interval / BLOCK_S) if np.isfinite(interval) else 0
+    if blocks < 1 or abs(blocks * BLOCK_S - interval) > 1e-9:
+        raise StictionError(
+            f"control_interval_s {interval}: allowed are the multiples of {BLOCK_S:g} s"
+        )
+    return blocks

@@ -1,0 +1,164 @@
+"""Stable-Baselines3 on the native batch: one `VecEnv` for all arms, no subprocesses.
+
+    from stiction_envs.envs.sb3 import make_sb3
+
+    env = VecMonitor(make_sb3("PandaSJE-v0", num_envs=32))
+    PPO("MlpPolicy", env).learn(100_000)
+
+Needs the extra `rl`: `pip install 'stiction-envs[rl]'`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError:
+    raise StictionError(
+        "stable-baselines3 is not installed: pip install 'stiction-envs[rl]'"
+    ) from None
+
+
+class SB3VecEnv(VecEnv):
+    """A same-step Gymnasium `VectorEnv` as a Stable-Baselines3 `VecEnv`.
+
+    Actions are in [-1, 1] and are scaled to the environment's bounds: −1 is exactly the lowest, so
+    amplitude −1 is exactly no dither. When an episode ends, its infos hold what the environment
+    said last, with `terminal_observation` and `TimeLimit.truncated`; the returned observation
+    already belongs to the next episode, as Stable-Baselines3 expects.
+    """
+
+    def __init__(self, env: VectorEnv, *, rescale: bool = True) -> None:
+        """Adapt a vector environment.
+
+        Args:
+            env: with Box actions and observations, and the autoreset mode `SameStep`.
+            rescale: whether actions are in [-1, 1]; else they are those of the environment.
+
+        Raises:
+            StictionError: another autoreset mode, or spaces other than Box.
+        """
+        mode = env.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise StictionError(
+                f"autoreset mode {getattr(mode, 'value', mode)!r}: Stable-Baselines3 needs "
+                "'SameStep': gym.make_vec(..., autoreset_mode='SameStep')"
+            )
+        actions = env.single_action_space
+        if not isinstance(actions, Box) or not isinstance(env.single_observation_space, Box):
+            raise StictionError("SB3VecEnv: allowed are Box actions and observations")
+        self.env = env
+        self.spec = env.unwrapped.spec
+        self._rescale = rescale
+        self._low = actions.low.astype(float)
+        self._high = actions.high.astype(float)
+        self._actions: NDArray[Any] = np.zeros((env.num_envs, *actions.shape))
+        if rescale:
+            actions = Box(-1.0, 1.0, actions.shape, np.float32)
+        super().__init__(env.num_envs, env.single_observation_space, actions)
+
+    def scale(self, actions: NDArray[Any]) -> NDArray[np.float64]:
+        """Return actions in [-1, 1] in the units of the environment [N·m, Hz]."""
+        return self._low + 0.5 * (np.asarray(actions, float) + 1.0) * (self._high - self._low)
+
+    def reset(self) -> NDArray[np.float32]:
+        """Start all episodes, with the seeds and options that were set."""
+        same = all(o == self._options[0] for o in self._options)
+        options: Any = self._options[0] if same else self._options
+        seeds: Any = None if self._seeds[0] is None else self._seeds
+        observation, infos = self.env.reset(seed=seeds, options=options or None)
+        self.reset_infos = [_row(infos, i) for i in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Remember the actions."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Step all environments."""
+        actions = self.scale(self._actions) if self._rescale else self._actions
+        observation, reward, terminated, truncated, batch = self.env.step(actions)
+        done = terminated | truncated
+        final = batch.pop("final_info", None)
+        last = batch.pop("final_obs", None)
+        infos = []
+        for i in range(self.num_envs):
+            info = _row(batch, i)
+            if done[i]:
+                self.reset_infos[i] = info
+                info = _row(final, i)
+                info["terminal_observation"] = last[i]
+            info["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+            infos.append(info)
+        return observation, reward.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Close the vector environment."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the vector environment, once per index."""
+        value = getattr(self.env.unwrapped, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the vector environment, which is one for all."""
+        setattr(self.env.unwrapped, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the vector environment, once for all."""
+        result = getattr(self.env.unwrapped, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return False: a native batch has no single environments to wrap."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Return one frame per environment."""
+        frames: Any = self.env.render()
+        return [None] * self.num_envs if frames is None else list(frames)
+
+
+def _row(batch: dict[str, Any], i: int) -> dict[str, Any]:
+    """Return the info of environment ``i`` from Gymnasium's dict of arrays and masks."""
+    out: dict[str, Any] = {}
+    for key, values in batch.items():
+        mask = batch.get(f"_{key}")
+        if mask is None or not mask[i]:
+            continue
+        if isinstance(values, dict):
+            out[key] = _row(values, i)
+        else:
+            value = values[i]
+            out[key] = value.item() if isinstance(value, np.generic) else value
+    return out
+
+
+def make_sb3(name: str, num_envs: int = 1, *, rescale: bool = True, **arguments: Any) -> SB3VecEnv:
+    """Return a registered environment (``PandaSJE-v0``) as a `SB3VecEnv`.
+
+    Args:
+        name: registered name.
+        num_envs: how many arms.
+        rescale: whether actions are in [-1, 1].
+        arguments: those of the environment.
+    """
+    if ":" not in name:
+        name = f"stiction_envs:{name}"
+    batch = gymnasium.make_vec(name, num_envs, autoreset_mode="SameStep", **arguments)
+    return SB3VecEnv(batch, rescale=rescale)

@@ -1,0 +1,31 @@
+"""What one episode did over time, kept to be drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Trace:
+    """Samples of one ramp, one per block of control steps."""
+
+    time: list[float] = field(default_factory=list)
+    """Since the ramp started [s]."""
+    torque: list[float] = field(default_factory=list)
+    """Commanded torque of the tested joint, dither excluded [N·m]."""
+    amplitude: list[float] = field(default_factory=list)
+    """Dither amplitude of the tested joint [N·m]."""
+    frequency: list[float] = field(default_factory=list)
+    """Dither frequency of the tested joint [Hz]."""
+    displacement: list[float] = field(default_factory=list)
+    """Angle of the tested joint since its ramp started [rad]."""
+
+    def clear(self) -> None:
+        """Forget everything: a new episode starts."""
+        for samples in vars(self).values():
+            samples.clear()
+
+    def add(self, **sample: float) -> None:
+        """Append one sample: every field by name."""
+        for name, value in sample.items():
+            getattr(self, name).append(value)

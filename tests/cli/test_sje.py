@@ -1,0 +1,175 @@
+"""``stiction sje`` from end to end, on one joint and one iteration."""
+
+import csv
+import json
+import math
+
+import pytest
+
+from stiction_envs.experiments import protocol
+from stiction_envs.measured import read_sje
+
+QUICK = ["--joint", 7, "--iterations", 1]
+
+
+def test_base_only(cli, work):
+    ran = cli("sje", "panda", *QUICK, "--out", "a")
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "Joint 7 No load (-)" in ran.out
+    rows = read_sje("a/sje.csv")
+    keys = [(7, load, d) for load in ("load", "no_load") for d in "+-"]
+    assert [(r.joint, r.load, r.direction) for r in rows] == keys
+    assert all(r.is_base and r.reduction == 0 and r.iterations == 1 for r in rows)
+    assert all(math.copysign(1, r.tau_nm) == (1 if r.direction == "+" else -1) for r in rows)
+    assert {p.name for p in (work / "a").iterdir()} == {
+        "sje.csv",
+        "joint7_load.png",
+        "joint7_no_load.png",
+        "provenance.json",
+    }
+
+
+def test_columns_are_the_contracts(cli):
+    cli("sje", "panda", *QUICK, "--load", "load", "--direction", "+", "--out", "a")
+    with open("a/sje.csv", encoding="utf-8") as file:
+        header = next(csv.reader(file))
+    assert header == [
+        *("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm"),
+        *("tau_nm", "std_nm", "iterations", "reduction"),
+    ]
+
+
+def test_with_dither(cli, work, dither):
+    ran = cli("sje", "panda", "--joint", 6, 7, "--iterations", 1, "--dither", dither, "--json")
+    result = json.loads(ran.out)
+    assert ran.code == 0
+    rows = read_sje(work / "runs" / "sje-panda" / "sje.csv")
+    base = {(r.joint, r.load, r.direction): r.tau_nm for r in rows if r.is_base}
+    dithered = [r for r in rows if not r.is_base]
+    assert len(base) == 8
+    assert {r.joint for r in dithered} == {7}
+    for r in dithered:
+        assert (r.frequency_hz, r.amplitude_nm) == (15.0, 0.6)
+        tau_base = base[7, r.load, r.direction]
+        assert r.reduction == 1 - abs(r.tau_nm) / abs(tau_base)
+        assert r.reduction > 0.1
+    names = {p.stem for p in (work / "runs" / "sje-panda").glob("*.png")}
+    assert names == {f"joint{j}_{load}" for j in (6, 7) for load in ("load", "no_load")} | {
+        "joint7_load_dither",
+        "joint7_no_load_dither",
+    }
+    assert [r["tau_nm"] for r in result["rows"]] == [r.tau_nm for r in rows]
+    assert result["rows"][0]["std_nm"] is None  # NaN is no JSON
+    assert result["failed"] is None
+
+
+def test_provenance(cli, work, dither):
+    options = ["--seed", 3, "--load", "load", "--direction", "+", "--dither", dither]
+    cli("sje", "panda", *QUICK, *options, "--out", "a")
+    found = json.loads((work / "a" / "provenance.json").read_text())
+    assert found["command"] == "sje"
+    assert found["seed"] == 3
+    assert found["arguments"]["joint"] == [7]
+    assert found["arguments"]["dither"] == str(dither)
+    assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither"}
+    assert all(len(v["sha256"]) == 64 for v in found["inputs"].values())
+    assert {"python", "stiction-envs", "mujoco", "numpy", "gymnasium", "optuna", "pin"} <= set(
+        found["versions"]
+    )
+    assert "git_commit" in found
+    assert found["files"] == ["joint7_load.png", "joint7_load_dither.png", "sje.csv"]
+
+
+def test_same_run_gives_the_same_bytes(cli, work, dither):
+    for name, options in (("a", []), ("b", ["--slots", 2, "--threads", 1])):
+        assert cli("sje", "panda", *QUICK, "--dither", dither, "--out", name, *options).code == 0
+    files = [{p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab"]
+    assert files[0] == files[1]
+
+
+def test_seed_and_scatter_matter(cli, work):
+    one = ["--load", "load", "--direction", "+"]
+    for name, options in (
+        ("a", ["--seed", 1]),
+        ("b", ["--seed", 2]),
+        ("c", ["--no-scatter", "--seed", 1]),
+        ("d", ["--no-scatter", "--seed", 2]),
+    ):
+        assert cli("sje", "panda", *QUICK, *one, *options, "--out", name).code == 0
+    a, b, c, d = (read_sje(work / k / "sje.csv")[0].tau_nm for k in "abcd")
+    assert len({a, b, c}) == 3
+    assert c == d
+
+
+def test_options_reach_the_experiment(cli, two, work):
+    options = ["--iterations", 1, "--no-scatter", "--joint", 1, "--load", "load"]
+    options += ["--direction", "+"]
+    cli("sje", two, *options, "--out", "a")
+    cli("sje", two, *options, "--ramp-rate", 0.3, "--out", "b")
+    cli("sje", two, *options, "--tilt", 0.5, -2e-1, "--payload", 1, 0, 0, "-1e-2", "--out", "c")
+    a, b, c = (read_sje(work / k / "sje.csv")[0] for k in "abc")
+    assert a.robot == "two"
+    assert len({a.tau_nm, b.tau_nm, c.tau_nm}) == 3
+    found = json.loads((work / "c" / "provenance.json").read_text())
+    assert found["arguments"]["payload"] == [1.0, 0.0, 0.0, -0.01]
+
+
+def test_other_run_is_replaced_only_by_force(cli, work):
+    one = ["--load", "load", "--direction", "+", "--iterations", 1]
+    assert cli("sje", "panda", "--joint", 6, *one, "--out", "a").code == 0
+    (work / "a" / "notes.txt").write_text("mine")
+    before = {p.name: p.read_bytes() for p in (work / "a").iterdir()}
+    refused = cli("sje", "panda", "--joint", 7, *one, "--out", "a")
+    assert refused.code == 2
+    assert "a run of stiction sje" in refused.err
+    assert {p.name: p.read_bytes() for p in (work / "a").iterdir()} == before
+    assert cli("sje", "panda", "--joint", 7, *one, "--out", "a", "--force").code == 0
+    assert {p.name for p in (work / "a").iterdir()} == {
+        "joint7_load.png",
+        "notes.txt",
+        "provenance.json",
+        "sje.csv",
+    }
+    assert (work / "a" / "notes.txt").read_text() == "mine"
+
+
+def test_stuck_configurations_are_named_and_left_out(cli, work, monkeypatch):
+    loaded = protocol.load_protocol
+    base = loaded("panda")
+    # 0.93: gives up between the torques of the two directions
+    monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.5))
+    ran = cli("sje", "panda", *QUICK, "--out", "a")
+    assert ran.code == 1
+    assert len(ran.lines) == 1
+    assert "joint 7 load (+) with no dither, 1 of 1 iterations" in ran.lines[0]
+    assert "nothing was written" in ran.lines[0]
+    assert list(work.iterdir()) == []
+
+
+def test_some_stuck_configurations(cli, work, dither, monkeypatch):
+    base = protocol.load_protocol("panda")
+    # too little without dither, enough with it
+    monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.8))
+    options = ["--load", "load", "--direction", "+", "--no-scatter"]
+    ran = cli("sje", "panda", *QUICK, *options, "--dither", dither, "--out", "a", "--json")
+    assert ran.code == 1
+    assert len(ran.lines) == 1
+    assert "left out of" in ran.lines[0]
+    result = json.loads(ran.out)
+    assert result["stuck"] == [{"joint": 7, "load": "load", "direction": "+"}]
+    (row,) = read_sje(work / "a" / "sje.csv")
+    assert not row.is_base
+    assert math.isnan(row.reduction)
+    assert result["rows"][0]["reduction"] is None
+
+
+@pytest.mark.parametrize("argv", [[], ["sje"], ["tune"], ["calibrate"], ["export"]])
+def test_help(cli, work, argv):
+    ran = cli(*argv, "--help")
+    assert ran.code == 0
+    assert ran.err == ""
+    assert list(work.iterdir()) == []
+    assert "0 done" in ran.out if not argv else f"example:\n  stiction {argv[0]} " in ran.out
+    for option in ("--out", "--force", "--json", "--seed", "--payload", "--tilt"):
+        assert not argv or option in ran.out

@@ -1,0 +1,243 @@
+"""The torque path: hold, rate limit, low-pass, torque limit. physics.md 1.8 and 2.6."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.torque_path import CONTROL_RATE_HZ, TorqueInterface, TorquePath
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import load_arm
+
+DT = 1.0 / CONTROL_RATE_HZ
+
+
+def interface(**changes: object) -> TorqueInterface:
+    fields: dict[str, object] = {
+        "controller_rate_hz": 1000,
+        "lowpass_hz": 0.0,
+        "torque_rate": np.array([np.inf, np.inf]),
+        "torque_limit": np.array([np.inf, np.inf]),
+    }
+    return TorqueInterface(**(fields | changes))  # type: ignore[arg-type]
+
+
+def sine(hz: float, amplitude: float = 1.0, time: float = 1.0, phase: float = 0.0) -> np.ndarray:
+    return amplitude * np.sin(2 * np.pi * hz * np.arange(round(time / DT)) * DT + phase)
+
+
+def through(command: np.ndarray, **changes: object) -> np.ndarray:
+    """Pass a series [N·m] on the first of two joints; the other one gets its negative."""
+    path = TorquePath(interface(**changes), 1, 2)
+    out = path.run(np.stack([command, -command], axis=1)[None], np.arange(1))[0]
+    np.testing.assert_array_equal(out[:, 1], -out[:, 0])
+    return out[:, 0]
+
+
+def response(u: np.ndarray, y: np.ndarray, hz: float) -> tuple[float, float]:
+    """Gain and phase [°] of y against u at hz, over a whole number of periods at the end."""
+    k = np.arange(len(u) - 200, len(u))  # 0.2 s
+    w = np.exp(-2j * np.pi * hz * k * DT)
+    h = (y[k] @ w) / (u[k] @ w)
+    return float(abs(h)), float(np.degrees(np.angle(h)))
+
+
+# ---- low-pass ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("hz", "gain", "phase"),
+    [
+        (15, 0.982, -8.5),
+        (20, 0.969, -11),
+        (30, 0.934, -16),
+        (50, 0.844, -24.5),
+        (80, 0.704, -32.6),
+        (100, 0.623, -35.7),
+        (200, 0.386, -35.8),
+    ],
+)
+def test_lowpass_is_the_table_of_physics_1_8(hz, gain, phase):
+    u = sine(hz)
+    g, p = response(u, through(u, lowpass_hz=100.0), hz)
+    assert g == pytest.approx(gain, abs=6e-4)
+    assert p == pytest.approx(phase, abs=0.5 if hz in (20, 30) else 0.06)
+
+
+def test_lowpass_step_and_gain():
+    """y ← y + g(u − y), g = 0.3859 at 100 Hz; a constant passes with gain one."""
+    assert interface(lowpass_hz=100.0).lowpass_gain == pytest.approx(0.3859, abs=5e-5)
+    y = through(np.ones(200), lowpass_hz=100.0)
+    np.testing.assert_allclose(y[:3], 1 - (1 - 0.38586) ** np.arange(1, 4), atol=1e-4)
+    assert y[-1] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_filter_off_passes_bits():
+    u = np.random.default_rng(0).normal(size=500)
+    assert through(u).tobytes() == u.tobytes()
+    assert interface().lowpass_gain == 1.0
+
+
+# ---- rate limit ----------------------------------------------------------------------------
+
+LIMITED = {"torque_rate": np.array([1000.0, 1000.0])}
+
+
+def test_rate_limit_saturates_the_sine_of_physics_1_8():
+    """2πfA: 3.2 N·m at 80 Hz is 1608 N·m/s and is cut; the output is a triangle of 1 N·m/ms."""
+    u = sine(80, 3.2)
+    y = through(u, **LIMITED)
+    assert np.abs(np.diff(y)).max() == pytest.approx(1.0, abs=1e-12)
+    # a saturated sine turns into a triangle of rate × quarter period at least where cut most
+    assert np.abs(y).max() < 0.99 * np.abs(u).max()
+    gain, phase = response(u, y, 80)
+    assert gain < 0.98
+    assert phase < -5
+
+
+@pytest.mark.parametrize(("hz", "amplitude"), [(80, 1.95), (50, 3.1), (15, 10.0), (30, 5.2)])
+def test_rate_limit_leaves_slower_sines_alone(hz, amplitude):
+    u = sine(hz, amplitude)
+    assert 2 * np.pi * hz * amplitude < 1000
+    assert through(u, **LIMITED).tobytes() == u.tobytes()
+
+
+def test_rate_limit_follows_a_step():
+    y = through(np.full(20, 7.25), **LIMITED)
+    np.testing.assert_allclose(y[:9], [1, 2, 3, 4, 5, 6, 7, 7.25, 7.25], atol=1e-12)
+    assert y[-1] == 7.25
+
+
+def test_rate_limit_comes_before_the_low_pass():
+    """A step is first a ramp, then filtered: its first sample is g × 1 N·m."""
+    y = through(np.full(50, 10.0), **LIMITED, lowpass_hz=100.0)
+    g = interface(lowpass_hz=100.0).lowpass_gain
+    assert y[0] == pytest.approx(g * 1.0)
+    assert y[1] == pytest.approx(g * 1.0 + g * (2.0 - g))
+
+
+def test_torque_limit():
+    y = through(sine(10, 20.0), torque_limit=np.array([12.0, 12.0]))
+    assert y.max() == 12.0
+    assert y.min() == -12.0
+    small = sine(10, 11.0)
+    assert through(small, torque_limit=np.array([12.0, 12.0])).tobytes() == small.tobytes()
+
+
+def test_limits_of_columns_that_change_joints():
+    path = TorquePath(interface(**LIMITED), 2, 1)
+    path.set_limits(np.array([1]), np.array([[500.0]]), np.array([[3.0]]))
+    out = path.run(np.full((2, 20, 1), 10.0), np.arange(2))[:, :, 0]
+    np.testing.assert_allclose(out[1, :7], [0.5, 1, 1.5, 2, 2.5, 3, 3])
+    assert out[0, -1] == 10.0  # a column without limits passes everything
+    assert out[0, 0] == 10.0
+
+
+# ---- state ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lowpass", [0.0, 100.0])
+@pytest.mark.parametrize("amplitude", [0.5, 1.9, 6.0])
+def test_any_split_gives_the_same_bits(lowpass, amplitude):
+    """One run of 40 steps is two of 20 is 40 of one, saturated or not."""
+    rng = np.random.default_rng(1)
+    u = amplitude * np.sin(rng.uniform(0, 9, (3, 1, 2)) + 0.5 * np.arange(40)[None, :, None])
+    kwargs = LIMITED | {"lowpass_hz": lowpass, "torque_limit": np.array([4.0, 2.0])}
+    outs = []
+    for size in (40, 20, 8, 1):
+        path = TorquePath(interface(**kwargs), 3, 2)
+        ids = np.arange(3)
+        outs.append(
+            np.concatenate([path.run(u[:, k : k + size], ids) for k in range(0, 40, size)], 1)
+        )
+    for out in outs[1:]:
+        assert out.tobytes() == outs[0].tobytes()
+
+
+def test_simulations_do_not_see_each_other():
+    """A simulation's output is the same bits alone, among others, and in any row."""
+    u = np.random.default_rng(2).normal(size=(5, 60, 2)) * np.array([0.1, 0.2, 3.0, 0.1, 5.0])[
+        :, None, None
+    ]  # fmt: skip
+    kwargs = LIMITED | {"lowpass_hz": 100.0}
+    together = TorquePath(interface(**kwargs), 5, 2).run(u, np.arange(5))
+    for i in range(5):
+        path = TorquePath(interface(**kwargs), 9, 2)
+        alone = path.run(u[i : i + 1], np.array([7]))
+        assert alone[0].tobytes() == together[i].tobytes()
+
+
+def test_reset_starts_as_if_held_for_long():
+    path = TorquePath(interface(**LIMITED, lowpass_hz=100.0), 2, 2)
+    path.reset(np.array([1]), np.array([[3.0, -2.0]]))
+    out = path.run(np.tile([[[3.0, -2.0]]], (2, 10, 1)), np.arange(2))
+    np.testing.assert_allclose(out[1], np.tile([3.0, -2.0], (10, 1)), rtol=1e-15)
+    assert out[0, 0, 0] < 1.0
+
+
+# ---- hold and aliasing ---------------------------------------------------------------------
+
+
+def held(rate: int, hz: float, phase: float, steps: int = 400) -> np.ndarray:
+    """Dither as the rig commands it: at the time of the tick, held in between."""
+    path = interface(controller_rate_hz=rate)
+    t = path.tick(np.arange(steps)) * DT
+    return np.sin(2 * np.pi * hz * t + phase)
+
+
+def test_tick():
+    path = interface(controller_rate_hz=200)
+    assert path.hold_steps == 5
+    assert path.tick(np.arange(11)).tolist() == [0] * 5 + [5] * 5 + [10]
+    assert interface().tick(np.arange(4)).tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.4, np.pi / 2, 2.0])
+def test_100_hz_at_200_hz_sits_at_nyquist(phase):
+    """The samples are ±A sin φ: amplitude by phase alone (physics.md 2.6)."""
+    u = held(200, 100.0, phase)
+    ticks = u[::5]
+    np.testing.assert_allclose(ticks, np.sin(phase) * (-1.0) ** np.arange(len(ticks)), atol=1e-9)
+    np.testing.assert_array_equal(u.reshape(-1, 5), np.tile(ticks[:, None], (1, 5)))
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.4, np.pi / 2, 2.0])
+def test_200_hz_at_200_hz_is_a_constant(phase):
+    np.testing.assert_allclose(held(200, 200.0, phase), np.sin(phase), atol=1e-9)
+    # at 1 kHz it is no such thing
+    assert np.ptp(held(1000, 200.0, phase)) > 1.5
+
+
+# ---- construction --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [0, -200, 300, 2000, 333.3, 0.5])
+def test_rates_must_divide_1000(rate):
+    with pytest.raises(StictionError, match=r"divisors of 1000 Hz"):
+        interface(controller_rate_hz=rate)
+    with pytest.raises(StictionError, match=r"divisors of 1000 Hz"):
+        TorqueInterface.of(load_arm("panda"), controller_rate_hz=rate)
+
+
+@pytest.mark.parametrize("rate", [float("nan"), float("inf")])
+def test_rates_must_be_finite(rate):
+    with pytest.raises(StictionError, match="controller rate"):
+        TorqueInterface.of(load_arm("panda"), controller_rate_hz=rate)
+
+
+@pytest.mark.parametrize("cutoff", [-1.0, float("nan"), float("inf")])
+def test_cutoff_must_be_finite(cutoff):
+    with pytest.raises(StictionError, match="low-pass"):
+        interface(lowpass_hz=cutoff)
+
+
+def test_interfaces_of_the_arms():
+    panda, iiwa = (TorqueInterface.of(load_arm(r)) for r in ("panda", "iiwa7"))
+    assert panda.controller_rate_hz == 1000
+    assert panda.lowpass_hz == 100.0
+    np.testing.assert_array_equal(panda.torque_rate, 1000.0)
+    np.testing.assert_array_equal(panda.torque_limit, [87, 87, 87, 87, 12, 12, 12])
+    assert iiwa.controller_rate_hz == 200
+    assert (
+        TorqueInterface.of(load_arm("panda"), controller_rate_hz=500, lowpass_hz=0).hold_steps == 2
+    )

@@ -1,0 +1,267 @@
+"""The stiction conformance test: what must pass, and what must fail it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.conformance import check, main
+from stiction_envs.robots import BUILTIN
+from tests.friction.gyro import sticking
+
+NO_RAMP = ()
+
+
+def lugre(values: str, *, inertia: float = 0.08, body: str = "", motor: str = "") -> str:
+    """One hinge with a passive LuGre motor, Euler at 1 ms."""
+    return f"""
+<mujoco><option timestep="0.001" integrator="Euler"/><worldbody>
+  <body><joint name="j" axis="0 0 1" {body}/>
+    <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody>
+  <actuator><dcmotor joint="j" input="none" motorconst="0" resistance="1" lugre="{values}" {motor}/>
+  </actuator></mujoco>"""
+
+
+def stock(frictionloss: float = 0.3, *, extra: str = "", inertia: float = 0.2) -> str:
+    """One hinge with MuJoCo's own frictionloss, default solver settings."""
+    return f"""
+<mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}" {extra}/>
+  <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody>
+</mujoco>"""
+
+
+# ---- what must pass ------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", BUILTIN)
+def test_every_joint_of_every_arm_sticks(robot):
+    report = check(robot)
+    assert report.passed, report.text()
+    assert [j.name for j in report.joints] == [f"joint{i}" for i in range(1, 8)]
+    for joint in report.joints:
+        assert joint.still < 1e-6
+        assert joint.go_time < 20
+        # LuGre's deflection at slow rise; a finite rise and the ripple add a little
+        assert joint.deflection == pytest.approx(joint.presliding, rel=0.15)
+        slow, *_, fast = joint.breakaway
+        # at the floor F_c + ripple, 1 ms samples miss the ripple's peak by up to 1e-5 N·m
+        assert np.all(np.diff(joint.breakaway) <= 2e-5)
+        assert fast < slow < 1.03 * joint.stiction
+
+
+def test_lugre_joint_passes():
+    report = check(lugre("2000 12 0.5 0.6 0.003"))
+    (joint,) = report.joints
+    assert report.passed
+    assert joint.stiction == 0.6
+    assert joint.bristle_stiffness == 2000.0
+    assert joint.presliding == pytest.approx(2.302585 * 0.6 / 2000)
+    assert joint.deflection == pytest.approx(joint.presliding, rel=0.05)
+    assert joint.still < 1e-12
+    assert joint.breakaway[0] == pytest.approx(0.6, rel=0.03)
+    assert 0.5 <= joint.breakaway[-1] < 0.51
+    assert list(joint.breakaway) == sorted(joint.breakaway, reverse=True)
+
+
+def test_gear_counts():
+    """Stiction behind a gear is F_s × gear, bristle stiffness σ0 × gear²."""
+    (joint,) = check(lugre("2000 12 0.5 0.6 0.003", motor='gear="3"'), rates=NO_RAMP).joints
+    assert joint.stiction == pytest.approx(1.8)
+    assert joint.bristle_stiffness == pytest.approx(18_000.0)
+    assert joint.passed
+    assert joint.deflection == pytest.approx(joint.presliding, rel=0.05)
+
+
+def test_elastic_joint_is_tested_on_its_motor():
+    """The spring hinge carries no friction: it is not tested, and the motor hinge sticks."""
+    model = sticking(joint_stiffness=[5e3, np.inf], stiction=[0.5, 0.5], rotor_inertia=0.1)
+    report = check(model, rates=NO_RAMP)
+    assert [j.name for j in report.joints] == ["a", "b"]
+    assert report.passed
+
+
+# ---- what must fail ------------------------------------------------------------------------
+
+
+def test_stock_frictionloss_creeps():
+    """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (physics.md 3.5)."""
+    report = check(stock(0.3 / 0.9), rates=(0.02,))
+    (joint,) = report.joints
+    assert not report.passed
+    assert not joint.holds
+    assert joint.goes
+    assert joint.creep > 1e-3
+    assert joint.creep == pytest.approx(1.6e-3, rel=0.05)
+    assert joint.still == pytest.approx(30 * joint.creep, rel=0.01)
+    assert np.isnan(joint.bristle_stiffness)
+    assert np.isnan(joint.presliding)
+
+
+def test_stiffer_frictionloss_creeps_less_but_creeps():
+    (joint,) = check(stock(0.3 / 0.9, extra='solimpfriction="0.9999 0.9999"'), rates=NO_RAMP).joints
+    assert joint.creep == pytest.approx(1.5e-6, rel=0.1)
+    assert not joint.passed
+
+
+def test_chattering_bristle_fails():
+    """σ1 under hσ0: the stuck joint chatters loose (physics.md 3.5)."""
+    report = check(lugre("2000 1 0.5 0.6 0.003"), rates=NO_RAMP)
+    assert not report.joints[0].holds
+
+
+def test_overdamped_bristle_is_an_error_of_the_experiment(tmp_path, monkeypatch):
+    """hσ1/J over 2 blows up: said, and not taken for a joint that stands."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    text = lugre("2000 170 0.5 0.6 0.003")
+    with pytest.raises(ExperimentError, match="stopped by the engine"):
+        check(text)
+    (tmp_path / "model.xml").write_text(text)
+    assert main(["model.xml"]) == 1
+
+
+def test_joint_weaker_than_said_fails_and_stronger_too():
+    """Against 0.7 N·m a joint of 0.6 does not hold; against 0.4 N·m it does not go."""
+    weak = check(lugre("2000 12 0.5 0.6 0.003"), [0.7], rates=NO_RAMP).joints[0]
+    assert not weak.holds
+    assert weak.goes
+    strong = check(lugre("2000 12 0.5 0.6 0.003"), [0.4], rates=(1.0,)).joints[0]
+    assert strong.holds
+    assert not strong.goes
+    assert not strong.passed
+    assert np.isnan(strong.go_time)
+
+
+def test_one_weak_joint_fails_the_model():
+    model = sticking(stiction=0.6).model
+    report = check(model, [0.6, 0.8], rates=NO_RAMP)
+    assert [j.passed for j in report.joints] == [True, False]
+    assert not report.passed
+    assert "1 of 2 joints stick" in report.text()
+    assert "NO" in report.text()
+
+
+# ---- what must not matter ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {"body": 'range="-10 10" limited="true"'},
+        {"body": 'stiffness="50" springref="30"'},
+        {"body": 'damping="0.2"'},
+    ],
+)
+def test_limits_springs_and_damping_do_not_hold_it(extra):
+    report = check(lugre("2000 12 0.5 0.6 0.003", **extra), rates=NO_RAMP)
+    assert report.passed, report.text()
+
+
+def test_a_servo_does_not_hold_it():
+    """A position actuator would hold even a creeping joint: it is switched off."""
+    text = stock(0.3).replace(
+        "</mujoco>", '<actuator><position joint="j" kp="1000"/></actuator></mujoco>'
+    )
+    assert not check(text, rates=NO_RAMP).passed
+
+
+def test_gravity_and_contact_do_not_matter():
+    text = """
+<mujoco><option timestep="0.001" integrator="Euler"/><worldbody><geom type="plane" size="2 2 .1"/>
+  <body pos="0 0 0.1"><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0" mass="3"/></body>
+  </worldbody><actuator><dcmotor joint="j" input="none" motorconst="0" resistance="1"
+  lugre="2000 25 0.5 0.6 0.003"/></actuator></mujoco>"""
+    report = check(text, rates=NO_RAMP)
+    assert report.passed, report.text()
+
+
+def test_the_model_is_not_changed():
+    model = mujoco.MjModel.from_xml_string(
+        lugre("2000 12 0.5 0.6 0.003", body='stiffness="50" range="-10 10" limited="true"')
+    )
+    before = mujoco.MjModel.from_xml_string(
+        lugre("2000 12 0.5 0.6 0.003", body='stiffness="50" range="-10 10" limited="true"')
+    )
+    check(model, rates=NO_RAMP)
+    np.testing.assert_array_equal(model.opt.gravity, before.opt.gravity)
+    assert model.opt.disableflags == before.opt.disableflags
+    assert model.jnt_stiffness[0] == 50.0
+
+
+def test_position_may_be_given():
+    model = sticking()
+    here, there = (check(model, qpos=q, rates=NO_RAMP).joints[0] for q in (None, [0.3, -0.7]))
+    assert here.deflection == pytest.approx(there.deflection, rel=1e-6)
+
+
+# ---- report, command line, errors ----------------------------------------------------------
+
+
+def test_text_has_every_joint_and_unit():
+    text = check(sticking(), rates=(0.2,)).text()
+    lines = text.splitlines()
+    assert len({len(line) for line in lines[:3]}) == 1
+    for word in ("F_s N·m", "mrad", "rad/s", "at 0.2 N·m/s", "sticks"):
+        assert word in lines[0]
+    assert lines[1].split()[0] == "a"
+    assert lines[1].split()[-1] == lines[2].split()[-1] == "yes"
+
+
+def test_command_line(tmp_path, capsys):
+    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
+    good.write_text(lugre("2000 12 0.5 0.6 0.003"))
+    bad.write_text(stock())
+    assert main([str(good)]) == 0
+    assert "1 of 1 joints stick" in capsys.readouterr().out
+    assert main([str(bad)]) == 1
+    assert "0 of 1 joints stick" in capsys.readouterr().out
+    assert main([str(good), "--stiction", "0.7"]) == 1
+    capsys.readouterr()
+    assert main([str(tmp_path / "none.xml")]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "no such file" in captured.err
+
+
+def test_runs_as_a_module(tmp_path):
+    path = tmp_path / "broken.xml"
+    path.write_text("<mujoco><nonsense/></mujoco>")
+    done = subprocess.run(
+        [sys.executable, "-m", "stiction_envs.experiments.conformance", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "MuJoCo cannot read the model" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"model": "atlas"}, "no such file, and no robot of that name"),
+        ({"model": "<mujoco/>"}, "no hinge of the model carries friction"),
+        ({"model": stock(), "stiction": [0.3, 0.3]}, r"shape \(2,\), the model 1 hinges"),
+        ({"model": stock(), "stiction": [-0.3]}, "finite and not negative"),
+        ({"model": stock(), "stiction": [np.nan]}, "finite and not negative"),
+        ({"model": stock(), "stiction": [0.0]}, "carries friction"),
+        ({"model": stock(0.0)}, "carries friction"),
+        ({"model": stock(), "rates": (0.1, 0.0)}, "must be positive"),
+        ({"model": stock(), "qpos": [0.0, 0.0]}, "1 finite numbers"),
+        (
+            {"model": lugre("2000 12 0.5 0.6 0.003", body='range="-10 10"'), "qpos": [1.0]},
+            "joint j: position 1.0 is outside",
+        ),
+    ],
+)
+def test_bad_input(arguments, says):
+    with pytest.raises(StictionError, match=says):
+        check(**arguments)

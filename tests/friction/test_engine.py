@@ -1,0 +1,355 @@
+"""MuJoCo's joint against the numpy law: both must be the same joint. physics.md 3.5, 4.5."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.friction.law import simulate_joint
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.plant import Plant, rollout
+from tests.friction.gyro import ARM, J_A, J_B, MASS, law_of, pendulum, sticking
+
+A, B = 0, 1
+DT = 1e-3
+FINE = 20
+"""Steps of the 0.05 ms reference per control step."""
+
+
+def command(torque: np.ndarray, joint: int = A) -> np.ndarray:
+    """(1, K, 2) torque on one joint."""
+    out = np.zeros((1, len(torque), 2))
+    out[0, :, joint] = torque
+    return out
+
+
+def shake(rate: float = 0.3, amplitude: float = 0.2, hz: float = 15.0, time: float = 2.5):
+    """A ramp with dither on it [N·m], through presliding, breakaway and sliding."""
+    t = np.arange(round(time / DT)) * DT
+    return rate * t + amplitude * np.sin(2 * np.pi * hz * t)
+
+
+def slide(
+    model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drag one joint at constant speed with a servo; return angle and torque per step."""
+    plant = Plant(model, 1, nthread=1)
+    q0 = np.zeros((1, 2))
+    q0[0, B] = start
+    plant.reset(np.arange(1), q0)
+    kp, kv = 400.0, 60.0
+    gains = np.full((1, 2), 400.0)
+    plant.set_servo(np.arange(1), gains, np.full((1, 2), kv), q0)
+    k = round(time / DT)
+    setpoint = np.tile(q0[:, None], (1, k, 1))
+    setpoint[0, :, joint] += v * DT * np.arange(k)
+    q = plant.run(np.zeros((1, k, 2)), setpoint=setpoint)[0, :, joint]
+    before = np.concatenate([[q0[0, joint]], q[:-1]])
+    speed = np.diff(np.concatenate([[before[0]], before])) / DT
+    return before, kp * (setpoint[0, :, joint] - before) - kv * speed
+
+
+# ---- the same integration ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("joint", [A, B])
+def test_engine_is_the_law_at_the_same_step(joint):
+    """Without σ2 MuJoCo's Euler step is the reference's, to rounding."""
+    model = sticking()
+    plant = Plant(model, 1, nthread=1)
+    torque = shake(time=3.5)
+    q = plant.run(command(torque, joint))[0, :, joint]
+    ref, z = simulate_joint(
+        law_of(model, joint), torque, dt=DT, inertia=model.friction_inertia[joint]
+    )
+    assert np.abs(ref).max() > 1.0  # far beyond breakaway
+    np.testing.assert_allclose(q, ref, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(plant.bristle[0, joint], z[-1], rtol=0, atol=1e-14)
+
+
+def test_model_has_the_inertia_it_says():
+    """friction_inertia = rotor + link, and the arm's M is diag(J_A, J_B) plus rotors."""
+    np.testing.assert_allclose(sticking().friction_inertia, [J_A + 0.05, J_B + 0.05])
+    springs = sticking(joint_stiffness=[1e4, np.inf])
+    np.testing.assert_allclose(springs.friction_inertia, [0.05, J_B + 0.05])
+
+
+SPRING = {"rotor_inertia": 0.1, "stiction": 0.8}
+CASES = {
+    "rigid": ({}, {"rate": 0.2, "amplitude": 0.2, "hz": 15.0}),
+    "soft": (
+        SPRING | {"joint_stiffness": [2e3, np.inf]},
+        {"rate": 0.4, "amplitude": 0.3, "hz": 30},
+    ),
+    "stiff": (
+        SPRING | {"joint_stiffness": [1e4, np.inf]},
+        {"rate": 0.4, "amplitude": 0.3, "hz": 30},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_dithered_ramp_against_the_fine_reference(case):
+    """At 1 ms the joint, rigid or on a spring, breaks away where the 0.05 ms reference does.
+
+    In presliding, under dither, a 1 ms step is a few per cent off; that shrinks with the step.
+    """
+    changes, profile = CASES[case]
+    torque = shake(**profile, time=3.6)
+    model = sticking(**changes, viscous=0.1)
+    p = model.parameters
+    stiffness, rotor = float(p.joint_stiffness[A]), float(p.rotor_inertia[A])
+    spring = {}
+    if np.isfinite(stiffness):
+        damping = 2 * 0.15 * np.sqrt(stiffness * rotor)
+        spring = {"stiffness": stiffness, "link_inertia": J_A, "damping": damping}
+    ref, _ = simulate_joint(
+        law_of(model, A),
+        np.repeat(torque, FINE),
+        dt=DT / FINE,
+        inertia=model.friction_inertia[A],
+        **spring,
+    )
+    ref = ref[FINE - 1 :: FINE]
+    away = int(np.argmax(ref > 0.15))
+    assert away > 1500
+    early, errors = slice(0, 1500), []
+    for timestep in (1e-3, 2.5e-4):
+        plant = Plant(sticking(**changes, viscous=0.1, timestep=timestep), 1, nthread=1)
+        q = plant.run(command(torque))[0, :, A]
+        assert int(np.argmax(q > 0.15)) == pytest.approx(away, rel=2e-3)
+        errors.append(np.abs(q[early] - ref[early]).max() / np.abs(ref[early]).max())
+    assert errors[0] < 0.1
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_submillisecond_step_is_the_reference_too():
+    """A plant of 0.05 ms steps, its command held 1 ms, is the reference at 0.05 ms."""
+    model = sticking(timestep=DT / FINE)
+    torque = shake(time=2.0)
+    q = Plant(model, 1, nthread=1).run(command(torque))[0, :, A]
+    ref, _ = simulate_joint(
+        law_of(model, A), np.repeat(torque, FINE), dt=DT / FINE, inertia=J_A + 0.05
+    )
+    np.testing.assert_allclose(q, ref[FINE - 1 :: FINE], rtol=0, atol=1e-10)
+
+
+# ---- steady sliding ------------------------------------------------------------------------
+
+LAME = {
+    "stiction": [0.6, 0.9],
+    "coulomb_ratio": [0.8, 0.7],
+    "stribeck_velocity": [0.02, 0.03],
+    "viscous": [0.3, 0.1],
+}
+
+
+@pytest.mark.parametrize("v", [0.005, 0.02, 0.1, 1.0])
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("lame", [False, True], ids=["symmetric", "asymmetric"])
+def test_steady_sliding_torque(v, sign, lame):
+    """Dragged at v the joint asks for g(v) + σ2 v, of its own direction."""
+    model = sticking(**(LAME if lame else LAME | {k: p[0] for k, p in LAME.items()}))
+    _, torque = slide(model, A, sign * v, time=max(1.5, 0.01 / v))
+    law = law_of(model, A, side=0 if sign > 0 else 1)
+    assert torque[-200:].mean() == pytest.approx(sign * law.steady(v), rel=2e-3)
+
+
+def test_both_directions_in_one_run():
+    """The level follows the direction of motion within one control step."""
+    model = sticking(**LAME)
+    plant = Plant(model, 1, nthread=1)
+    kp, kv, v = 400.0, 60.0, 0.2
+    ids, zero = np.arange(1), np.zeros((1, 2))
+    plant.set_servo(ids, np.full((1, 2), kp), np.full((1, 2), kv), zero)
+    ramp = v * DT * np.concatenate([np.arange(1000), np.arange(1000, -1000, -1)])
+    setpoint = np.zeros((1, len(ramp), 2))
+    setpoint[0, :, A] = ramp
+    q = plant.run(np.zeros((1, len(ramp), 2)), setpoint=setpoint)[0, :, A]
+    before = np.concatenate([[0.0], q[:-1]])
+    speed = np.gradient(before, DT)
+    torque = kp * (ramp - before) - kv * speed
+    assert torque[900:1000].mean() == pytest.approx(law_of(model, A, side=0).steady(v), rel=2e-3)
+    assert torque[-100:].mean() == pytest.approx(-law_of(model, A, side=1).steady(v), rel=2e-3)
+
+
+@pytest.mark.parametrize("pose", [0.0, 0.4, 1.0, np.pi / 2])
+def test_bearing_load_lifts_friction(pose):
+    """Joint a, vertical, sees no gravity torque: its load is the moment m g r |sin q_b| across."""
+    model = sticking(pendulum(), load_coefficient=[0.05, 0.0], load_high=np.inf, coulomb_ratio=0.9)
+    assert model.bearing.tolist() == [True, False]
+    load = MASS * 9.81 * ARM * np.sin(pose)
+    _, torque = slide(model, A, 0.05, start=pose, time=2.0)
+    law = law_of(model, A, load=load)
+    assert torque[-200:].mean() == pytest.approx(law.steady(0.05), rel=3e-3)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, np.inf), (6.0, 8.0)])
+def test_gravity_load_lifts_friction_as_it_moves(low, high):
+    """Joint b carries m g r sin q: its friction follows that, clipped to [load_low, load_high]."""
+    model = sticking(
+        pendulum(), load_coefficient=[0.0, 0.05], load_low=low, load_high=high, coulomb_ratio=0.9
+    )
+    v = 0.2
+    q, torque = slide(model, B, v, start=0.1, time=7.0)
+    late = slice(1000, None, 200)
+    expected = [
+        law_of(model, B, load=np.clip(MASS * 9.81 * ARM * abs(np.sin(x)), low, high)).steady(v)
+        for x in q[late]
+    ]
+    # load is refreshed every 20 ms; the servo adds a little dynamics
+    np.testing.assert_allclose(torque[late], expected, rtol=0.01)
+    assert max(expected) > 1.1 * min(expected)
+
+
+# ---- presliding, breakaway, hysteresis -----------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma0", [300.0, 1000.0, 2000.0])
+def test_presliding_stiffness_is_sigma0(sigma0):
+    model = sticking(bristle_stiffness=sigma0)
+    load = 0.006  # 1 % of F_s: the bristle is a spring there
+    q = Plant(model, 1, nthread=1).run(command(load * np.clip(shake(1, 0, 1), 0, 1)))[0, :, A]
+    assert load / q[-1] == pytest.approx(sigma0, rel=0.01)
+
+
+def test_standing_load_stands():
+    """90 % of F_s for 20 s: the joint gives way by −ln(0.1) F_s/σ0 and then rests."""
+    model = sticking()
+    q = Plant(model, 1, nthread=1).run(command(0.54 * np.clip(shake(0.2, 0, 1, 30), 0, 1)))
+    assert q[0, -1, A] == pytest.approx(-np.log(0.1) * 0.6 / 1000.0, rel=0.06)
+    assert np.ptp(q[0, -15_000:, A]) < 1e-9
+
+
+@pytest.mark.parametrize(("sign", "stiction"), [(1, 0.6), (-1, 0.9)])
+def test_asymmetric_joint_stands_and_goes_by_its_own_level(sign, stiction):
+    """The level of each direction is the one that holds it: 90 % stands, 110 % goes."""
+    rise = np.clip(shake(0.2, 0, 1, 20), 0, 1)
+    moved = []
+    for factor in (0.9, 1.1):
+        plant = Plant(sticking(**LAME), 1, nthread=1)
+        moved.append(plant.run(command(sign * factor * stiction * rise))[0, :, A] * sign)
+    assert np.ptp(moved[0][-10_000:]) < 1e-9
+    assert moved[0][-1] < 4 * stiction / 1000.0
+    assert moved[1][-1] > 0.1
+
+
+def test_breakaway_falls_with_the_ramp_rate():
+    """Largest bristle torque of a ramp: near F_s when slow, towards F_c when fast."""
+    model = sticking()
+    peaks = []
+    for rate in (0.02, 0.1, 0.5, 20.0):
+        plant = Plant(model, 1, nthread=1)
+        ramp = np.minimum(rate * DT * np.arange(round(0.75 / rate / DT) + 500), 0.75)
+        z = []
+        for k in range(0, len(ramp), 20):
+            plant.run(command(ramp[k : k + 20]))
+            z.append(plant.bristle[0, A])
+        peaks.append(1000.0 * max(z))
+        _, ref = simulate_joint(law_of(model, A), ramp, dt=DT, inertia=J_A + 0.05)
+        assert peaks[-1] == pytest.approx(1000.0 * ref[19::20].max(), rel=1e-9)
+    assert np.all(np.diff(peaks) < 0)
+    assert 0.97 * 0.6 < peaks[0] < 0.6
+    assert peaks[-1] < 0.9 * 0.6
+
+
+def test_hysteresis_loop_closes():
+    """A sine load inside the band draws the same loop every period, and the loop costs work."""
+    period = 500
+    u = 0.3 * np.sin(2 * np.pi * np.arange(40 * period) / period)
+    q = Plant(sticking(), 1, nthread=1).run(command(u))[0, :, A]
+    last, before = q[-period:], q[-2 * period : -period]
+    width = np.ptp(last)
+    assert np.abs(last - before).max() < 1e-5 * width
+    step = np.diff(np.concatenate([before[-1:], last]))
+    assert 0.02 < np.sum(u[-period:] * step) / (width * 0.6) < 1.0
+
+
+# ---- energy --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_passive(seed):
+    """With σ2 above the bound friction never gives back more than its bristle holds.
+
+    Work of the motor − gain of kinetic and bristle energy is what friction has taken; for
+    M = const the semi-implicit step makes that balance exact: work is τ (v + v⁺)/2.
+    """
+    bound = 2 * 0.4 * np.sqrt(1000.0 * (J_A + 0.05)) * (1 - 0.8) / 0.8
+    model = sticking(viscous=1.05 * bound)
+    rng = np.random.default_rng(seed)
+    k = 4000
+    t = np.arange(k) * DT
+    waves = [a * np.sin(2 * np.pi * f * t + p) for a, f, p in rng.uniform(0, [0.5, 30, 6], (6, 3))]
+    torque = np.sum(waves, axis=0) * (t < 3.0)
+    plant = Plant(model, 1, nthread=1)
+    q, z = np.empty(k), np.empty(k)
+    for i in range(k):
+        q[i] = plant.run(command(torque[i : i + 1]))[0, 0, A]
+        z[i] = plant.bristle[0, A]
+    v = np.diff(np.concatenate([[0.0], q])) / DT
+    work = np.cumsum(torque * (v + np.concatenate([[0.0], v[:-1]])) / 2 * DT)
+    taken = work - (J_A + 0.05) * v**2 / 2 - 1000.0 * z**2 / 2
+    scale = work.max()
+    assert scale > 0.01
+    assert np.diff(taken[::20]).min() > -1e-3 * scale
+    assert taken[-1] > 0.5 * work[-1]
+
+
+def test_motion_dies_out():
+    """Left alone the joint loses energy in every window and ends at rest."""
+    model = sticking()
+    plant = Plant(model, 1, nthread=1)
+    plant.run(command(np.full(200, 2.0)))
+    energy = []
+    for _ in range(150):
+        q = plant.run(np.zeros((1, 20, 2)))[0, :, A]
+        v = float(plant.velocity[0, A])
+        energy.append(0.5 * (J_A + 0.05) * v**2 + 0.5 * 1000.0 * float(plant.bristle[0, A]) ** 2)
+    assert np.all(np.diff(energy) <= 1e-12)
+    assert np.ptp(q) < 1e-12
+
+
+# ---- elastic joints ------------------------------------------------------------------------
+
+
+def test_link_torque_goes_through_the_spring():
+    """A torque on the link twists the spring by τ/K while the motor stands by its friction."""
+    model = sticking(joint_stiffness=[5e3, np.inf], offset=[0.2, 0.0])
+    plant = Plant(model, 1, nthread=1)
+    plant.run(np.zeros((1, 3000, 2)))
+    twist = plant.position[0, A] - plant.motor_position[0, A]
+    assert twist == pytest.approx(-0.2 / 5e3, rel=1e-3)
+    assert 0.2 / 1000.0 < -plant.motor_position[0, A] < 2 * 0.6 / 1000.0
+
+
+# ---- the documented trap -------------------------------------------------------------------
+
+
+def sliding_acceleration(integrator: mujoco.mjtIntegrator) -> float:
+    """Acceleration [rad/s²] of a sliding joint a under 3 N·m."""
+    model = copy.copy(sticking(bristle_damping_ratio=1.0).model)
+    model.opt.integrator = integrator
+    torque = np.array([3.0, 0.0])
+    parts = list(rollout(model, np.zeros((1, 2)), lambda t: np.tile(torque, (1, len(t), 1)), 500))
+    q = np.concatenate([p["qpos"] for p in parts], axis=1)[0, :, A]
+    return float(np.diff(q, 2)[-1] / DT**2)
+
+
+def test_implicit_integrators_add_phantom_inertia():
+    """Why the model uses Euler: implicitfast slides as if J were J + hσ1 (physics.md 3.5)."""
+    inertia = J_A + 0.05
+    sigma1 = 2 * np.sqrt(1000.0 * inertia)
+    force = 3.0 - 0.8 * 0.6
+    euler = sliding_acceleration(mujoco.mjtIntegrator.mjINT_EULER)
+    fast = sliding_acceleration(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    assert euler == pytest.approx(force / inertia, rel=1e-6)
+    assert fast == pytest.approx(force / (inertia + DT * sigma1), rel=1e-3)
+    assert fast < 0.9 * euler
+
+
+def test_model_uses_euler():
+    assert sticking().model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER

@@ -1,0 +1,339 @@
+"""Friction parameters: reading, writing, checking, and the numbers that ship."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import (
+    QUANTITIES,
+    FrictionParameters,
+    bristle_damping,
+    check_stability,
+    dump_friction,
+    from_table,
+    load_friction,
+)
+from stiction_envs.measured.tables import LOADS
+from stiction_envs.measured.thesis_tables import thesis_base
+from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+from tests.friction.gyro import friction, gyro, sticking
+
+SHIPPED = ("panda", "iiwa7", "iiwa14", "generic")
+JOINTS = {"panda": 7, "iiwa7": 7, "iiwa14": 7, "generic": 9}
+
+
+def shipped_table(name: str) -> dict:
+    text = files("stiction_envs.friction").joinpath(f"{name}.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
+def random_parameters(seed: int, n: int = 7) -> FrictionParameters:
+    rng = np.random.default_rng(seed)
+    values = {}
+    for name, quantity in QUANTITIES.items():
+        high = min(quantity.high, 1e4)
+        low = max(quantity.low, -1e4)
+        shape = (n, 2) if quantity.by_direction else (n,)
+        values[name] = rng.uniform(low, high, shape)
+    values["joint_stiffness"][::2] = np.inf
+    values["load_high"][1] = np.inf
+    values["stiction"][2] = values["stiction"][2, 0]
+    return FrictionParameters(**values)
+
+
+# ---- reading and writing -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_round_trip_is_exact(seed, tmp_path):
+    """Every float comes back with the same bits; direction pairs too."""
+    before = random_parameters(seed)
+    path = tmp_path / "arm.toml"
+    text = dump_friction(
+        before,
+        sources={k: 'assumed: "quoted" \\ back' if k == "offset" else "a test" for k in QUANTITIES},
+        meta={"robot": 'an "arm" \\ two'},
+        provenance={"method": "none"},
+    )
+    path.write_text(text, encoding="utf-8")
+    after = load_friction(path)
+    for name in QUANTITIES:
+        assert getattr(after, name).tobytes() == getattr(before, name).tobytes(), name
+    table = tomllib.loads(text)
+    assert table["meta"]["robot"] == 'an "arm" \\ two'
+    assert table["offset"]["source"] == 'assumed: "quoted" \\ back'
+    assert table["offset"]["assumed"] is True
+    assert "assumed" not in table["stiction"]
+    assert {name: table[name]["unit"] for name in QUANTITIES} == {
+        name: quantity.unit for name, quantity in QUANTITIES.items()
+    }
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_tables_survive_a_round_trip(name, tmp_path):
+    n = JOINTS[name]
+    before = load_friction(name, n)
+    text = dump_friction(before, sources=dict.fromkeys(QUANTITIES, "x"), meta={}, provenance={})
+    path = tmp_path / "copy.toml"
+    path.write_text(text, encoding="utf-8")
+    after = load_friction(path, n)
+    for field in QUANTITIES:
+        np.testing.assert_array_equal(getattr(after, field), getattr(before, field))
+
+
+def test_arrays_are_read_only():
+    p = friction()
+    with pytest.raises(ValueError, match="read-only"):
+        p.stiction[0, 0] = 3.0
+
+
+def test_generic_is_cut_to_the_arm(tmp_path):
+    for n in (2, 6, 9):
+        assert load_friction("generic", n).n == n
+    assert load_friction("an_arm_nobody_knows", 5).n == 5
+    with pytest.raises(StictionError, match=r"generic\.toml"):
+        load_friction("generic", 10)
+
+
+def test_defaults_and_spreading():
+    """A scalar goes to every joint, a per-joint value to both directions."""
+    table = {
+        "stiction": {"value": [[0.5, 0.7], [1.0, 1.0]], "source": "t"},
+        "coulomb_ratio": {"value": 0.8, "source": "t"},
+        "stribeck_velocity": {"value": [0.01, 0.02], "source": "t"},
+        "viscous": {"value": 0, "assumed": True},
+        "bristle_stiffness": {"value": 900, "source": "t"},
+        "rotor_inertia": {"value": 0.1, "source": "t"},
+    }
+    p = from_table(table, "here", 2)
+    assert p.stribeck_velocity.tolist() == [[0.01, 0.01], [0.02, 0.02]]
+    assert p.bristle_stiffness.tolist() == [900.0, 900.0]
+    assert p.stiction[0].tolist() == [0.5, 0.7]
+    assert p.asymmetric
+    assert not p.elastic.any()
+    assert p.warm_up_time.tolist() == [1200.0, 1200.0]
+
+
+# ---- errors --------------------------------------------------------------------------------
+
+
+def with_entry(name: str, entry: object) -> dict:
+    table = copy.deepcopy(shipped_table("panda"))
+    table[name] = entry
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        (with_entry("stictoin", {"value": 1, "source": "t"}), "unknown table .stictoin."),
+        (with_entry("stiction", {"value": [1.0] * 7}), "stiction. needs value and source"),
+        (with_entry("stiction", {"source": "t"}), "stiction. needs value and source"),
+        (with_entry("stiction", {"value": "a", "source": "t"}), "must be numbers"),
+        (with_entry("stiction", {"value": [1, [2]], "source": "t"}), "must be numbers"),
+        (with_entry("stiction", {"value": [1.0] * 6, "source": "t"}), r"shape \(6,\).*7 joints"),
+        (with_entry("rotor_inertia", {"value": [[1, 1]] * 7, "source": "t"}), r"shape \(7, 2\)"),
+        (with_entry("stiction", {"value": 0.0, "source": "t"}), "stiction: 0.0 N·m is outside"),
+        (with_entry("stiction", {"value": -1.0, "source": "t"}), "outside"),
+        (with_entry("stiction", {"value": float("nan"), "source": "t"}), "nan N·m is outside"),
+        (with_entry("coulomb_ratio", {"value": 1.01, "source": "t"}), r"outside \[0.001, 1.0\]"),
+        (with_entry("bristle_stiffness", {"value": 0.0, "source": "t"}), "bristle_stiffness"),
+        (with_entry("viscous", {"value": -0.01, "source": "t"}), "viscous: -0.01"),
+        (with_entry("warm_up_friction", {"value": -1.0, "source": "t"}), "warm_up_friction"),
+        ({k: v for k, v in shipped_table("panda").items() if k != "stiction"}, "stiction. is miss"),
+    ],
+)  # fmt: skip
+def test_bad_tables_say_what_and_where(table, says):
+    with pytest.raises(StictionError, match=says) as caught:
+        from_table(table, "my.toml", 7)
+    assert "my.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(None, "No such file"), (b"[stiction\n", "not TOML"), (b"\xff\xfe", "not TOML")],
+)
+def test_bad_files(content, says, tmp_path):
+    path = tmp_path / "arm.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(StictionError, match=says) as caught:
+        load_friction(path)
+    assert "arm.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize("entry", [3.0, "text", [1, 2]])
+def test_a_bare_value_is_an_error_with_a_message(entry):
+    """A value without its table, the likeliest slip, is bad input and not a crash."""
+    with pytest.raises(StictionError, match="stiction"):
+        from_table(with_entry("stiction", entry), "my.toml", 7)
+
+
+# ---- bounds of the bristle -----------------------------------------------------------------
+
+
+def test_bristle_damping_takes_the_larger():
+    """σ1 = max(2ζ√(σ0 J), 3hσ0)."""
+    s0, j = np.array([100.0, 1e5]), np.array([0.2, 0.01])
+    damping = bristle_damping(s0, np.array([0.4, 0.4]), j, 1e-3)
+    np.testing.assert_allclose(damping, [0.8 * np.sqrt(20.0), 300.0])
+
+
+def test_check_stability_bounds():
+    good = np.array([10.0]), np.array([1.0])
+    check_stability(np.array([1000.0]), *good, 1e-3)
+    with pytest.raises(StictionError, match=r"joint 1: bristle damping 2.99 is under.*0.001 s"):
+        check_stability(np.array([1000.0]), np.array([2.99]), np.array([1.0]), 1e-3)
+    with pytest.raises(StictionError, match=r"joint 2: h.damping = 0.02 "):
+        check_stability(
+            np.array([1000.0, 1000.0]), np.array([10.0, 20.0]), np.array([0.01, 0.01]), 1e-3
+        )
+
+
+def test_model_too_stiff_for_its_step_is_refused():
+    """σ1 never falls under 3hσ0 by itself, but hσ1/J can reach 2: the build says so."""
+    stiff = {"bristle_stiffness": 1e5, "rotor_inertia": 0.01}
+    with pytest.raises(StictionError, match=r"joint 2: h.damping"):
+        sticking(**stiff)
+    assert sticking(timestep=1e-4, **stiff).n == 2
+
+
+def test_plant_refuses_it_too():
+    plant = Plant(sticking(), 2, nthread=1)
+    with pytest.raises(StictionError, match="twice the inertia"):
+        plant.set_friction(np.arange(2), friction(bristle_stiffness=[1e3, 1e6]).tile(2))
+    with pytest.raises(StictionError, match="elastic"):
+        plant.set_friction(np.arange(2), friction(joint_stiffness=1e4).tile(2))
+
+
+@pytest.mark.parametrize("row", range(3))
+def test_plant_checks_every_simulation(row):
+    """One chattering simulation among others is found wherever it is, and nothing is written."""
+    plant = Plant(sticking(), 3, nthread=1)
+    before = plant.stiction.copy()
+    ratio = np.full((3, 2), 0.1)
+    ratio[row, 0] = 50.0
+    mixed = friction(stiction=0.9).tile(3).replace(bristle_damping_ratio=ratio)
+    with pytest.raises(StictionError, match=r"joint 1: .* twice the inertia"):
+        plant.set_friction(np.arange(3), mixed)
+    plant.run(np.zeros((3, 40, 2)))
+    np.testing.assert_array_equal(plant.stiction, before)
+
+
+def test_plant_checks_the_rotor_it_is_given():
+    """A lighter rotor carries the same bristle: hσ1/J is its own."""
+    elastic = {"joint_stiffness": 1e4, "bristle_stiffness": 2000.0}
+    plant = Plant(sticking(**elastic, rotor_inertia=0.2), 1, nthread=1)
+    plant.set_friction(np.arange(1), friction(**elastic, rotor_inertia=0.02).tile(1))
+    with pytest.raises(StictionError, match="twice the inertia"):
+        plant.set_friction(np.arange(1), friction(**elastic, rotor_inertia=0.002).tile(1))
+
+
+@pytest.mark.parametrize("elastic", [False, True])
+def test_plant_with_parameters_is_the_model_built_with_them(elastic):
+    """Friction given per simulation, its rotor included, is the friction of a model of its own."""
+    spring = {"joint_stiffness": [8e3, np.inf]} if elastic else {}
+    other = {
+        "rotor_inertia": [0.3, 0.2],
+        "bristle_stiffness": 600.0,
+        "bristle_damping_ratio": 0.7,
+        "stiction": [0.5, 0.7],
+        "viscous": [0.3, 0.1],
+        "joint_damping_ratio": 0.05,
+        "ripple_amplitude": 0.05,
+        "ripple_periods": 40.0,
+    }
+    if elastic:
+        other["joint_stiffness"] = [4e3, np.inf]
+    t = np.arange(1500) * 1e-3
+    torque = (0.8 * t + 0.4 * np.sin(2 * np.pi * 20 * t))[None, :, None] * np.array([1.0, -1.0])
+    given = Plant(sticking(**spring), 1, parameters=friction(**other), nthread=1).run(torque)
+    built = Plant(sticking(**other), 1, nthread=1).run(torque)
+    assert np.abs(built[0, -1]).min() > 0.05
+    np.testing.assert_allclose(given, built, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -1e-3, 2e-3, np.nan])
+def test_step_must_be_a_millisecond_or_less(timestep):
+    with pytest.raises(StictionError, match="timestep"):
+        build(gyro(), friction(), timestep=timestep)
+
+
+def test_joint_count_must_match():
+    with pytest.raises(StictionError, match="7 joints, but"):
+        build(gyro(), load_friction("panda"))
+
+
+# ---- the numbers that ship -----------------------------------------------------------------
+
+PLAUSIBLE = {
+    # physics.md 3.4 and 1.5, 2.5, 3.3; stiction of the wrist of the iiwa 14 is the least
+    "stiction": (0.02, 5.0),
+    "coulomb_ratio": (0.5, 1.0),
+    "stribeck_velocity": (5e-4, 0.1),
+    "viscous": (0.0, 2.0),
+    "bristle_stiffness": (100.0, 2e4),
+    "bristle_damping_ratio": (0.1, 1.0),
+    "rotor_inertia": (0.03, 5.0),
+    "joint_damping_ratio": (0.0, 1.0),
+    "ripple_amplitude": (0.0, 0.3),
+    "ripple_periods": (1.0, 1000.0),
+    "warm_up_friction": (-0.5, 2.0),
+    "warm_up_viscous": (-0.5, 3.0),
+    "warm_up_time": (60.0, 7200.0),
+    "offset": (-2.0, 2.0),
+}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_number_has_a_source(name):
+    table = shipped_table(name)
+    assert set(table) == set(QUANTITIES) | {"meta", "provenance"}
+    for quantity in QUANTITIES:
+        entry = table[quantity]
+        assert entry["unit"] == QUANTITIES[quantity].unit
+        assert entry["source"].strip()
+        assumed = entry["source"].startswith("assumed")
+        assert entry.get("assumed", False) is assumed, f"{name}: {quantity}"
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_numbers_are_plausible(name):
+    p = load_friction(name, JOINTS[name])
+    for quantity, (low, high) in PLAUSIBLE.items():
+        value = getattr(p, quantity)
+        assert np.all((value >= low) & (value <= high)), f"{name}: {quantity} {value}"
+    finite = p.joint_stiffness[p.elastic]
+    assert np.all((finite >= 1e3) & (finite <= 1e5))
+    assert np.all(p.load_low <= p.load_high)
+    # the position ripple may not be what holds the joint
+    assert np.all(p.ripple_amplitude < 0.1 * p.stiction.min(axis=1))
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa7"])
+def test_shipped_stiction_lies_under_the_measured_half_width(name):
+    """The SJE's half-width is F_s plus the slide to 0.15 rad: F_s is less, but most of it (3.2)."""
+    p, table = load_friction(name), thesis_base(name)
+    for k, load in enumerate((p.load_high, p.load_low)):
+        share = p.stiction_at(load).mean(axis=1) / table.friction[:, k]
+        assert np.all((share > 0.4) & (share < 1.0)), f"{name} {LOADS[k]}: {share}"
+
+
+@pytest.mark.parametrize("name", SHIPPED[:3])
+def test_shipped_arms_build(name):
+    """Stable bristles at 1 ms, friction positive under any load."""
+    arm = load_arm(name)
+    model = build(arm)
+    assert model.n == 7
+    for load in (0.0, 1.0, 20.0, 100.0):
+        level = model.parameters.stiction_at(np.full(7, load))
+        assert np.all(level > 0)

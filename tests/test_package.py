@@ -1,0 +1,116 @@
+"""What is shipped: metadata, data files, and an import that needs no extra."""
+
+import ast
+import itertools
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import stiction_envs
+import tuning
+
+TOP = Path(__file__).parents[1]
+PACKAGES = ("stiction_envs", "tuning")
+PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
+NOT_OURS = re.compile(r"\.(?!ci$).+|__pycache__|venv|build|dist|runs|.+\.egg-info")
+"""Names of directories that hold nothing a clone would have."""
+
+
+def own_files(directory: Path) -> Iterator[Path]:
+    """Every file under `directory` but what tools and runs left there."""
+    for path in sorted(directory.iterdir()):
+        if not path.is_dir():
+            yield path
+        elif not NOT_OURS.fullmatch(path.name):
+            yield from own_files(path)
+
+
+SOURCES = [p for name in PACKAGES for p in own_files(TOP / name) if p.suffix == ".py"]
+
+
+def shown(path: Path) -> str:
+    return str(path.relative_to(TOP))
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_globs_cover_every_data_file_and_none_is_dead(name):
+    room = TOP / name
+    globs = PROJECT["tool"]["setuptools"]["package-data"][name]
+    covered = {glob: set(room.glob(glob)) for glob in globs}
+    data = {p for p in own_files(room) if p.suffix != ".py"}
+    assert data - set().union(*covered.values()) == set()
+    assert [glob for glob, found in covered.items() if not found & data] == []
+
+
+def test_every_directory_with_code_is_a_package():
+    """setuptools leaves out a directory without `__init__.py`, and the wheel lacks its modules."""
+    assert {shown(p.parent) for p in SOURCES if not (p.parent / "__init__.py").exists()} == set()
+
+
+@pytest.mark.parametrize("module", [stiction_envs, tuning])
+def test_typed(module):
+    assert (Path(module.__file__).parent / "py.typed").exists()
+
+
+def test_import_and_make_need_no_extra():
+    code = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"torch", "stable_baselines3", "moviepy"}:
+            raise ImportError(f"{name} was asked for")
+
+sys.meta_path.insert(0, Blocker())
+import gymnasium, stiction_envs, tuning
+gymnasium.make("stiction_envs:PandaSJE-v0").reset(seed=0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_version_is_the_newest_of_the_changelog():
+    versions = re.findall(r"^## \[(.+?)\]", (TOP / "CHANGELOG.md").read_text("utf-8"), re.M)
+    assert versions[0] == PROJECT["project"]["version"]
+
+
+def test_every_requirement_is_pinned():
+    pins = (TOP / "constraints.txt").read_text("utf-8").splitlines()
+    pins = [line for line in pins if not line.startswith("#")]
+    assert [line for line in pins if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
+    project = PROJECT["project"]
+    wanted = itertools.chain(project["dependencies"], *project["optional-dependencies"].values())
+    names = {re.match(r"[\w.-]+", line)[0].lower().replace("_", "-") for line in wanted}
+    assert names - {p.partition("==")[0].lower().replace("_", "-") for p in pins} == set()
+
+
+def test_no_package_host_is_written_down():
+    """Where packages come from is the machine's business (pip's own configuration)."""
+    host = re.compile(
+        rb"pypi\.org|pythonhosted\.org|download\.pytorch\.org|anaconda\.(?:org|com)"
+        rb"|index-ur[l]|find-link[s]|trusted-hos[t]"
+    )
+    assert [shown(p) for p in own_files(TOP) if host.search(p.read_bytes())] == []
+
+
+def test_public_names_have_docstrings():
+    bare = [
+        f"{shown(path)}:{node.lineno} {node.name}"
+        for path in SOURCES
+        for node in ast.parse(path.read_text("utf-8")).body
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        if not node.name.startswith("_") and ast.get_docstring(node) is None
+    ]
+    assert bare == []
+
+
+def test_files_hold_one_idea():
+    """`style.md`: a file past 450 lines is a sign of two ideas in one."""
+    code = [p for p in own_files(TOP) if p.suffix == ".py"]
+    lengths = {shown(p): len(p.read_text("utf-8").splitlines()) for p in code}
+    assert {name: n for name, n in lengths.items() if n > 450} == {}

@@ -1,0 +1,340 @@
+"""The plant: limit cases of the physics it steps. Its bits: test_plant_determinism.py."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs import plant as plant_module
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.protocol import Configuration, Job, load_protocol
+from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.plant import SLOW_STEPS, Plant
+from stiction_envs.robots import load_arm
+from tests.friction.gyro import J_A, pendulum, sticking
+
+DT = 1e-3
+ONE = np.arange(1)
+
+
+@cache
+def panda() -> StickingModel:
+    return build(load_arm("panda"))
+
+
+def quiet(model: StickingModel, **changes: float) -> FrictionParameters:
+    """Parameters of the arm without bias and ripple."""
+    names = ("offset", "gravity_error", "ripple_amplitude")
+    p = model.parameters
+    changes = dict.fromkeys(names, 0.0) | changes
+    return p.replace(**{k: np.full_like(getattr(p, k), v) for k, v in changes.items()})
+
+
+# ---- rest and gravity ----------------------------------------------------------------------
+
+
+def poses(n: int = 4) -> np.ndarray:
+    low, high = panda().arm.limits.position.T
+    return np.random.default_rng(8).uniform(low + 0.2, high - 0.2, (n, 7))
+
+
+def test_rest_stays_at_rest():
+    """Without bias and ripple nothing acts on an arm at rest, in any pose."""
+    plant = Plant(panda(), 4, parameters=quiet(panda()))
+    plant.reset(np.arange(4), poses())
+    out = plant.run(np.zeros((4, 1000, 7)))
+    assert np.abs(out - poses()[:, None]).max() < 1e-10
+
+
+def test_arm_as_shipped_comes_to_rest():
+    """Its bias is under its stiction, so bias and ripple bend the bristles and no more."""
+    plant = Plant(panda(), 4)
+    plant.reset(np.arange(4), poses())
+    assert np.all(np.abs(plant.offset) < 0.8 * plant.stiction)
+    plant.run(np.zeros((4, 15_000, 7)))  # the springs of joints 1-4 ring, the bristles settle
+    out = plant.run(np.zeros((4, 1000, 7)))
+    assert np.ptp(out, axis=1).max() < 1e-10
+    assert np.abs(out[:, -1] - poses()).max() < 0.01
+
+
+def test_gravity_compensation_holds_an_arm_without_friction():
+    smooth = quiet(panda(), stiction=1e-6, viscous=0.0, load_coefficient=0.0)
+    plant = Plant(panda(), 4, parameters=smooth)
+    plant.reset(np.arange(4), poses())
+    out = plant.run(np.zeros((4, 500, 7)))
+    assert np.abs(out - poses()[:, None]).max() < 1e-9
+    # one per cent of error in it, and it falls
+    wrong = smooth.replace(gravity_error=np.full(7, 0.01), load_high=np.full(7, np.inf))
+    plant = Plant(panda(), 4, parameters=wrong)
+    plant.reset(np.arange(4), poses())
+    assert np.abs(plant.run(np.zeros((4, 500, 7))) - poses()[:, None]).max() > 0.01
+
+
+def test_gravity_error_and_offset_are_torques_on_the_link():
+    """offset + gravity_error · g(q) is the motor torque that balances the joint."""
+    model = sticking(pendulum(), stiction=1e-6, offset=[0.0, 0.3], gravity_error=[0.0, 0.05],
+                     load_high=1e9)  # fmt: skip
+    plant = Plant(model, 1, nthread=1)
+    plant.reset(ONE, [[0.0, 0.8]])
+    # hinge about x, mass above it: gravity pulls towards larger q, so g(q) is negative
+    g = -2.0 * 9.81 * 0.5 * np.sin(0.8)
+    assert plant.offset[0, 1] == pytest.approx(0.3 + 0.05 * g)
+    torque = np.zeros((1, 20, 2))
+    torque[0, :, 1] = 0.3 + 0.05 * g
+    assert np.abs(plant.run(torque)[0, :, 1] - 0.8).max() < 1e-9
+    assert np.abs(plant.run(np.zeros((1, 100, 2)))[0, -1, 1] - 0.8) > 1e-4
+
+
+# ---- limit cases ---------------------------------------------------------------------------
+
+
+def test_without_friction_a_joint_is_torque_over_inertia():
+    plant = Plant(sticking(stiction=1e-6), 1, nthread=1)
+    torque = np.zeros((1, 500, 2))
+    torque[0, :, 0] = 0.7
+    q = plant.run(torque)[0]
+    acceleration = np.diff(q[:, 0], 2) / DT**2
+    np.testing.assert_allclose(acceleration[10:], 0.7 / (J_A + 0.05), rtol=1e-4)
+    assert q[-1, 0] == pytest.approx(0.7 / (J_A + 0.05) * 0.5**2 / 2, rel=0.01)
+    assert np.abs(q[:, 1]).max() == 0.0
+
+
+def total_energy(plant: Plant) -> np.ndarray:
+    """(N,) kinetic + spring + bristle energy [J]; gravity is compensated."""
+    model, data = plant.sticking.model, mujoco.MjData(plant.sticking.model)
+    qpos, qvel = plant.batch.bind("qpos"), plant.batch.bind("qvel")
+    sigma0 = plant.sticking.parameters.bristle_stiffness
+    out = []
+    full = np.zeros((model.nv, model.nv))
+    for i in range(plant.nsim):
+        data.qpos[:], data.qvel[:] = qpos[i], qvel[i]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        spring = model.jnt_stiffness @ (qpos[i] - model.qpos_spring) ** 2
+        bristle = sigma0 @ plant.bristle[i] ** 2
+        out.append(0.5 * (qvel[i] @ full @ qvel[i] + spring + bristle))
+    return np.array(out)
+
+
+def test_energy_never_grows_without_input():
+    """A pushed arm, let go, only loses energy until it stands."""
+    plant = Plant(panda(), 4, parameters=quiet(panda()))
+    plant.reset(np.arange(4), poses())
+    push = np.random.default_rng(1).uniform(-1, 1, (4, 1, 7)) * np.array([15, 15, 15, 15, 3, 3, 3])
+    plant.run(np.tile(push, (1, 150, 1)))
+    energy = [total_energy(plant)]
+    for _ in range(250):
+        plant.run(np.zeros((4, 20, 7)))
+        energy.append(total_energy(plant))
+    e = np.array(energy)
+    assert e[0].min() > 0.05
+    assert np.all(np.diff(e, axis=0) < 1e-6 * e[0])
+    assert np.all(e[-1] < 1e-2 * e[0])
+
+
+@pytest.mark.parametrize("stiffness", [5e4, 5e5])
+def test_stiff_spring_is_a_rigid_joint(stiffness):
+    """As K grows the elastic joint becomes the rigid one, with error like 1/K."""
+    common = {"timestep": 5e-5, "stiction": 0.5, "viscous": 0.1}
+    torque = np.zeros((1, 400, 2))
+    torque[0, :, 0] = np.linspace(0, 4, 400)
+    rigid = Plant(sticking(**common, bristle_damping_ratio=0.4), 1, nthread=1).run(torque)
+    # same σ1 for both: the elastic joint's is set by its rotor alone
+    ratio = 0.4 * np.sqrt((J_A + 0.05) / 0.05)
+    springs = sticking(
+        **common,
+        joint_stiffness=[stiffness, np.inf],
+        joint_damping_ratio=1.0,
+        bristle_damping_ratio=[ratio, 0.4],
+    )
+    elastic = Plant(springs, 1, nthread=1).run(torque)
+    gap = np.abs(elastic - rigid).max() / np.abs(rigid).max()
+    assert gap < 5e3 / stiffness * 0.03
+    assert gap > 0.0
+
+
+def test_load_is_the_gravity_torque():
+    """The load sensor agrees with MuJoCo's bias force of the rigid arm, signs included."""
+    plant = Plant(panda(), 4)
+    plant.reset(np.arange(4), poses())
+    signed, absolute = plant.load
+    rigid = panda().arm.model()
+    data = mujoco.MjData(rigid)
+    for i, q in enumerate(poses()):
+        data.qpos[:] = q
+        mujoco.mj_forward(rigid, data)
+        free = ~panda().bearing
+        np.testing.assert_allclose(signed[i, free], data.qfrc_bias[free], atol=1e-12)
+    np.testing.assert_array_equal(absolute, np.abs(signed))
+
+
+# ---- warm-up and ripple --------------------------------------------------------------------
+
+
+def test_warm_up_lowers_friction_over_time():
+    """F(t) = F (1 + w e^(−t/T)), refreshed every 20 ms."""
+    plant = Plant(sticking(warm_up_friction=0.5, warm_up_time=0.4), 1, nthread=1)
+    assert plant.stiction[0, 0] == pytest.approx(0.6 * 1.5)
+    for k in range(1, 5):
+        plant.run(np.zeros((1, 200, 2)))
+        last = 0.2 * k - SLOW_STEPS * DT
+        assert plant.stiction[0, 0] == pytest.approx(0.6 * (1 + 0.5 * np.exp(-last / 0.4)))
+
+
+def test_cold_joint_holds_what_a_warm_one_does_not():
+    """1.13 F_s: over the stiction of the warm joint, 84 % of that of the cold one at 3 s.
+
+    The load trembles a little: where v is exactly 0, LuGre's bristle takes no notice of a level
+    that sinks below its load.
+    """
+    torque = np.zeros((1, 24_000, 2))
+    t = np.arange(24_000) * DT
+    torque[0, :, 0] = 0.68 * np.clip(t / 2, 0, 1) + 0.002 * np.sin(2 * np.pi * t)
+    q = {}
+    for w in (0.0, 0.5):
+        plant = Plant(sticking(warm_up_friction=w, warm_up_time=8.0), 1, nthread=1)
+        q[w] = plant.run(torque)[0, :, 0]
+    assert q[0.0][3000] > 0.01
+    assert q[0.5][3000] < 0.005
+    assert q[0.5][-1] > 0.01
+
+
+def test_viscous_friction_warms_up_too():
+    """Terminal speed under one torque rises as σ2 falls."""
+    model = sticking(viscous=1.0, warm_up_viscous=2.0, warm_up_time=2.0)
+    plant = Plant(model, 1, nthread=1)
+    torque = np.zeros((1, 1, 2))
+    torque[0, :, 0] = 3.48  # 0.48 is F_c: 3 N·m are left for σ2 v
+    plant.run(np.tile(torque, (1, 1000, 1)))
+    early = plant.velocity[0, 0]
+    plant.run(np.tile(torque, (1, 19_000, 1)))
+    assert plant.velocity[0, 0] == pytest.approx(3.0, rel=1e-3)
+    sigma2 = 1 + 2 * np.exp(-1.0 / 2.0)
+    assert early == pytest.approx(3.0 / sigma2, rel=0.05)
+
+
+@pytest.mark.parametrize("q0", [-0.31, 0.0, 0.05, 0.4])
+@pytest.mark.parametrize("phase", [0.0, 1.0])
+def test_ripple_is_a_sine_of_the_angle(q0, phase):
+    """The motor feels A sin(Nq + φ); seen as the acceleration of a joint without friction."""
+    model = sticking(stiction=1e-6, ripple_amplitude=0.2, ripple_periods=20.0, ripple_phase=phase)
+    plant = Plant(model, 1, nthread=1)
+    plant.reset(ONE, [[q0, 0.0]])
+    plant.run(np.zeros((1, 1, 2)))
+    torque = plant.velocity[0, 0] / DT * (J_A + 0.05)
+    assert torque == pytest.approx(0.2 * np.sin(20.0 * q0 + phase), abs=1e-5)
+
+
+# ---- interface -----------------------------------------------------------------------------
+
+
+def test_servo_holds_against_torque():
+    plant = Plant(sticking(), 1, nthread=1)
+    plant.set_servo(ONE, np.full((1, 2), 500.0), np.full((1, 2), 20.0), np.zeros((1, 2)))
+    torque = np.zeros((1, 3000, 2))
+    torque[0, :, 0] = 5.0
+    q = plant.run(torque)[0, -1, 0]
+    assert 5.0 - 0.6 < 500.0 * q < 5.0 + 0.6
+
+
+def test_scaled_friction():
+    plant = Plant(panda(), 2)
+    before = plant.stiction
+    plant.scale_friction(np.array([1]), np.full((1, 7), 1.4))
+    np.testing.assert_array_equal(plant.stiction[0], before[0])
+    np.testing.assert_allclose(plant.stiction[1], 1.4 * before[1], rtol=1e-14)
+
+
+def test_positions_are_copies():
+    plant = Plant(panda(), 1)
+    q, motor = plant.position, plant.motor_position
+    kept = q.copy(), motor.copy()
+    plant.run(np.full((1, 50, 7), 5.0))
+    np.testing.assert_array_equal(q, kept[0])
+    np.testing.assert_array_equal(motor, kept[1])
+    assert np.abs(plant.position - q).max() > 1e-4
+
+
+def test_stiction_is_that_of_the_present_pose():
+    """Right after a reset, before any step."""
+    plant = Plant(panda(), 4)
+    plant.reset(np.arange(4), poses())
+    expected = panda().parameters.stiction_at(plant.load[1]).mean(axis=2)
+    np.testing.assert_allclose(plant.stiction, expected, rtol=1e-14)
+    assert np.ptp(expected, axis=0).max() > 0.1
+
+
+def test_errors(tmp_path, monkeypatch):
+    with pytest.raises(StictionError, match="number of simulations 0"):
+        Plant(panda(), 0)
+    plant = Plant(panda(), 2)
+    for bad in (3.0, np.nan, -np.inf):
+        q = np.tile(panda().arm.rest, (2, 1))
+        q[1, 4] = bad
+        with pytest.raises(StictionError, match="joint 5: start angle"):
+            plant.reset(np.arange(2), q)
+    # a simulation that the engine gives up on must not look like a joint that stands
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    torque = np.zeros((2, 40, 7))
+    torque[1, :, 3] = 1e9
+    with pytest.raises(ExperimentError, match="simulation 1 stopped by the engine: mjWARN_BADQACC"):
+        plant.run(torque)
+
+
+# ---- discretisation ------------------------------------------------------------------------
+
+
+def first_torques(
+    jobs: list[Job], *, timestep: float = 1e-3, ramp_rate: float = 0.07
+) -> np.ndarray:
+    protocol = load_protocol("panda").replace(ramp_rate=ramp_rate)
+    bench = SingleJointExperiment.of("panda", scatter=False, timestep=timestep, protocol=protocol)
+    found = {m.job: m.mean for m in bench.run(jobs, iterations=1)}
+    return np.array([found[j] for j in jobs])
+
+
+@pytest.mark.slow
+def test_refined_step_gives_the_same_base_torque():
+    """1 ms against 0.05 ms, wrist and elastic joint: base torques within 2 %, dithered ones too."""
+    wrist, elastic = Configuration(7, "load", "+"), Configuration(4, "no_load", "-")
+    jobs = [Job(wrist), Job(elastic), Job(wrist, 15.0, 0.3), Job(elastic, 30.0, 0.5)]
+    coarse, fine = first_torques(jobs), first_torques(jobs, timestep=5e-5)
+    np.testing.assert_allclose(coarse, fine, rtol=0.02)
+    assert np.all(np.abs(coarse[2:]) < 0.99 * np.abs(coarse[:2]))  # the dither does something
+
+
+@pytest.mark.slow
+def test_slow_updates_are_fast_enough(monkeypatch):
+    """Load and bias every `SLOW_STEPS` or every step: base torques differ by less than 0.2 %.
+
+    A fast ramp moves the joint faster, so this is the harder case.
+    """
+    jobs = [
+        Job(Configuration(joint, load, direction))
+        for joint in (2, 4)
+        for load in ("load", "no_load")
+        for direction in ("+", "-")
+    ]
+    usual = first_torques(jobs, ramp_rate=0.2)
+    monkeypatch.setattr(plant_module, "SLOW_STEPS", 1)
+    np.testing.assert_allclose(usual, first_torques(jobs, ramp_rate=0.2), rtol=2e-3)
+
+
+def test_friction_of_other_arms_is_refused():
+    with pytest.raises(StictionError, match="elastic"):
+        Plant(panda(), 1, parameters=load_friction("panda").rigid())
+
+
+def test_physics_is_stepped_in_the_plant_only():
+    """House rule: no other file of the package calls the engine's stepping functions."""
+    package = Path(plant_module.__file__).parent
+    stepping = re.compile(r"mj_step|\.rollout\(|batch\.step\(")
+    found = {p.name for p in package.rglob("*.py") if stepping.search(p.read_text("utf-8"))}
+    assert found == {"plant.py"}

@@ -1,0 +1,174 @@
+"""The plant gives the same bits for any batch, any position in it, any threads, any blocks."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.protocol import Configuration, Job, load_protocol
+from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+
+DT = 1e-3
+
+
+@cache
+def panda() -> StickingModel:
+    return build(load_arm("panda"))
+
+
+MANY, K = 64, 130
+
+
+def mixed(asymmetric: bool) -> tuple[np.ndarray, FrictionParameters, np.ndarray]:
+    """Poses, friction and torques of 64 simulations, no two alike."""
+    rng = np.random.default_rng(5)
+    low, high = panda().arm.limits.position.T
+    q = rng.uniform(low + 0.5, high - 0.5, (MANY, 7))
+    p = panda().parameters.tile(MANY)
+    scale = rng.uniform(0.5, 1.5, (MANY, 7, 1))
+    ratio = rng.uniform(0.8, 1.25, (MANY, 7, 1)) if asymmetric else 1.0
+    p = p.replace(
+        stiction=p.stiction * scale * np.concatenate([scale**0, scale**0 * ratio], axis=2),
+        bristle_stiffness=p.bristle_stiffness * rng.uniform(0.5, 1.2, (MANY, 7)),
+        rotor_inertia=p.rotor_inertia * rng.uniform(0.9, 1.5, (MANY, 7)),
+        ripple_phase=rng.uniform(0, 6, (MANY, 7)),
+        warm_up_friction=rng.uniform(0, 1, (MANY, 7)),
+        warm_up_time=rng.uniform(0.05, 1, (MANY, 7)),
+        offset=rng.uniform(-0.2, 0.2, (MANY, 7)),
+    )
+    t = np.arange(K)[None, :, None] * DT
+    amplitude, hz = rng.uniform(0, 2, (MANY, 1, 7)), rng.uniform(10, 90, (MANY, 1, 7))
+    return q, p, 8 * t + amplitude * np.sin(2 * np.pi * hz * t)
+
+
+def angles(rows: list[int], nthread: int, blocks: list[int], asymmetric: bool) -> np.ndarray:
+    """Run the simulations ``rows`` of `mixed` as a batch of their own, in blocks of steps."""
+    q, p, torque = mixed(asymmetric)
+    plant = Plant(panda(), len(rows), parameters=p.rows(rows), nthread=nthread)
+    plant.reset(np.arange(len(rows)), q[rows])
+    plant.set_friction(np.arange(len(rows)), p.rows(rows))
+    cuts = np.cumsum([0, *blocks])
+    parts = [plant.run(torque[rows][:, a:b]) for a, b in pairwise(cuts)]
+    return np.concatenate(parts, axis=1)
+
+
+@cache
+def reference(asymmetric: bool) -> np.ndarray:
+    out = angles(list(range(MANY)), 1, [K], asymmetric)
+    assert np.ptp(out, axis=1).max(axis=1).min() > 1e-3  # every simulation moves
+    return out
+
+
+@pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
+@pytest.mark.parametrize("nthread", [1, 2])
+@pytest.mark.parametrize(
+    "rows", [[0], [63], [9, 3, 40, 41, 8, 2, 60], list(range(64))[::-1]], ids=["1", "1'", "7", "64"]
+)
+def test_same_bits_in_any_batch(rows, nthread, asymmetric):
+    """Batch size, position in the batch and threads change nothing, bit for bit."""
+    out = angles(rows, nthread, [K], asymmetric)
+    assert out.tobytes() == reference(asymmetric)[rows].tobytes()
+
+
+@pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
+@pytest.mark.parametrize("blocks", [[20] * 6 + [10], [1] * K, [7, 100, 23], [K]])
+def test_same_bits_in_any_blocks(blocks, asymmetric):
+    """run(130) is 20 at a time, one at a time, anything."""
+    rows = [4, 50, 7]
+    assert angles(rows, 2, blocks, asymmetric).tobytes() == reference(asymmetric)[rows].tobytes()
+
+
+def test_asymmetric_neighbour_changes_nothing():
+    """A symmetric simulation is the same beside one whose levels are written every step."""
+    q, p, torque = mixed(asymmetric=False)
+    lame = p.stiction.copy()
+    lame[1, :, 1] *= 1.3
+    plant = Plant(panda(), MANY, parameters=p.replace(stiction=lame), nthread=2)
+    plant.reset(np.arange(MANY), q)
+    plant.set_friction(np.arange(MANY), p.replace(stiction=lame))
+    out = plant.run(torque)
+    others = np.delete(np.arange(MANY), 1)
+    assert out[others].tobytes() == reference(False)[others].tobytes()
+    assert out[1].tobytes() != reference(False)[1].tobytes()
+
+
+def test_subset_leaves_the_others_alone():
+    """Simulations with clocks of their own: run in any order they end the same."""
+    q, p, torque = mixed(asymmetric=False)
+    rows = np.arange(4)
+    plant = Plant(panda(), 4, parameters=p.rows(rows), nthread=2)
+    plant.reset(rows, q[rows])
+    plant.set_friction(rows, p.rows(rows))
+    out = {i: [] for i in range(4)}
+
+    def go(ids: list[int], a: int, b: int) -> None:
+        for i, part in zip(ids, plant.run(torque[ids, a:b], np.array(ids)), strict=True):
+            out[i].append(part)
+
+    before = plant.position
+    go([1, 3], 0, 33)
+    np.testing.assert_array_equal(plant.position[[0, 2]], before[[0, 2]])
+    go([0], 0, 33)
+    go([0, 1, 3], 33, 70)  # clocks agree again
+    go([2], 0, 5)
+    go([3], 70, K)
+    go([0, 1], 70, K)
+    go([2], 5, K)
+    for i in range(4):
+        assert np.concatenate(out[i]).tobytes() == reference(False)[i].tobytes()
+
+
+def test_reset_forgets_everything():
+    """After a reset a simulation that has run is a new one."""
+    q, p, torque = mixed(asymmetric=True)
+    plant = Plant(panda(), 2, parameters=p.rows([0, 1]), nthread=1)
+    plant.run(torque[[5, 6]])
+    plant.reset(np.arange(2), q[:2])
+    plant.set_friction(np.arange(2), p.rows([0, 1]))
+    assert plant.run(torque[:2]).tobytes() == reference(True)[:2].tobytes()
+
+
+def test_one_joint_report_is_the_column_of_all():
+    q, p, torque = mixed(asymmetric=False)
+    plant = Plant(panda(), MANY, parameters=p, nthread=2)
+    plant.reset(np.arange(MANY), q)
+    plant.set_friction(np.arange(MANY), p)
+    joint = np.arange(MANY) % 7
+    out = plant.run(torque, joint=joint)
+    expected = reference(False)[np.arange(MANY), :, joint]
+    np.testing.assert_array_equal(out, expected)
+
+
+QUICK = load_protocol("panda").replace(ramp_rate=0.5)
+JOBS = [
+    Job(Configuration(joint, load, direction), frequency, amplitude)
+    for joint in (5, 6, 7)
+    for load in ("load", "no_load")
+    for direction in ("+", "-")
+    for frequency, amplitude in ((0.0, 0.0), (15.0, 0.2), (50.0, 0.4))
+]
+
+
+@cache
+def alone() -> dict[Job, bytes]:
+    bench = SingleJointExperiment.of("panda", protocol=QUICK, nthread=1)
+    return {
+        job: next(iter(bench.run([job], iterations=2))).tau.tobytes()
+        for job in (JOBS[0], JOBS[10], JOBS[29])
+    }
+
+
+@pytest.mark.parametrize(("slots", "nthread"), [(1, 1), (7, 2), (64, 1), (64, 2)])
+def test_experiment_has_the_same_bits_in_any_batch(slots, nthread):
+    """A job gives the same torques alone, in 7 slots or 64, first or last, on 1 or 2 threads."""
+    bench = SingleJointExperiment.of("panda", protocol=QUICK, nthread=nthread)
+    jobs = [j for j in JOBS if j in alone()] if slots == 1 else JOBS[::-1]
+    found = {m.job: m.tau.tobytes() for m in bench.run(jobs, iterations=2, slots=slots)}
+    assert {job: found[job] for job in alone()} == alone()
