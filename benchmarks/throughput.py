@@ -97,7 +97,8 @@ def naive_loop(seconds=3.0):
 def protocol_seconds(threads):
     """Wall time of 28 configurations x 13 settings x 4 iterations, and the steps done."""
     from tuning.labbook import LabBook
-    from tuning.thesis import ThesisTuner, frequencies_of, settings
+    from tuning.rules import frequencies_of, settings
+    from tuning.thesis import ThesisTuner
 
     experiment = SingleJointExperiment.of("panda", nthread=threads)
     done = {}

@@ -252,9 +252,7 @@ class Plant:
             if due.any():
                 self._write_slow(ids[due])
             block = 1 if self._asymmetric else SLOW_STEPS - int(phase.max())
-            if phase.min() != phase.max():
-                block = 1  # clocks out of step: give every simulation its update in time
-            block = min(block, k_total - k)
+            block = min(block, k_total - k)  # no simulation passes its next update
             if self._asymmetric:
                 self._write_direction(ids)
             part = control[:, k : k + block]

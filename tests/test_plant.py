@@ -175,6 +175,28 @@ def test_load_is_the_gravity_torque():
     np.testing.assert_array_equal(absolute, np.abs(signed))
 
 
+def test_bearing_load_is_the_moment_across_the_axis():
+    """A joint without gravity torque carries |r × w| without its part along the axis, any tilt."""
+    model = build(load_arm("iiwa7"))
+    assert model.bearing.tolist() == [True, False, False, False, False, False, True]
+    low, high = model.arm.limits.position.T
+    q = np.random.default_rng(4).uniform(low, high, (6, 7))
+    plant = Plant(model, 6)
+    plant.reset(np.arange(6), q)
+    rigid = model.arm.model()
+    data = mujoco.MjData(rigid)
+    for i in range(6):
+        data.qpos[:] = q[i]
+        mujoco.mj_forward(rigid, data)
+        for joint in (0, 6):
+            body = rigid.jnt_bodyid[joint]
+            weight = rigid.body_subtreemass[body] * rigid.opt.gravity
+            moment = np.cross(data.subtree_com[body] - data.xanchor[joint], weight)
+            axis = data.xaxis[joint]
+            across = np.linalg.norm(moment - (moment @ axis) * axis)
+            assert plant.load[0][i, joint] == pytest.approx(across, rel=1e-9, abs=1e-12)
+
+
 # ---- warm-up and ripple --------------------------------------------------------------------
 
 

@@ -17,9 +17,10 @@ from stiction_envs.measured import (
 )
 from stiction_envs.measured.atomic import write_text_atomic
 from tuning import figures
+from tuning.rules import Choice
 
 if TYPE_CHECKING:
-    from tuning.thesis import Choice, ThesisTuner
+    from tuning.thesis import ThesisTuner
 
 Verified = dict[str, dict[Job, Measurement]]
 LOAD_NAMES = {"load": "load", "no_load": "no load"}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 import warnings
 from itertools import pairwise
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.panel import draw_panel
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.protocol import Configuration
 from stiction_envs.robots import Arm
 
 if TYPE_CHECKING:
@@ -97,6 +99,7 @@ class Renderer:
         self._option = mujoco.MjvOption()
         self._screen: _Screen | None = None
         self._viewer: Any = None
+        self._threads: list[threading.Thread] = []
         self._shown = 0.0
 
     def frame(self, i: int, mode: str) -> Any:
@@ -176,8 +179,13 @@ class Renderer:
 
     def _show(self, i: int) -> None:
         if self._viewer is None:
+            before = set(threading.enumerate())
             self._viewer = _open_viewer(self._model, self._data)
+            self._threads = [t for t in threading.enumerate() if t not in before]
             camera = self._camera()
+            heading = np.deg2rad(camera.azimuth)
+            right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+            camera.lookat -= 0.25 * camera.distance * right  # room for the panel on the left
             with self._viewer.lock():
                 self._viewer.cam.lookat[:] = camera.lookat
                 self._viewer.cam.distance = camera.distance
@@ -190,7 +198,10 @@ class Renderer:
         with self._viewer.lock():
             self._viewer.user_scn.ngeom = 0
             self._mark(self._viewer.user_scn, i)
-        viewport = mujoco.MjrRect(0, 0, PANEL_WIDTH, HEIGHT)
+        c = self._core.configuration[i]
+        # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
+        self._viewer.set_texts((None, None, "joint\nload\ndirection", _words(c)))
+        viewport = mujoco.MjrRect(8, 8, PANEL_WIDTH, HEIGHT)
         self._viewer.set_images((viewport, draw_panel(self._core, i, PANEL_WIDTH, HEIGHT)))
         self._viewer.sync()
         # real time, as far as the machine is fast enough
@@ -205,7 +216,9 @@ class Renderer:
             self._screen = None
         if self._viewer is not None:
             self._viewer.close()
-            self._viewer = None
+            for thread in self._threads:
+                thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it
+            self._viewer, self._threads = None, []
 
 
 _GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
@@ -228,6 +241,10 @@ def _connect(
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
     geom.emission = 0.5
     scene.ngeom += 1
+
+
+def _words(c: Configuration) -> str:
+    return f"{c.joint}\n{c.load}\n{c.direction}"
 
 
 def _headless() -> bool:

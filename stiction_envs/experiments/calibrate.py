@@ -34,6 +34,8 @@ from stiction_envs.measured.tables import BaseTable
 Array = NDArray[np.float64]
 TOLERANCE = 0.002
 """Rounds end when every base torque agrees this well, relative [-]."""
+SAME_LOAD_NM = 1e-6
+"""Loads of the two poses that differ by less cannot explain different friction [N·m]."""
 ROUNDS = 10
 """Most rounds of simulate and correct."""
 
@@ -65,10 +67,16 @@ def with_levels(
         offset: (n, 2) offset there [N·m].
     """
     high, low = poses.load[:, 0], poses.load[:, 1]
-    slope = (friction[:, 0] - friction[:, 1]) / (high - low)
-    level = friction[:, 1] - slope * low
-    gravity_error = (offset[:, 0] - offset[:, 1]) / (poses.signed[:, 0] - poses.signed[:, 1])
-    bias = offset[:, 1] - gravity_error * poses.signed[:, 1]
+
+    def line(values: Array, x: Array) -> tuple[Array, Array]:
+        """Return slope and intercept through both poses; their mean where x cannot tell them."""
+        run = x[:, 0] - x[:, 1]
+        flat = np.abs(run) < SAME_LOAD_NM
+        slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
+        return slope, np.where(flat, values.mean(axis=1), values[:, 1] - slope * x[:, 1])
+
+    slope, level = line(friction, poses.load)
+    gravity_error, bias = line(offset, poses.signed)
     return parameters.replace(
         stiction=np.repeat(level[:, None], 2, axis=1),
         load_coefficient=slope,

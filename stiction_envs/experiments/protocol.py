@@ -124,6 +124,8 @@ class Job:
     waveform: str = "sine"
     offset_nm: float = 0.0
     gate_velocity: float = float("inf")
+    replica: int = 0
+    """Repeats of the same job with scatter of their own."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -181,7 +181,8 @@ class SingleJointExperiment:
     def _begin(self, rig: Rig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
         jobs = [book[int(i)].job for i in ids]
         keys = [
-            (*j.configuration.index, len(book[int(i)].tau)) for i, j in zip(ids, jobs, strict=True)
+            (*j.configuration.index, len(book[int(i)].tau), j.replica)
+            for i, j in zip(ids, jobs, strict=True)
         ]
         rig.approach(ids, keys)
         rig.set_dither(

@@ -134,10 +134,8 @@ def test_other_run_is_replaced_only_by_force(cli, work):
     assert (work / "a" / "notes.txt").read_text() == "mine"
 
 
-def test_stuck_configurations_are_named_and_left_out(cli, work, monkeypatch):
-    loaded = protocol.load_protocol
-    base = loaded("panda")
-    # 0.93: gives up between the torques of the two directions
+def test_all_configurations_stuck(cli, work, monkeypatch):
+    base = protocol.load_protocol("panda")
     monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.5))
     ran = cli("sje", "panda", *QUICK, "--out", "a")
     assert ran.code == 1
@@ -147,7 +145,7 @@ def test_stuck_configurations_are_named_and_left_out(cli, work, monkeypatch):
     assert list(work.iterdir()) == []
 
 
-def test_some_stuck_configurations(cli, work, dither, monkeypatch):
+def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypatch):
     base = protocol.load_protocol("panda")
     # too little without dither, enough with it
     monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.8))

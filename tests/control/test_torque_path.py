@@ -102,6 +102,12 @@ def test_rate_limit_leaves_slower_sines_alone(hz, amplitude):
     assert through(u, **LIMITED).tobytes() == u.tobytes()
 
 
+@pytest.mark.parametrize("over", [1.001, 1.05, 1.5])
+def test_rate_limit_cuts_whatever_is_over(over):
+    y = through(np.array([0.0, over, over, 0.0, 0.0]), **LIMITED)
+    np.testing.assert_allclose(y, [0.0, 1.0, over, over - 1.0, 0.0], atol=1e-12)
+
+
 def test_rate_limit_follows_a_step():
     y = through(np.full(20, 7.25), **LIMITED)
     np.testing.assert_allclose(y[:9], [1, 2, 3, 4, 5, 6, 7, 7.25, 7.25], atol=1e-12)

@@ -111,12 +111,13 @@ def test_without_stable_baselines_one_line_says_what_to_install():
 
 @pytest.mark.slow
 def test_ppo_learns_on_the_batch():
-    env = VecNormalize(VecMonitor(make_sb3("PandaSJE-v0", 16, **FIXED)))
+    arguments = {**FIXED, "control_interval_s": 0.1}
+    env = VecNormalize(VecMonitor(make_sb3("PandaSJE-v0", 16, **arguments)))
     model = PPO("MlpPolicy", env, n_steps=64, batch_size=256, n_epochs=4, seed=0, device="cpu")
     model.learn(4096)
     episodes = model.ep_info_buffer
     assert episodes is not None
-    assert len(episodes) > 20
+    assert len(episodes) >= 16
     assert all(np.isfinite(e["r"]) for e in episodes)
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
-from tuning.thesis import final_amplitude, frequencies_of, settings, tune
+from tuning.rules import final_amplitude, frequencies_of, settings
+from tuning.thesis import tune
 
 FILES = ("base", "frequency", "scale", "intermediate", "final", "verification")
 

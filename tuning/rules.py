@@ -1,0 +1,75 @@
+"""Choices of the thesis's protocol as rules: which frequencies, which amplitude, and why."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@functools.lru_cache
+def settings() -> dict[str, Any]:
+    """Return `thesis.toml`."""
+    path = Path(__file__).parent / "thesis.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def frequencies_of(robot: str) -> tuple[float, ...]:
+    """Return the frequencies [Hz] the thesis tried on a robot."""
+    table = settings()["frequencies_hz"]
+    return tuple(table.get(robot, table["default"])["value"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What was decided for one joint, and from what."""
+
+    joint: int
+    frequency_hz: float
+    scale: float
+    intermediate: Array
+    """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
+    half_width: float
+    """Friction half-width in the joint's freest pose [N·m]."""
+    amplitude_nm: float
+    """Final amplitude [N·m]; 0 if no dither helped."""
+    reason: str
+    """Why that amplitude."""
+
+
+def final_amplitude(
+    intermediate: Array, half_width: float, *, frequency_hz: float, torque_rate: float
+) -> tuple[float, str]:
+    """Return the final amplitude [N·m] of a joint and the reason for it (thesis Table 4.9).
+
+    The largest of the four configurations, but no candidate above `cap_half_widths` friction
+    half-widths: what the thesis did by hand to joint 2. Never faster than the torque-rate limit.
+
+    Args:
+        intermediate: amplitudes of the configurations, any shape [N·m].
+        half_width: friction half-width of the joint in its freest pose [N·m].
+        frequency_hz: dither frequency [Hz].
+        torque_rate: limit of the torque rate [N·m/s], inf if there is none.
+    """
+    candidates = np.sort(np.abs(np.ravel(intermediate)))[::-1]
+    cap = settings()["cap_half_widths"]["value"] * half_width
+    kept = candidates[candidates <= cap]
+    if len(kept) == len(candidates):
+        amplitude, reason = float(candidates[0]), "largest of the four configurations"
+    elif len(kept):
+        amplitude = float(kept[0])
+        reason = f"largest of the four up to {cap:.3f} N·m; {candidates[0]:.3f} N·m was dropped"
+    else:
+        amplitude, reason = float(cap), f"capped at {cap:.3f} N·m, all four were above"
+    fastest = torque_rate / (2 * np.pi * frequency_hz)
+    if amplitude > fastest:
+        amplitude = float(fastest)
+        reason = f"limited to {fastest:.3f} N·m by the torque rate of {torque_rate:.0f} N·m/s"
+    return amplitude, reason
