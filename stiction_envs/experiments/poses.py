@@ -110,6 +110,12 @@ def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
     margin = np.where(np.arange(arm.n) == joint, MARGIN, OTHERS_MARGIN)
     low, high = arm.limits.position[:, 0] + margin, arm.limits.position[:, 1] - margin
     span = high - low
+    if (span <= 0).any():
+        j = int(np.argmin(span))
+        raise StictionError(
+            f"{arm.name}: joint {j + 1} has a range of {span[j] + 2 * margin[j]:.3f} rad, the "
+            f"experiment needs more than {2 * margin[j]:.1f} rad"
+        )
 
     def cost(q: Array) -> Array:
         """Minus the load, or the largest load within the swing, plus a pull to the rest pose."""
