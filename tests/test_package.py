@@ -68,7 +68,7 @@ class Blocker:
 
 sys.meta_path.insert(0, Blocker())
 import gymnasium, stiction_envs, tuning
-gymnasium.make("stiction_envs:PandaSJE-v0").reset(seed=0)
+gymnasium.make("stiction_envs:PandaSJE-v0")
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

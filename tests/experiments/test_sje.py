@@ -263,7 +263,12 @@ def test_each_scatter_acts_alone(name):
     still = one(bench(**off), job, 4)
     moving = one(bench(**(off | {name: getattr(own, name)})), job, 4)
     assert np.ptp(still.tau[1:]) < 1.1e-3  # two steps of the ramp
-    assert np.ptp(moving.tau[1:]) > 5e-3
+    assert np.ptp(still.start[1:]) < 1e-4
+    assert np.ptp(moving.tau[1:]) > np.ptp(still.tau[1:])
+    if name == "pose_scatter":  # shows in where the ramp starts more than in its torque
+        assert 0.3 * own.pose_scatter < np.ptp(moving.start[1:]) < 10 * own.pose_scatter
+    else:
+        assert np.ptp(moving.tau[1:]) > 5e-3
 
 
 def test_jobs_do_not_depend_on_each_other():
