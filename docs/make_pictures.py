@@ -1,0 +1,22 @@
+"""Draw the README's picture: `python docs/make_pictures.py`."""
+
+from pathlib import Path
+
+from stiction_envs.experiments import plots
+from stiction_envs.experiments.protocol import Configuration, Job
+from stiction_envs.experiments.sje import SingleJointExperiment
+
+experiment = SingleJointExperiment.of("panda", scatter=False)
+where = Configuration(7, "load", "+")
+measured = {
+    m.job.amplitude_nm: m
+    for m in experiment.run([Job(where), Job(where, 15.0, 0.8041)], iterations=1)
+}
+plots.plot_with_and_without(
+    measured[0.0],
+    measured[0.8041],
+    Path(__file__).parent / "sje.png",
+    robot="panda",
+    threshold=experiment.protocol.threshold,
+    ramp_rate=experiment.protocol.ramp_rate,
+)

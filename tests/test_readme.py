@@ -1,0 +1,114 @@
+"""Every command and every line of Python in the README runs as it is printed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stiction_envs.measured import read_amplitudes, read_sje
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+
+
+def commands() -> list[str]:
+    lines = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines()]
+    return [line for line in lines if line]
+
+
+def made_by(target: str) -> list[str]:
+    """What ``make target`` would run once the environment is there."""
+    shown = subprocess.run(
+        ["make", "-n", target, "-o", ".venv/.stamp-run", "-o", ".venv/.stamp-dev"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return shown.stdout.splitlines()
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """An empty folder that looks like the checkout to the commands, and their environment."""
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "stiction_envs").symlink_to(ROOT / "stiction_envs")
+    return folder
+
+
+def run(command: str, place: Path) -> str:
+    environment = dict(os.environ, PYTHONPATH=str(ROOT), MUJOCO_GL="egl")
+    words = command.split()
+    if words[0] in ("stiction", ".venv/bin/stiction"):
+        code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
+        words = [sys.executable, "-c", code, *words[1:]]
+    elif words[0] == "python":
+        words[0] = sys.executable
+    done = subprocess.run(
+        words, cwd=place, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def test_readme_is_short_and_starts_with_running_code():
+    lines = README.splitlines()
+    assert 60 <= len(lines) <= 120
+    assert next(i for i, line in enumerate(lines, 1) if line.startswith("```")) < 30
+
+
+def test_what_it_shows_exists():
+    for path in re.findall(r"\]\(([\w./-]+\.png)\)", README):
+        assert (ROOT / path).stat().st_size > 10_000
+
+
+def test_make_test_lints_checks_types_and_tests():
+    text = "\n".join(made_by("test"))
+    for word in ("ruff check", "ruff format --check", "mypy", "pytest"):
+        assert word in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_all_commands(place):
+    """In the order printed: later ones use what earlier ones wrote."""
+    wanted = commands()
+    assert wanted[0] == "make tune"
+    for command in wanted:
+        if command == "make test":
+            continue  # that is this run; see test_make_test_lints_checks_types_and_tests
+        for line in made_by("tune") if command == "make tune" else [command]:
+            run(line, place)
+    final = read_amplitudes(place / "runs" / "panda" / "final.csv", n_joints=7)
+    assert [row.joint for row in final] == list(range(1, 8))
+    table = README.split("final table")[1].splitlines()
+    printed = [line.split("|")[2:4] for line in table if re.match(r"\| \d", line)]
+    assert [(f"{r.frequency_hz:g}", f"{r.amplitude_nm:.2f}") for r in final] == [
+        (f.strip(), a.strip()) for f, a in printed
+    ], "the README's table is not what make tune writes"
+    assert {r.joint for r in read_sje(place / "runs" / "sje-panda" / "sje.csv")} == {7}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python(code, place):
+    out = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=place,
+        env=dict(os.environ, PYTHONPATH=str(ROOT)),
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    with_dither, without = map(float, re.findall(r"([\d.]+) N·m", out))
+    assert 0 < with_dither < 0.8 * without
