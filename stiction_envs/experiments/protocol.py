@@ -34,6 +34,10 @@ class Protocol:
     """Time of the move back to the pose [s]."""
     settle_time: float
     """Time the pose is held before the ramp starts [s]."""
+    rest_speed: float
+    """Fastest joint speed that counts as rest; a ramp starts from rest [rad/s]."""
+    patience: float
+    """A ramp starts after this many times the planned approach, at rest or not [-]."""
     hold_stiffness: float
     """Servo stiffness over torque limit [1/rad]."""
     hold_damping_ratio: float

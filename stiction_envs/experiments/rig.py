@@ -25,10 +25,6 @@ from stiction_envs.plant import CONTROL_DT, SLOW_STEPS, Plant
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 IDLE, APPROACH, RAMP = 0, 1, 2
-AT_REST = 1e-3
-"""Fastest joint speed that counts as rest [rad/s]; assumed."""
-PATIENCE = 10
-"""A ramp starts after at most this many times the planned approach; assumed."""
 BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
 
@@ -236,12 +232,12 @@ class Rig:
         ids = ids[self.step[ids] >= self._approach_steps]
         if not len(ids):
             return
-        at_rest = np.abs(self.plant.velocity[ids]).max(axis=1) < AT_REST
-        ids = ids[at_rest | (self.step[ids] >= PATIENCE * self._approach_steps)]
+        p = self.protocol
+        at_rest = np.abs(self.plant.velocity[ids]).max(axis=1) < p.rest_speed
+        ids = ids[at_rest | (self.step[ids] >= p.patience * self._approach_steps)]
         if not len(ids):
             return
-        p, rows = self.protocol, np.arange(len(ids))
-        joint = self.joint[ids]
+        rows, joint = np.arange(len(ids)), self.joint[ids]
         q = self.plant.position[ids]
         if np.abs(q - self.pose[ids]).max() > p.start_tolerance:
             i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
