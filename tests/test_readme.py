@@ -29,8 +29,19 @@ def commands() -> list[str]:
 def made_by(target: str) -> list[str]:
     """What ``make target`` would run once the environment is there."""
     shown = subprocess.run(
-        ["make", "-n", target, "-o", ".venv/.stamp-run", "-o", ".venv/.stamp-dev"],
+        [
+            "make",
+            "--no-print-directory",
+            "-n",
+            target,
+            "-o",
+            ".venv/.stamp-run",
+            "-o",
+            ".venv/.stamp-dev",
+        ],
         cwd=ROOT,
+        # a make above this one (make test) would pass its flags on
+        env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
         capture_output=True,
         text=True,
         check=True,

@@ -1,0 +1,1 @@
+"""The thesis's dither tables as a test of the simulation."""
