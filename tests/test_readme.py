@@ -102,8 +102,7 @@ def test_all_commands(place):
             run(line, place)
     final = read_amplitudes(place / "runs" / "panda" / "final.csv", n_joints=7)
     assert [row.joint for row in final] == list(range(1, 8))
-    table = README.split("final table")[1].splitlines()
-    printed = [line.split("|")[2:4] for line in table if re.match(r"\| \d", line)]
+    printed = [line.split("|")[2:4] for line in README.splitlines() if re.match(r"\| \d \|", line)]
     assert [(f"{r.frequency_hz:g}", f"{r.amplitude_nm:.2f}") for r in final] == [
         (f.strip(), a.strip()) for f, a in printed
     ], "the README's table is not what make tune writes"

@@ -1,6 +1,19 @@
 """Measured data: the thesis's tables and the user's, checked when they are read."""
 
 from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.measured.check_plausible import check_fits, check_parameters, check_sje
+from stiction_envs.measured.check_rules import (
+    Defect,
+    check_amplitudes,
+    check_differences,
+    check_growth,
+    check_measurements,
+    check_percentages,
+    check_repeats,
+    check_signs,
+    check_units,
+)
+from stiction_envs.measured.check_tables import check_files, check_tables, check_thesis
 from stiction_envs.measured.tables import (
     DIRECTIONS,
     LOADS,
@@ -27,8 +40,23 @@ __all__ = [
     "THESIS_TABLES",
     "AmplitudeRow",
     "BaseTable",
+    "Defect",
     "DitheredRow",
     "SJERow",
+    "check_amplitudes",
+    "check_differences",
+    "check_files",
+    "check_fits",
+    "check_growth",
+    "check_measurements",
+    "check_parameters",
+    "check_percentages",
+    "check_repeats",
+    "check_signs",
+    "check_sje",
+    "check_tables",
+    "check_thesis",
+    "check_units",
     "read_amplitudes",
     "read_base",
     "read_sje",
