@@ -60,7 +60,9 @@ def main() -> int:
     ]
     predicted = np.zeros(len(all_cells))
     for name, (friction, interface) in rungs.variants().items():
-        with tqdm(desc=name, unit=" s simulated", unit_scale=True, file=sys.stderr) as bar:
+        with tqdm(
+            desc=name, unit=" s simulated", unit_scale=True, mininterval=5, file=sys.stderr
+        ) as bar:
             predicted = rungs.simulate(all_cells, friction, bar.update, interface)
         scores.append(score(name, all_cells, predicted))
     scores.append(
