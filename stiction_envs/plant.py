@@ -74,7 +74,6 @@ class Plant:
         self._stiffness = self._batch.expand("jnt_stiffness")
         self._bias_torque = self._batch.bind("qfrc_applied")
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._ctrl = self._batch.bind("ctrl")
         self._load_sensor = LoadSensor(sticking, self._batch)
         # the model adds them in two contiguous groups; slices are several times faster
         self._torque_columns = slice(sticking.torque_actuator[0], sticking.torque_actuator[-1] + 1)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.experiments import plots
@@ -30,6 +31,15 @@ def _label(c: Configuration) -> str:
     return f"{c.joint} {'L' if c.load == 'load' else 'N'}{c.direction}"
 
 
+def _label_bars(axes: Axes, cs: list[Configuration]) -> None:
+    """Name the configurations under bars at 0, 1, 2, ..."""
+    axes.axhline(0, color="0.3", lw=0.8)
+    axes.set_xticks(np.arange(len(cs)), [_label(c) for c in cs], rotation=90, fontsize=8)
+    axes.set_xlabel("joint, pose (L load, N no load), direction")
+    axes.legend(frameon=False)
+    axes.grid(axis="y", alpha=0.3)
+
+
 def base(tuner: ThesisTuner, measured: BaseTable, path: Path) -> None:
     """Draw simulated and measured base torques of every configuration."""
     cs = configurations(tuner.experiment.n)
@@ -40,13 +50,10 @@ def base(tuner: ThesisTuner, measured: BaseTable, path: Path) -> None:
     axes.bar(x - 0.2, values, 0.4, color=MEASURED, label="measured")
     means, stds = [tuner.base[c].mean for c in cs], [tuner.base[c].std for c in cs]
     axes.bar(x + 0.2, means, 0.4, yerr=stds, capsize=2, color=SIMULATED, label="simulated, ± std")
-    axes.axhline(0, color="0.3", lw=0.8)
-    axes.set_xticks(x, [_label(c) for c in cs], rotation=90, fontsize=8)
-    axes.set_xlabel("joint, pose (L load, N no load), direction")
+    _label_bars(axes, cs)
     axes.set_ylabel("base torque τ_b [N·m]")
-    axes.set_title("Torque to move each joint by 0.15 rad without dither")
-    axes.legend(frameon=False)
-    axes.grid(axis="y", alpha=0.3)
+    threshold = tuner.experiment.protocol.threshold
+    axes.set_title(f"Torque to move each joint by {threshold:g} rad without dither")
     plots.save(figure, path)
 
 
@@ -117,13 +124,9 @@ def verification(
     if measured:
         y = [measured[c.joint, c.load, c.direction] for c in cs]
         axes.bar(x - 0.2, y, 0.4, color=MEASURED, label="measured, the thesis's final table")
-    axes.axhline(0, color="0.3", lw=0.8)
-    axes.set_xticks(x, [_label(c) for c in cs], rotation=90, fontsize=8)
-    axes.set_xlabel("joint, pose (L load, N no load), direction")
+    _label_bars(axes, cs)
     axes.set_ylabel("change of torque [%]")
     axes.set_title("Torque to move each joint with the final dither, against none")
-    axes.legend(frameon=False)
-    axes.grid(axis="y", alpha=0.3)
     plots.save(figure, path)
 
 

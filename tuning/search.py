@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 import optuna
 from optuna.trial import FrozenTrial, Trial, TrialState
 
+from stiction_envs.errors import StictionError
+
 Cell = tuple[float, ...]
 
 
@@ -32,7 +34,13 @@ class GridStudy:
     """One joint's study over a full grid; continues whatever its storage holds."""
 
     def __init__(
-        self, name: str, storage: str, grid: Mapping[str, Sequence[float]], seed: int
+        self,
+        name: str,
+        storage: str,
+        grid: Mapping[str, Sequence[float]],
+        seed: int,
+        *,
+        fingerprint: str = "",
     ) -> None:
         """Create or load the study.
 
@@ -41,6 +49,10 @@ class GridStudy:
             storage: Optuna storage URL.
             grid: values of each parameter.
             seed: of the order in which cells are asked for; results do not depend on it.
+            fingerprint: what defines the experiment; a study of another one is not continued.
+
+        Raises:
+            StictionError: the storage has a study of that name from another experiment.
         """
         self.names = tuple(grid)
         self.cells: list[Cell] = list(itertools.product(*grid.values()))
@@ -53,6 +65,14 @@ class GridStudy:
             direction="minimize",
             load_if_exists=True,
         )
+        known = self.study.user_attrs.get("fingerprint")
+        if known is None and not self.study.get_trials():
+            self.study.set_user_attr("fingerprint", fingerprint)
+        elif known != fingerprint:
+            raise StictionError(
+                f"study {name!r} in this storage is of another run (other robot, friction, options "
+                "or version): choose another --study or --storage"
+            )
 
     def _cell(self, trial: Trial | FrozenTrial) -> Cell | None:
         if set(trial.params) != set(self.names):

@@ -122,7 +122,13 @@ class ThesisTuner:
         n = self.experiment.n
         grid = {"frequency_hz": self.frequencies, "scale": scales}
         studies = [
-            GridStudy(f"{self.study}-{stage}-joint{j}", self.storage, grid, self.experiment.seed)
+            GridStudy(
+                f"{self.study}-{stage}-joint{j}",
+                self.storage,
+                grid,
+                self.experiment.seed,
+                fingerprint=self.book.fingerprint,
+            )
             for j in range(1, n + 1)
         ]
 

@@ -6,6 +6,7 @@ import optuna
 import pytest
 from optuna.trial import TrialState
 
+from stiction_envs.errors import StictionError
 from tuning.search import GridStudy, run_grids
 
 GRID = {"frequency_hz": (80.0, 15.0), "scale": (0.8, 1.0, 1.2)}
@@ -67,3 +68,11 @@ def test_a_stuck_joint_is_a_failed_trial(storage):
         lambda w: {(i, c): float("nan") if c == (80.0, 1.0) else value(c) for i, c in w},
     )
     assert set(found[0]) == set(CELLS) - {(80.0, 1.0)}
+
+
+def test_a_study_of_another_run_is_not_continued(storage):
+    """A shared storage must not lend one robot's values to another."""
+    run_grids([GridStudy("a", storage, GRID, seed=0, fingerprint="panda")], evaluate)
+    GridStudy("a", storage, GRID, seed=0, fingerprint="panda")
+    with pytest.raises(StictionError, match="of another run"):
+        GridStudy("a", storage, GRID, seed=0, fingerprint="iiwa7")
