@@ -181,10 +181,7 @@ class Plant:
             self._damping[rows, s.spring[elastic]] = (
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
-        by_direction = [k for k, q in QUANTITIES.items() if q.by_direction]
-        self._asymmetric = any(
-            bool(np.any(self._p[k][..., 0] != self._p[k][..., 1])) for k in by_direction
-        )
+        self._asymmetric = FrictionParameters(**self._p).asymmetric
         self._write_slow(np.asarray(ids))
 
     def scale_friction(self, ids: Index, factor: Array) -> None:
