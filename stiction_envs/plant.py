@@ -51,6 +51,7 @@ class Plant:
         *,
         parameters: FrictionParameters | None = None,
         nthread: int = 0,
+        closed_loop: bool = False,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
 
@@ -59,13 +60,14 @@ class Plant:
             nsim: number of simulations N ≥ 1.
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             nthread: threads, 0 for all processors.
+            closed_loop: whether `follow` will be used; keeps the engine's kinematics current.
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch = Batch(sticking.model, nsim, nthread)
+        self._batch = Batch(sticking.model, nsim, nthread, persistent=closed_loop)
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
         self._dynprm = self._batch.expand("actuator_dynprm")
@@ -154,6 +156,10 @@ class Plant:
         self._moving_up[ids] = True
         self._batch.forward(ids)
         self._write_slow(np.asarray(ids))
+
+    def refresh(self, ids: Index) -> None:
+        """Make the engine's kinematics those of the present state, before `follow`."""
+        self._batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def set_friction(self, ids: Index, parameters: FrictionParameters) -> None:
         """Give simulations ``ids`` their own friction, fields (M, n) or (M, n, 2)."""
@@ -266,6 +272,32 @@ class Plant:
             k += block
         _raise_if_stopped(self._batch)
         return out
+
+    def follow(self, law: Callable[[], Array], steps: int) -> None:
+        """Advance all simulations by control steps of 1 ms under the torque of a feedback law.
+
+        Kinematics of the engine (`batch`) are those of the present state when ``law`` is asked.
+
+        Args:
+            law: returns the (N, n) torque on the joints [N·m] of the next control step.
+            steps: control steps.
+
+        Raises:
+            ExperimentError: a simulation that the engine stopped (NaN, divergence).
+        """
+        ids = np.arange(self.nsim)
+        control = self._batch.bind("ctrl")
+        control[:, self._servo_columns] = self._setpoint
+        for _ in range(steps):
+            due = self._steps % SLOW_STEPS == 0
+            if due.any():
+                self._write_slow(ids[due])
+            if self._asymmetric:
+                self._write_direction(ids)
+            control[:, self._torque_columns] = law()
+            self._batch.step(nstep=self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+            self._steps += 1
+        _raise_if_stopped(self._batch)
 
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""

@@ -123,6 +123,26 @@ class TorquePath:
         limit = self._limit[ids][:, None]
         return np.clip(filtered, -limit, limit)
 
+    def cycle(self, command: Array) -> Array:
+        """Pass one control step of 1 ms of all simulations: `run` with K = 1, for feedback.
+
+        Args:
+            command: (N, n) [N·m], already held.
+
+        Returns:
+            (N, n) torque that reaches the joints, valid until the next call [N·m].
+        """
+        step = self._rate / CONTROL_RATE_HZ
+        limited = np.clip(command, self._limited - step, self._limited + step, out=self._limited)
+        gain = self.interface.lowpass_gain
+        if gain < 1.0:
+            # as lfilter adds it up, so that a block and its cycles agree bit for bit
+            self._filtered *= 1.0 - gain
+            self._filtered += gain * limited
+        else:
+            self._filtered[:] = limited
+        return np.clip(self._filtered, -self._limit, self._limit)
+
     def _limit_rate(self, command: Array, ids: NDArray[np.int64]) -> Array:
         step = self._rate[ids] / CONTROL_RATE_HZ
         previous = self._limited[ids]

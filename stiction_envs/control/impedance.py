@@ -1,0 +1,430 @@
+"""Cartesian impedance control of N arms in lockstep: thesis 2.5, equations 2.9 to 2.17.
+
+    τ = sat( Jᵀ(−K e − D J q̇ + F) + P τ_0 + dither ),   τ_0 = k_n (q_d − q) − d_n q̇
+
+without gravity, which the robot adds, and with the reference's own velocity left out of the
+damping, as in the package the thesis used (Mayr & Salt-Ducaju; physics.md 6.1). Everything is
+computed simulation by simulation: results are the same bits for any N.
+
+Passive are the Cartesian part alone (k_n = 0, equal stiffness about the three axes of rotation) and
+motion within the nullspace. Together they are not: P stops the nullspace spring from taking back
+what Cartesian motion stored in it, a known property of the projection approach (Ott 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.operational import (
+    dynamic_projector,
+    mass_damping,
+    operational_space,
+    pseudoinverse_projector,
+)
+from stiction_envs.control.rotation import error_matrix, rotation_vector, slerp
+from stiction_envs.control.settings import ImpedanceSettings, numbers, stiffness_matrix
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import Limits
+
+__all__ = ["CartesianImpedance", "Flags", "ImpedanceSettings"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Ids = Index | Sequence[int] | None
+"""Simulations a call is about; None means all."""
+_Rows = Index | slice
+
+
+@dataclass(frozen=True)
+class Flags:
+    """What a simulation should be told of; each (N,) bool."""
+
+    singular: NDArray[np.bool_]
+    """At the last `update_model` the arm was (nearly) singular; Λ is damped there."""
+    saturated: NDArray[np.bool_]
+    """In the last cycle the torque rate or a torque limit cut the command of some joint."""
+    near_limit: NDArray[np.bool_]
+    """In the last cycle some joint was beyond, or within the margin of, its position limit."""
+
+
+class CartesianImpedance:
+    """N arms of n joints under Cartesian impedance control; `torque` is called once per cycle.
+
+    `update_model` is the slow part: the caller repeats it every 10 to 20 cycles, and what it gives
+    is held in between. In singular poses Λ, D and P are bounded (`operational.OperationalSpace`)
+    and the flag `singular` is set. Finite arguments give finite torques; NaN passes through.
+
+    Arguments called ``ids`` are the simulations (M,) that the others are about, None all N.
+    """
+
+    def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
+        """Make the controllers; each needs `reset` and `update_model` before `torque`.
+
+        Args:
+            settings: of all arms; stiffness can be changed arm by arm with `set_stiffness`.
+            nsim: number of arms N ≥ 1.
+            limits: of one arm of n joints; its position and torque limits are used.
+
+        Raises:
+            StictionError: nsim, or a nullspace stiffness that is not one number or (n,).
+        """
+        if nsim < 1:
+            raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
+        n = len(limits.torque)
+        self.settings, self.nsim, self.n = settings, nsim, n
+        self._limit = np.array(limits.torque)
+        self._low = limits.position[:, 0] + settings.limit_margin
+        self._high = limits.position[:, 1] - settings.limit_margin
+        step = settings.filter_step
+        self._stiffness = _Filtered((nsim, 6, 6), step("stiffness_filter"))
+        self._null_stiffness = _Filtered((nsim, n), step("stiffness_filter"))
+        self._null_q = _Filtered((nsim, n), step("nullspace_filter"))
+        self._external = _Filtered((nsim, 6), step("wrench_filter"))
+        self._position = _Filtered((nsim, 3), step("pose_filter"))
+        self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+        self._quaternion_target = self._quaternion.copy()
+        self._error_matrix = error_matrix(self._quaternion)
+        self._blocks = (np.zeros((nsim, 3)), np.zeros((nsim, 3)), np.zeros((nsim, 3, 3)))
+        self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): −K beside −D
+        self._null_damping = np.zeros((nsim, n))
+        self._null_active = self._external_active = self._all_known = False
+        self._known, self._singular = np.zeros((2, nsim), dtype=bool)
+        self._root, self._inverse_root, self._modes, self._inertia = np.zeros((4, nsim, 6, 6))
+        self._projector = np.zeros((nsim, n, n))
+        self._state, self._wrench = np.zeros((nsim, 12)), np.zeros((nsim, 6))
+        self._q, self._wanted, self._sent, self._command = np.zeros((4, nsim, n))
+        s = settings
+        self._write_stiffness(
+            slice(None),
+            # with one axis more, what is given per axis cannot be taken for one per simulation
+            [
+                np.asarray(x)[None]
+                for x in (s.translational_stiffness, s.rotational_stiffness, s.coupling_stiffness)
+            ],
+            np.atleast_2d(s.nullspace_stiffness),
+            now=True,
+        )
+
+    # ---- what is wanted ------------------------------------------------------------------------
+
+    def reset(
+        self,
+        ids: Ids,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        q: ArrayLike,
+        *,
+        torque: ArrayLike = 0.0,
+    ) -> None:
+        """Start arms afresh: reference and nullspace where they are, all filters settled.
+
+        Args:
+            ids: (M,) simulations, None for all.
+            position: (M, 3) of the end effector in the base frame [m].
+            quaternion: (M, 4) of the end effector, w, x, y, z.
+            q: (M, n) joint angles [rad].
+            torque: (M, n) command from which the rate limit goes on [N·m].
+
+        The external wrench is taken away; the stiffness set last is kept.
+        """
+        rows = _rows(ids)
+        self._put_pose(rows, position, quaternion, now=True)
+        self._null_q.put(rows, q, now=True)
+        self._external.put(rows, 0.0, now=True)
+        for filtered in (self._stiffness, self._null_stiffness):
+            filtered.put(rows, filtered.target[rows], now=True)
+        self._refresh(rows)
+        self._sent[rows] = torque
+        self._wanted[rows] = self._command[rows] = self._sent[rows]
+        self._q[rows] = q
+
+    def set_reference(self, position: ArrayLike, quaternion: ArrayLike, ids: Ids = None) -> None:
+        """Move the reference to (M, 3) [m] and (M, 4) w, x, y, z, in the base frame."""
+        self._put_pose(_rows(ids), position, quaternion, now=False)
+
+    def set_nullspace(self, q: ArrayLike, ids: Ids = None) -> None:
+        """Move the nullspace configuration q_d to (M, n) [rad]."""
+        self._null_q.put(_rows(ids), q)
+
+    def set_wrench(self, wrench: ArrayLike, ids: Ids = None) -> None:
+        """Let the end effector push with force and torque (M, 6), base frame [N, N·m]."""
+        self._external.put(_rows(ids), wrench)
+        self._external_active = True
+
+    def set_stiffness(
+        self,
+        ids: Ids,
+        *,
+        translational: ArrayLike | None = None,
+        rotational: ArrayLike | None = None,
+        coupling: ArrayLike | None = None,
+        nullspace: ArrayLike | None = None,
+    ) -> None:
+        """Change the stiffness of arms while they run; what is None stays.
+
+        Args:
+            ids: (M,) simulations, None for all.
+            translational: one number, (M,) or (M, 3) [N/m].
+            rotational: one number, (M,) or (M, 3) [N·m/rad].
+            coupling: 0 or (M, 3, 3) [N/rad].
+            nullspace: one number, (M,) or (M, n) [N·m/rad].
+
+        The filter moves it there cycle by cycle. The damping of the design ``mass`` follows at
+        the next `update_model` where the filter is on, at once where it is off.
+
+        Raises:
+            StictionError: negative or not finite, a wrong shape, or a whole stiffness that is not
+                symmetric and positive semidefinite; nothing has changed then.
+        """
+        self._write_stiffness(_rows(ids), [translational, rotational, coupling], nullspace)
+
+    def _write_stiffness(
+        self,
+        rows: _Rows,
+        blocks: Sequence[ArrayLike | None],
+        nullspace: ArrayLike | None,
+        now: bool = False,
+    ) -> None:
+        names = ("translational stiffness", "rotational stiffness", "coupling stiffness")
+        new = [
+            old[rows].copy() if value is None else _fill(name, value, old[rows].shape)
+            for name, value, old in zip(names, blocks, self._blocks, strict=True)
+        ]
+        null = self._null_stiffness.target[rows].copy()
+        if nullspace is not None:
+            null = _fill("nullspace stiffness", nullspace, null.shape)
+        self._stiffness.put(rows, stiffness_matrix(*new), now=now)
+        self._null_stiffness.put(rows, null, now=now)
+        for old, value in zip(self._blocks, new, strict=True):
+            old[rows] = value
+        self._null_active = bool(
+            self._null_stiffness.target.any() or self._null_stiffness.value.any()
+        )
+        if now or self._stiffness.step == 1.0:
+            self._refresh(rows)
+
+    def _put_pose(self, rows: _Rows, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
+        self._position.put(rows, position, now=now)
+        self._quaternion_target[rows] = quaternion
+        if now or self._position.step == 1.0:
+            self._quaternion[rows] = quaternion
+            self._error_matrix[rows] = error_matrix(self._quaternion[rows])
+
+    def _refresh(self, rows: _Rows) -> None:
+        """Write gains and damping of the present stiffness."""
+        self._gain[rows, :, :6] = -self._stiffness.value[rows]
+        self._damp_nullspace(rows)
+        self._gain[rows, :, 6:] = -self._damping(rows)
+
+    def _damp_nullspace(self, rows: _Rows) -> None:
+        ratio = self.settings.nullspace_damping_ratio
+        self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness.value[rows])
+
+    # ---- slow part -----------------------------------------------------------------------------
+
+    def update_model(self, ids: Ids, jacobian: Array, mass: Array) -> None:
+        """Renew Λ, D and P from the dynamics of the present pose.
+
+        Args:
+            ids: (M,) simulations, None for all.
+            jacobian: (M, 6, n) of the end effector: translation, then rotation, in the base frame.
+            mass: (M, n, n) joint-space inertia M(q), rotors included [kg·m²].
+
+        Raises:
+            StictionError: an entry that is not finite.
+        """
+        rows, settings = _rows(ids), self.settings
+        jac = np.ascontiguousarray(jacobian)
+        space = operational_space(
+            jac,
+            np.ascontiguousarray(mass),
+            singular_below=settings.singular_below,
+            singular_length=settings.singular_length,
+        )
+        self._singular[rows], self._inertia[rows] = space.singular, space.inertia
+        self._root[rows], self._inverse_root[rows] = space.root, space.inverse_root
+        self._modes[rows] = space.modes
+        if settings.projector == "dynamic":
+            self._projector[rows] = dynamic_projector(jac, space)
+        else:
+            self._projector[rows] = pseudoinverse_projector(jac, settings.pseudoinverse_damping)
+        self._known[rows] = True
+        self._all_known = bool(self._known.all())
+        self._gain[rows, :, 6:] = -self._damping(rows)
+
+    def _damping(self, rows: _Rows) -> Array:
+        """D (M, 6, 6) of the present stiffness; 0 for ``mass`` before the first model."""
+        stiffness, ratio = self._stiffness.value[rows], np.asarray(self.settings.damping_ratio)
+        if self.settings.damping_design == "mass":
+            return mass_damping(
+                stiffness, ratio, self._root[rows], self._inverse_root[rows], self._modes[rows]
+            )
+        diagonal = np.diagonal(stiffness, axis1=1, axis2=2)
+        return (2.0 * ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
+
+    # ---- fast part -----------------------------------------------------------------------------
+
+    def torque(
+        self,
+        position: Array,
+        quaternion: Array,
+        jacobian: Array,
+        q: Array,
+        dq: Array,
+        coriolis: Array | None = None,
+        gravity_correction: Array | None = None,
+        dither: Array | None = None,
+    ) -> Array:
+        """One control cycle of all arms: advance the filters, return the command.
+
+        Args:
+            position: (N, 3) measured, base frame [m].
+            quaternion: (N, 4) measured, w, x, y, z.
+            jacobian: (N, 6, n) translation, then rotation, base frame.
+            q: (N, n) joint angles [rad].
+            dq: (N, n) joint speeds [rad/s].
+            coriolis: (N, n) C(q, q̇)q̇ [N·m]; used only with the setting ``coriolis``.
+            gravity_correction: (N, n) what the robot's own compensation lacks [N·m].
+            dither: (N, n) [N·m].
+
+        Returns:
+            (N, n) commanded torque, without gravity, a fresh array [N·m]: within the torque
+            limits and, dither behind it apart, within the torque rate of the previous command.
+
+        Raises:
+            StictionError: a simulation without a model, a missing ``coriolis``.
+        """
+        settings = self.settings
+        if not self._all_known:
+            missing = int(np.argmin(self._known))
+            raise StictionError(f"torque of simulation {missing}: update_model has to be called")
+        self._advance()
+        # contiguous, so that the sums below run in the same order for every caller
+        jac, dq = np.ascontiguousarray(jacobian), np.ascontiguousarray(dq)
+        state, tau = self._state, self._wanted
+        np.subtract(position, self._position.value, out=state[:, :3])
+        turned = np.einsum("nij,nj->ni", self._error_matrix, quaternion)
+        rotation_vector(turned, out=state[:, 3:6])
+        np.einsum("nij,nj->ni", jac, dq, out=state[:, 6:])
+        wrench = np.einsum("nij,nj->ni", self._gain, state, out=self._wrench)
+        if self._external_active:
+            wrench += self._external.value
+        np.einsum("nij,ni->nj", jac, wrench, out=tau)
+        if self._null_active:
+            joint = self._null_stiffness.value * (self._null_q.value - q)
+            joint -= self._null_damping * dq
+            tau += np.einsum("nij,nj->ni", self._projector, joint)
+        if settings.coriolis:
+            if coriolis is None:
+                raise StictionError("torque: the setting coriolis needs the argument coriolis")
+            tau += coriolis
+        if gravity_correction is not None:
+            tau += gravity_correction
+        behind = dither if settings.dither_after_saturation else None
+        if dither is not None and behind is None:
+            tau += dither
+        low, high = self._sent - settings.torque_rate, self._sent + settings.torque_rate
+        np.maximum(low, -self._limit, out=low)
+        np.minimum(high, self._limit, out=high)
+        np.maximum(tau, low, out=low)
+        np.minimum(low, high, out=self._sent)
+        if behind is not None:
+            np.add(self._sent, behind, out=self._command)
+            np.maximum(self._command, -self._limit, out=self._command)
+            np.minimum(self._command, self._limit, out=self._command)
+        else:
+            self._command[:] = self._sent
+        self._q[:] = q
+        return self._command.copy()
+
+    def _advance(self) -> None:
+        if self._stiffness.advance():
+            np.negative(self._stiffness.value, out=self._gain[:, :, :6])
+        if self._null_stiffness.advance():
+            self._damp_nullspace(slice(None))
+        self._null_q.advance()
+        self._external.advance()
+        if self._position.advance():
+            self._quaternion = slerp(self._quaternion, self._quaternion_target, self._position.step)
+            self._error_matrix = error_matrix(self._quaternion)
+
+    # ---- what is going on ----------------------------------------------------------------------
+
+    @property
+    def flags(self) -> Flags:
+        """Fresh flags of the last cycle and the last `update_model`."""
+        cut = (self._wanted != self._sent) | (np.abs(self._command) >= self._limit)
+        near = (self._q < self._low) | (self._q > self._high)
+        return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
+
+    @property
+    def error(self) -> Array:
+        """(N, 6) error e of the last cycle: translation [m], then rotation [rad]."""
+        return self._state[:, :6].copy()
+
+    @property
+    def reference(self) -> tuple[Array, Array]:
+        """Reference pose behind its filter: (N, 3) [m] and (N, 4)."""
+        return self._position.value.copy(), self._quaternion.copy()
+
+    @property
+    def stiffness(self) -> Array:
+        """(N, 6, 6) K behind its filter [N/m, N/rad, N·m/rad]."""
+        return self._stiffness.value.copy()
+
+    @property
+    def damping(self) -> Array:
+        """(N, 6, 6) D in use [N·s/m, N·s/rad, N·m·s/rad]."""
+        return -self._gain[:, :, 6:]
+
+    @property
+    def inertia(self) -> Array:
+        """(N, 6, 6) Λ of the last `update_model` [kg, kg·m, kg·m²]."""
+        return self._inertia.copy()
+
+    @property
+    def projector(self) -> Array:
+        """(N, n, n) P of the last `update_model` [-]."""
+        return self._projector.copy()
+
+
+class _Filtered:
+    """A row per simulation that follows its target: x ← x + s (target − x)."""
+
+    def __init__(self, shape: tuple[int, ...], step: float) -> None:
+        self.value, self.target, self.step = np.zeros(shape), np.zeros(shape), step
+
+    def put(self, rows: _Rows, value: ArrayLike, now: bool = False) -> None:
+        """Set the target of some rows; where the filter is off, or ``now``, the value too."""
+        self.target[rows] = value
+        if now or self.step == 1.0:
+            self.value[rows] = value
+
+    def advance(self) -> bool:
+        """One cycle; False where the filter is off."""
+        if self.step == 1.0:
+            return False
+        self.value += self.step * (self.target - self.value)
+        return True
+
+
+def _rows(ids: Ids) -> _Rows:
+    return slice(None) if ids is None else np.asarray(ids)
+
+
+def _fill(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """``value`` as array of ``shape`` (M, …); (M,) is one number per simulation."""
+    array = numbers(name, value, low=-np.inf if name.startswith("coupling") else 0.0)
+    if array.ndim == 1 and len(shape) == 2:
+        array = array[:, None]
+    try:
+        return np.array(np.broadcast_to(array, shape))
+    except ValueError:
+        raise StictionError(
+            f"impedance {name} has shape {np.shape(value)}: allowed is one number, "
+            f"({shape[0]},) or {shape}"
+        ) from None

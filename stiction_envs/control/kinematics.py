@@ -1,0 +1,49 @@
+"""The end effector's pose and Jacobian of N simulations, from the engine's own kinematics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.friction.model import StickingModel
+
+Array = NDArray[np.float64]
+
+
+class EndEffector:
+    """Reads the flange of every simulation of a batch; arrays are overwritten by each `read`."""
+
+    def __init__(self, sticking: StickingModel, batch: Any) -> None:
+        model = sticking.model
+        self._site = model.site(sticking.arm.end_effector).id
+        self._body = model.site_bodyid[self._site]
+        w, x, y, z = model.site_quat[self._site]
+        # q ⊗ site as a matrix on q
+        self._turn = np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
+        joints = model.dof_jntid[sticking.motor]
+        # joints are numbered along the chain; an elastic joint's spring turns about the same axis
+        self._joints = joints
+        self._anchor, self._axis = batch.bind("xanchor"), batch.bind("xaxis")
+        self._xpos, self._xquat = batch.bind("site_xpos"), batch.bind("xquat")
+        nsim, n = len(self._xpos), sticking.n
+        self.position = np.zeros((nsim, 3))
+        """(N, 3) flange position in the world [m]."""
+        self.quaternion = np.zeros((nsim, 4))
+        """(N, 4) flange orientation in the world, w, x, y, z."""
+        self.jacobian = np.zeros((nsim, 6, n))
+        """(N, 6, n) geometric Jacobian, translation above rotation [m/rad, 1]."""
+
+    def read(self) -> None:
+        """Take the present kinematics of all simulations."""
+        self.position[:] = self._xpos[:, self._site]
+        np.einsum("ij,nj->ni", self._turn, self._xquat[:, self._body], out=self.quaternion)
+        axis = self._axis[:, self._joints]
+        arm = self.position[:, None] - self._anchor[:, self._joints]
+        j = self.jacobian
+        # axis × arm, written out: np.cross is several times slower
+        j[:, 0] = axis[..., 1] * arm[..., 2] - axis[..., 2] * arm[..., 1]
+        j[:, 1] = axis[..., 2] * arm[..., 0] - axis[..., 0] * arm[..., 2]
+        j[:, 2] = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]
+        j[:, 3:] = axis.transpose(0, 2, 1)

@@ -1,0 +1,185 @@
+"""Unit quaternions (w, x, y, z), MuJoCo's order, for N rotations at once.
+
+Every function takes arrays with any leading shape and works element by element: a rotation's
+result is the same bits whatever stands beside it. q and −q are the same rotation; where a result
+could be either, the docstring says which. Formulas: Diebel, *Representing attitude*, 2006.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+# a ⊗ b = B(b) a with the entries of b in this order and with these signs
+_RIGHT = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+_RIGHT_SIGN = np.array(
+    [[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]]
+)
+_ERROR_SIGN = _RIGHT_SIGN * _CONJUGATE[_RIGHT]
+# 4 q qᵀ, row by row, from the nine entries of the matrix
+_OUTER = np.zeros((16, 9))
+_OUTER_CONSTANT = np.eye(4).ravel()
+for _row, _plus, _minus in (
+    (0, (0, 4, 8), ()),
+    (1, (7,), (5,)),
+    (2, (2,), (6,)),
+    (3, (3,), (1,)),
+    (5, (0,), (4, 8)),
+    (6, (1, 3), ()),
+    (7, (2, 6), ()),
+    (10, (4,), (0, 8)),
+    (11, (5, 7), ()),
+    (15, (8,), (0, 4)),
+):
+    _mirror = 4 * (_row % 4) + _row // 4
+    for _sign, _entries in ((1.0, _plus), (-1.0, _minus)):
+        for _entry in _entries:
+            _OUTER[_row, _entry] = _OUTER[_mirror, _entry] = _sign
+_DIAGONAL = np.array([0, 5, 10, 15])
+_TINY = np.finfo(float).tiny
+
+
+def conjugate(q: Array) -> Array:
+    """Inverse rotation of unit quaternions q (..., 4)."""
+    return q * _CONJUGATE
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """Product a ⊗ b (..., 4): the rotation b, then a, both about the axes of the base frame."""
+    return np.einsum("...ij,...j->...i", np.take(b, _RIGHT, axis=-1) * _RIGHT_SIGN, a)
+
+
+def error_matrix(reference: Array) -> Array:
+    """Matrices E (..., 4, 4) with E q = q ⊗ q_d⁻¹, for references q_d (..., 4).
+
+    For a loop in which the reference changes less often than q; see :func:`rotation_error`.
+    """
+    return np.take(reference, _RIGHT, axis=-1) * _ERROR_SIGN
+
+
+def rotation_vector(q: Array, out: Array | None = None) -> Array:
+    """Angle · axis [rad], (..., 3), of quaternions q (..., 4); angle in [0, π].
+
+    The same for q and −q: the sign is flipped where w < 0. Lengths other than 1 do not matter.
+    """
+    vector = q[..., 1:]
+    length = np.sqrt(np.einsum("...i,...i->...", vector, vector))
+    w = q[..., 0]
+    factor = np.arctan2(length, np.abs(w))
+    factor *= 2.0
+    factor /= np.maximum(length, _TINY)  # 0 where there is no rotation
+    np.copysign(factor, w, out=factor)
+    return np.multiply(vector, factor[..., None], out=out)
+
+
+def rotation_error(q: Array, reference: Array) -> Array:
+    """Angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); physics.md 6.1.
+
+    Args:
+        q: (..., 4) measured orientation.
+        reference: (..., 4) desired orientation q_d.
+
+    With angular velocity ω and q_d at rest, d/dt ½|e|² = e·ω: the torque −k e is the gradient of
+    the potential ½ k angle². With different stiffness about different axes it has no potential.
+    """
+    return rotation_vector(np.einsum("...ij,...j->...i", error_matrix(reference), q))
+
+
+def angle_between(a: Array, b: Array) -> Array:
+    """Angle of the rotation from a to b (..., 4) [rad], (...), in [0, π]."""
+    q = multiply(a, conjugate(b))
+    length = np.sqrt(np.einsum("...i,...i->...", q[..., 1:], q[..., 1:]))
+    return 2.0 * np.arctan2(length, np.abs(q[..., 0]))
+
+
+def from_rotation_vector(vector: ArrayLike) -> Array:
+    """Exponential map: quaternions (..., 4) of angle · axis (..., 3) [rad]; w ≥ 0 up to π."""
+    v = np.asarray(vector, dtype=float)
+    half = 0.5 * np.sqrt(np.einsum("...i,...i->...", v, v))
+    out = np.empty((*v.shape[:-1], 4))
+    out[..., 0] = np.cos(half)
+    # np.sinc(x) = sin(πx)/(πx) is 1 at 0
+    np.multiply(v, 0.5 * np.sinc(half / np.pi)[..., None], out=out[..., 1:])
+    return out
+
+
+def from_matrix(matrix: Array) -> Array:
+    """Quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
+
+    The row of 4 q qᵀ with the largest diagonal entry, normalised (Shepperd 1978).
+    """
+    flat = np.ascontiguousarray(matrix).reshape(*matrix.shape[:-2], 9)
+    outer = np.einsum("...i,ki->...k", flat, _OUTER)
+    outer += _OUTER_CONSTANT
+    best = np.argmax(np.take(outer, _DIAGONAL, axis=-1), axis=-1)
+    # take_along_axis would cost more than everything else here
+    row = best.ravel() + np.arange(0, 4 * best.size, 4)
+    q = outer.reshape(-1, 4)[row].reshape(*best.shape, 4)
+    length = np.sqrt(np.einsum("...i,...i->...", q, q))
+    return q / np.copysign(length, q[..., 0])[..., None]
+
+
+def to_matrix(q: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def slerp(a: Array, b: Array, fraction: ArrayLike) -> Array:
+    """Quaternions (..., 4) on the shorter arc from a to b (..., 4), at ``fraction`` (...) of it.
+
+    Exactly a at 0 and exactly b, or −b where that is nearer to a, at 1.
+    """
+    s = np.asarray(fraction, dtype=float)[..., None]
+    b = np.where(np.einsum("...i,...i->...", a, b)[..., None] < 0.0, -b, b)
+    d, c = a - b, a + b
+    apart = np.sqrt(np.einsum("...i,...i->...", d, d))
+    along = np.sqrt(np.einsum("...i,...i->...", c, c))
+    arc = 2.0 * np.arctan2(apart, along)[..., None]  # in [0, π/2]
+    # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
+    whole = np.sinc(arc / np.pi)
+    near = (1.0 - s) * (np.sinc((1.0 - s) * arc / np.pi) / whole)
+    far = s * (np.sinc(s * arc / np.pi) / whole)
+    return near * a + far * b
+
+
+def from_rpy(rpy: ArrayLike) -> Array:
+    """Quaternions (..., 4) of roll, pitch, yaw (..., 3) [rad] as in ROS.
+
+    Turned about the fixed x, then y, then z axis: R = R_z(yaw) R_y(pitch) R_x(roll).
+    """
+    half = 0.5 * np.asarray(rpy, dtype=float)
+    cr, cp, cy = np.moveaxis(np.cos(half), -1, 0)
+    sr, sp, sy = np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def to_rpy(q: Array) -> Array:
+    """Roll, pitch, yaw (..., 3) [rad] of unit quaternions (..., 4); pitch in [−π/2, π/2].
+
+    At pitch ±π/2 only a combination of roll and yaw is defined; the result is one of them. Half
+    sum and half difference of roll and yaw (Bernardes and Viollet 2022) stay exact there.
+    """
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    a, b, c, d = w - y, x + z, w + y, z - x
+    half_sum, half_difference = np.arctan2(b, a), np.arctan2(d, c)
+    pitch = 2.0 * np.arctan2(np.hypot(c, d), np.hypot(a, b)) - 0.5 * np.pi
+    out = np.stack([half_sum - half_difference, pitch, half_sum + half_difference], axis=-1)
+    out[..., ::2] -= 2.0 * np.pi * np.rint(out[..., ::2] / (2.0 * np.pi))
+    return out

@@ -1,0 +1,390 @@
+"""Straight lines between poses with trapezoidal speed, and the experiment's paths made of them.
+
+What the trajectory generator of the thesis's package does (physics.md 6.2), for N arms at once:
+a goal starts from the pose **measured** when it is accepted, so the standing error of the arm is
+forgotten at every corner. Everything works element by element: an arm's reference is the same bits
+whatever N is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.rotation import angle_between, from_rpy, multiply, slerp
+from stiction_envs.control.settings import gte_default
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import read_header, read_lines
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Reference = tuple[Array, Array, Array, Array]
+"""Position (N, 3) [m], quaternion (N, 4), velocity (N, 3) [m/s], angular speed (N,) [rad/s]."""
+POSITION = ("x", "y", "z")
+RPY = ("roll", "pitch", "yaw")
+QUATERNION = ("qw", "qx", "qy", "qz")
+_UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file (assumed)
+
+
+def _default(name: str) -> Callable[[], Any]:
+    return partial(gte_default, f"motion.{name}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionLimits:
+    """How fast a reference moves and when a goal is reached; ``gte.toml`` has the sources."""
+
+    translational_speed: float = field(default_factory=_default("translational_speed"))
+    """[m/s]."""
+    rotational_speed: float = field(default_factory=_default("rotational_speed"))
+    """[rad/s]."""
+    translational_acceleration: float = field(
+        default_factory=_default("translational_acceleration")
+    )
+    """[m/s²]."""
+    rotational_acceleration: float = field(default_factory=_default("rotational_acceleration"))
+    """[rad/s²]."""
+    translational_deceleration: float = field(
+        default_factory=_default("translational_deceleration")
+    )
+    """[m/s²]."""
+    rotational_deceleration: float = field(default_factory=_default("rotational_deceleration"))
+    """[rad/s²]."""
+    synchronised: bool = field(default_factory=_default("synchronised"))
+    """Whether the shorter of translation and rotation is stretched in time to the longer."""
+    publish_rate_hz: float = field(default_factory=_default("publish_rate_hz"))
+    """How often a controller gets a new reference and goals are looked at [Hz]."""
+    position_tolerance: float = field(default_factory=_default("position_tolerance"))
+    """Largest distance from a goal that is reached [m]; inf: time alone decides."""
+    rotation_tolerance: float = field(default_factory=_default("rotation_tolerance"))
+    """Largest angle from a goal that is reached [rad]; inf: time alone decides."""
+    patience: float = field(default_factory=_default("patience"))
+    """A goal counts as reached this long after its movement's end, however far it is [s]."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name == "synchronised":
+                if value not in (True, False):
+                    raise StictionError(f"motion synchronised is {value!r}: allowed is a bool")
+            elif not (isinstance(value, int | float) and value > 0):
+                raise StictionError(f"motion {f.name} is {value!r}: allowed are numbers > 0")
+            elif value == np.inf and not f.name.endswith(("tolerance", "patience")):
+                raise StictionError(f"motion {f.name} is {value}: allowed are finite numbers > 0")
+
+
+class Segment:
+    """One straight movement of each of N arms, from rest to rest.
+
+    Speed rises at the acceleration a, stays at v_max, falls at the deceleration b. Where the
+    distance d is too short for v_max it only rises, for t_acc = √(2 d b/(a (a + b))), and falls.
+    Orientation goes along the shorter arc at constant axis. A stretched movement runs the same
+    profile more slowly, so it keeps the limits too.
+    """
+
+    def __init__(self, nsim: int, limits: MotionLimits) -> None:
+        """Make N movements that rest at the origin; `start` gives them a course."""
+        self.limits = limits
+        self._start, self._goal = np.zeros((2, nsim, 3))
+        self._start_q, self._goal_q = np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
+        # columns: translation, rotation
+        self._acceleration = np.array(
+            [limits.translational_acceleration, limits.rotational_acceleration]
+        )
+        self._deceleration = np.array(
+            [limits.translational_deceleration, limits.rotational_deceleration]
+        )
+        self._v_max = np.array([limits.translational_speed, limits.rotational_speed])
+        self._distance, self._rise, self._flat, self._fall = np.zeros((4, nsim, 2))
+        self._pace = np.ones((nsim, 2))
+        self._direction = np.zeros((nsim, 3))
+        self._duration = np.zeros(nsim)
+
+    @property
+    def duration(self) -> Array:
+        """(N,) time from start to rest [s]."""
+        return self._duration.copy()
+
+    def start(
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        goal_position: ArrayLike,
+        goal_quaternion: ArrayLike,
+        ids: Index | None = None,
+    ) -> None:
+        """Give arms a new course.
+
+        Args:
+            position: (M, 3) from where [m].
+            quaternion: (M, 4) w, x, y, z.
+            goal_position: (M, 3) where to [m].
+            goal_quaternion: (M, 4); or its negative, which is the same orientation.
+            ids: (M,) simulations, None for all.
+        """
+        rows = slice(None) if ids is None else ids
+        start, goal = np.asarray(position, dtype=float), np.asarray(goal_position, dtype=float)
+        q, goal_q = np.asarray(quaternion, dtype=float), np.asarray(goal_quaternion, dtype=float)
+        way = goal - start
+        d = np.empty((*way.shape[:-1], 2))
+        d[..., 0] = np.sqrt(np.einsum("ni,ni->n", way, way))
+        d[..., 1] = angle_between(q, goal_q)
+        a, b, v = self._acceleration, self._deceleration, self._v_max
+        rise = np.minimum(v / a, np.sqrt(2.0 * d * b / (a * (a + b))))
+        peak = a * rise
+        fall = peak / b
+        flat = np.maximum(d - 0.5 * peak * (rise + fall), 0.0) / v
+        flat[rise < v / a] = 0.0  # a triangle, but for rounding
+        time = rise + flat + fall
+        duration = time.max(axis=-1)
+        pace = np.ones_like(time)
+        if self.limits.synchronised:
+            np.divide(time, duration[..., None], out=pace, where=duration[..., None] > 0)
+        self._start[rows], self._goal[rows] = start, goal
+        self._start_q[rows], self._goal_q[rows] = q, goal_q
+        self._distance[rows], self._pace[rows] = d, pace
+        self._rise[rows], self._flat[rows], self._fall[rows] = rise, flat, fall
+        self._direction[rows] = way / np.maximum(d[..., :1], np.finfo(float).tiny)
+        self._duration[rows] = duration
+
+    def sample(self, t: ArrayLike) -> Reference:
+        """Return where the arms are to be at times t (N,) or one number [s] after their starts.
+
+        Before 0 they rest at the start, from `duration` on at the goal, exactly. The sign of a
+        quaternion goes on continuously from the start's.
+        """
+        clock = np.broadcast_to(np.asarray(t, dtype=float), self._duration.shape)
+        own = np.maximum(clock, 0.0)[:, None] * self._pace
+        rising = np.minimum(own, self._rise)
+        own -= self._rise
+        flat = np.minimum(np.maximum(own, 0.0), self._flat)
+        own -= self._flat
+        falling = np.minimum(np.maximum(own, 0.0), self._fall)
+        a, b = self._acceleration, self._deceleration
+        peak = a * self._rise
+        way = 0.5 * a * rising * rising + peak * flat + (peak - 0.5 * b * falling) * falling
+        speed = np.maximum(a * rising - b * falling, 0.0) * self._pace
+        done = (clock >= self._duration)[:, None]
+        short = self._distance <= np.finfo(float).tiny
+        part = way / np.where(short, 1.0, self._distance)
+        part = np.where(done | short, 1.0, np.minimum(part, 1.0))
+        speed = np.where(done | (clock <= 0)[:, None], 0.0, speed)
+        position = self._start + part[:, :1] * (self._goal - self._start)
+        return (
+            np.where(part[:, :1] == 1.0, self._goal, position),
+            slerp(self._start_q, self._goal_q, part[:, 1]),
+            speed[:, :1] * self._direction,
+            speed[:, 1].copy(),
+        )
+
+
+class GoalKeeper:
+    """N arms, each with its own list of goals: what is accepted when, and the reference there.
+
+    A goal is reached when its movement has ended and the measured pose is within both tolerances,
+    or the limits' patience is over; the next one is accepted in the same call and starts from that
+    measured pose.
+    """
+
+    def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
+        """Make N keepers for at most ``capacity`` goals each; all are finished until `start`."""
+        if nsim < 1 or capacity < 1:
+            raise StictionError(f"goals of {nsim} arms, {capacity} each: allowed are 1 and more")
+        self.limits, self.segment = limits, Segment(nsim, limits)
+        self._goal, self._goal_q = np.zeros((nsim, capacity, 3)), np.zeros((nsim, capacity, 4))
+        self._goal_q[..., 0] = 1.0
+        self._count, self._index = np.zeros((2, nsim), dtype=np.int64)
+        self._accepted, self._reached = np.full((2, nsim, capacity), np.nan)
+        self._begun = np.zeros(nsim)
+        self._due = np.full(nsim, np.inf)
+
+    def start(
+        self,
+        ids: Index | None,
+        goal_position: Array,
+        goal_quaternion: Array,
+        position: Array,
+        quaternion: Array,
+        t: ArrayLike = 0.0,
+    ) -> None:
+        """Give arms their goals and accept the first of them.
+
+        Args:
+            ids: (M,) simulations, None for all.
+            goal_position: (M, G, 3), G ≤ capacity, base frame [m].
+            goal_quaternion: (M, G, 4).
+            position: (M, 3) measured [m].
+            quaternion: (M, 4) measured.
+            t: now, one number or (M,) [s].
+
+        Raises:
+            StictionError: no goal, or more than the capacity.
+        """
+        rows = np.arange(len(self._count)) if ids is None else np.asarray(ids)
+        count, capacity = goal_position.shape[1], self._goal.shape[1]
+        if not 1 <= count <= capacity:
+            raise StictionError(f"path of {count} goals: allowed are 1 to {capacity}")
+        self._goal[rows, :count], self._goal_q[rows, :count] = goal_position, goal_quaternion
+        self._count[rows], self._index[rows] = count, 0
+        self._accepted[rows] = self._reached[rows] = np.nan
+        self._begin(rows, position, quaternion, np.broadcast_to(np.asarray(t, float), len(rows)))
+
+    def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
+        """Look which arms have reached their goal, and start them towards the next.
+
+        Args:
+            position: (N, 3) measured, base frame [m].
+            quaternion: (N, 4) measured.
+            t: now, one number or (N,) [s].
+
+        Returns:
+            (N,) arms that accepted a new goal now.
+        """
+        accepted = np.zeros(len(self._due), dtype=bool)
+        rows = np.flatnonzero(t >= self._due)
+        if not len(rows):
+            return accepted
+        now = np.broadcast_to(np.asarray(t, dtype=float), self._due.shape)
+        at = self._index[rows]
+        away = position[rows] - self._goal[rows, at]
+        near = np.sqrt(np.einsum("ni,ni->n", away, away)) <= self.limits.position_tolerance
+        turn = angle_between(quaternion[rows], self._goal_q[rows, at])
+        near &= turn <= self.limits.rotation_tolerance
+        near |= now[rows] >= self._due[rows] + self.limits.patience
+        rows, at = rows[near], at[near]
+        self._reached[rows, at] = now[rows]
+        self._index[rows] = at + 1
+        self._due[rows] = np.inf
+        rows = rows[at + 1 < self._count[rows]]
+        self._begin(rows, position[rows], quaternion[rows], now[rows])
+        accepted[rows] = True
+        return accepted
+
+    def _begin(self, rows: Index, position: Array, quaternion: Array, t: Array) -> None:
+        at = self._index[rows]
+        self.segment.start(position, quaternion, self._goal[rows, at], self._goal_q[rows, at], rows)
+        self._accepted[rows, at] = self._begun[rows] = t
+        self._due[rows] = t + self.segment._duration[rows]
+
+    def reference(self, t: ArrayLike) -> Reference:
+        """Return the reference of all arms at time t, one number or (N,) [s]."""
+        return self.segment.sample(np.asarray(t, dtype=float) - self._begun)
+
+    @property
+    def index(self) -> Index:
+        """(N,) goal an arm is on its way to, from 0; the number of its goals when finished."""
+        return self._index.copy()
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """(N,) arms that have reached their last goal, or have none."""
+        return self._index == self._count
+
+    @property
+    def goal(self) -> tuple[Array, Array]:
+        """Pose (N, 3) [m], (N, 4) an arm is on its way to, or rests at."""
+        at = np.maximum(np.minimum(self._index, self._count - 1), 0)
+        rows = np.arange(len(at))
+        return self._goal[rows, at], self._goal_q[rows, at]
+
+    @property
+    def accepted_at(self) -> Array:
+        """(N, capacity) times at which goals were accepted [s], NaN where not yet."""
+        return self._accepted.copy()
+
+    @property
+    def reached_at(self) -> Array:
+        """(N, capacity) times at which goals were found reached [s], NaN where not yet."""
+        return self._reached.copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Poses to visit, relative to the pose in which the movement begins."""
+
+    name: str
+    """What the path is called in results."""
+    position: Array
+    """(G, 3) in the axes of the base, from the start [m]."""
+    quaternion: Array
+    """(G, 4) turns about the axes of the base, from the orientation at the start."""
+
+    def goals(self, position: ArrayLike, quaternion: ArrayLike) -> tuple[Array, Array]:
+        """Return goals (M, G, 3) [m] and (M, G, 4) for starts (M, 3) [m] and (M, 4)."""
+        p, q = np.asarray(position, dtype=float), np.asarray(quaternion, dtype=float)
+        turn, start = np.broadcast_arrays(self.quaternion[None], q[:, None])
+        return p[:, None] + self.position, multiply(turn, start)
+
+
+def triangle(side: float | None = None, slope: float | None = None) -> Path:
+    """Return an equilateral triangle in space: forward and right, left, back to the start.
+
+    Args:
+        side: [m]; None takes that of ``gte.toml``, which is assumed.
+        slope: of its plane downwards from the base's x [rad]; None likewise.
+    """
+    side = _size("triangle_side", side)
+    slope = gte_default("path.triangle_slope") if slope is None else slope
+    forward = side * np.sqrt(0.75)
+    x, z = forward * np.cos(slope), -forward * np.sin(slope)
+    return _constant("triangle", [[x, -0.5 * side, z], [x, 0.5 * side, z], [0.0, 0.0, 0.0]])
+
+
+def pentagon(side: float | None = None) -> Path:
+    """Return a regular pentagon in the plane of the base's x and y, back to the start.
+
+    Args:
+        side: [m]; None takes that of ``gte.toml``, which is assumed.
+    """
+    radius = _size("pentagon_side", side) / (2.0 * np.sin(np.pi / 5.0))
+    angle = np.pi + 2.0 * np.pi * np.arange(1, 5) / 5.0  # the start is the corner nearest the base
+    x, y = radius * (1.0 + np.cos(angle)), radius * np.sin(angle)
+    return _constant("pentagon", [*np.stack([x, y, np.zeros(4)], axis=1), np.zeros(3)])
+
+
+def _size(name: str, value: float | None) -> float:
+    value = gte_default(f"path.{name}") if value is None else value
+    if not 0 < value < np.inf:
+        raise StictionError(f"path {name.replace('_', ' ')} is {value} m: allowed is > 0")
+    return value
+
+
+def _constant(name: str, position: Sequence[ArrayLike] | Array) -> Path:
+    """Path of constant orientation: the thesis names no turns (assumed)."""
+    return Path(name, np.array(position), np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1)))
+
+
+def read_path(path: str | os.PathLike[str]) -> Path:
+    """Read goals relative to the start from a CSV file, one row per goal.
+
+    Columns ``x,y,z`` [m], with ``roll,pitch,yaw`` [rad] (fixed axes, as in ROS) or
+    ``qw,qx,qy,qz`` beside them where the orientation changes.
+
+    Raises:
+        StictionError: an unreadable file, other columns, a field that is not a finite number, a
+            quaternion whose length is not 1; the message names file, line and column.
+    """
+    turns: tuple[str, ...] = ()
+    header = read_header(path)
+    for columns in (QUATERNION, RPY):
+        if any(name in header for name in columns):
+            turns = columns
+    lines = read_lines(path, (*POSITION, *turns), () if turns else (*RPY, *QUATERNION))
+    position = np.array([[line.number(c) for c in POSITION] for line in lines])
+    values = np.array([[line.number(c) for c in turns] for line in lines])
+    name = os.path.splitext(os.path.basename(path))[0]
+    if not turns:
+        return _constant(name, position)
+    if turns == RPY:
+        return Path(name, position, from_rpy(values))
+    length = np.sqrt((values * values).sum(axis=1))
+    for line, value in zip(lines, length, strict=True):
+        if abs(value - 1.0) > _UNIT:
+            raise line.error(f"qw,qx,qy,qz have length {value:.6g}: allowed is 1 within {_UNIT:g}")
+    return Path(name, position, values / length[:, None])

@@ -1,0 +1,116 @@
+"""Frictionless arms under the impedance controller, for its tests."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from stiction_envs.control import rotation
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
+from stiction_envs.robots import load_arm
+
+ROTOR = 0.1  # rotor inertia of every joint [kg·m²]
+
+
+class Rig:
+    """One frictionless arm without gravity under its controller, in MuJoCo."""
+
+    def __init__(
+        self, robot: str = "panda", *, dt: float = 1e-3, rotor: float = ROTOR, **settings: object
+    ) -> None:
+        self.arm = load_arm(robot)
+        self.model = self.arm.model()
+        self.model.opt.timestep = dt
+        self.model.opt.gravity[:] = 0  # the robot's own gravity compensation, exact
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self.model.dof_armature[:] = rotor
+        self.data = mujoco.MjData(self.model)
+        self.site = self.model.site(self.arm.end_effector).id
+        free = {"torque_rate": np.inf, "rate_hz": 1 / dt}
+        self.control = CartesianImpedance(
+            ImpedanceSettings(**(free | settings)),  # type: ignore[arg-type]
+            1,
+            self.arm.limits,
+        )
+        self.put(self.arm.rest)
+
+    def put(self, q: np.ndarray) -> None:
+        """Rest at q with the reference there."""
+        self.data.qpos[:], self.data.qvel[:] = q, 0
+        pose = self.look()
+        self.control.reset(None, pose.position, pose.quaternion, pose.q)
+        self.control.update_model(None, pose.jacobian, pose.mass)
+
+    def look(self) -> Look:
+        m, d = self.model, self.data
+        mujoco.mj_fwdPosition(m, d)
+        jac, mass = np.zeros((1, 6, m.nv)), np.zeros((1, m.nv, m.nv))
+        mujoco.mj_jacSite(m, d, jac[0, :3], jac[0, 3:], self.site)
+        mujoco.mj_fullM(m, d, mass[0])
+        turn = d.site_xmat[self.site].reshape(1, 3, 3)
+        return Look(
+            d.site_xpos[self.site][None].copy(),
+            rotation.from_matrix(turn),
+            jac,
+            d.qpos[None].copy(),
+            d.qvel[None].copy(),
+            mass,
+        )
+
+    def step(self, push: np.ndarray | None = None, **terms: np.ndarray) -> Look:
+        """One control cycle and one step of physics; ``push`` (6,) acts on the flange."""
+        pose = self.look()
+        self.control.update_model(None, pose.jacobian, pose.mass)
+        tau = self.control.torque(*pose[:5], **terms)[0]
+        self.data.qfrc_applied[:] = tau + (0 if push is None else pose.jacobian[0].T @ push)
+        mujoco.mj_step(self.model, self.data)
+        return pose
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a controller sees of one arm, (1, …) each."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    jacobian: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    mass: np.ndarray
+
+    def __getitem__(self, k: slice) -> tuple[np.ndarray, ...]:
+        return (self.position, self.quaternion, self.jacobian, self.q, self.dq, self.mass)[k]
+
+
+@functools.cache
+def poses(n: int = 64, robot: str = "panda") -> Look:
+    """Random poses and speeds of one arm as a batch (n, …)."""
+    rig, rng = Rig(robot), np.random.default_rng(0)
+    low, high = (rig.arm.limits.position + np.array([0.1, -0.1])).T
+    looks = []
+    for _ in range(n):
+        rig.data.qpos[:], rig.data.qvel[:] = rng.uniform(low, high), rng.normal(size=7)
+        looks.append(rig.look())
+    return Look(*(np.concatenate(parts) for parts in zip(*(p[:6] for p in looks), strict=True)))
+
+
+def batch(n: int = 64, **settings: object) -> tuple[CartesianImpedance, Look]:
+    """Controllers of n arms, their references away from their poses."""
+    look = poses(n)
+    control = CartesianImpedance(
+        ImpedanceSettings(**({"torque_rate": np.inf} | settings)),  # type: ignore[arg-type]
+        n,
+        load_arm("panda").limits,
+    )
+    rng = np.random.default_rng(1)
+    control.reset(None, look.position, look.quaternion, look.q)
+    control.update_model(None, look.jacobian, look.mass)
+    turn = rotation.from_rotation_vector(0.2 * rng.normal(size=(n, 3)))
+    control.set_reference(
+        look.position + 0.05 * rng.normal(size=(n, 3)), rotation.multiply(turn, look.quaternion)
+    )
+    control.set_nullspace(look.q + 0.3 * rng.normal(size=(n, 7)))
+    return control, look

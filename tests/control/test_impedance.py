@@ -1,0 +1,313 @@
+"""Cartesian impedance control: limit cases of equations 2.9 to 2.17 on frictionless arms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy.linalg
+
+from stiction_envs.control import rotation
+from stiction_envs.robots import load_arm
+from tests.control.rig import Rig, batch, poses
+
+# ---- the law itself ------------------------------------------------------------------------
+
+
+def test_torque_is_the_printed_law():
+    """τ = Jᵀ(−K e − D J q̇ + F) + P(k_n(q_d − q) − d_n q̇) + dither + the rest, term by term."""
+    control, look = batch(nullspace_stiffness=10.0, translational_stiffness=[200, 300, 400])
+    rng = np.random.default_rng(2)
+    wrench, extra = rng.normal(size=(64, 6)), rng.normal(size=(2, 64, 7))
+    control.set_wrench(wrench)
+    q_d = look.q + rng.normal(size=(64, 7)) * 0.1
+    control.set_nullspace(q_d)
+    x_d, o_d = control.reference
+    tau = control.torque(*look[:5], gravity_correction=extra[0], dither=extra[1])
+    e = np.hstack([look.position - x_d, rotation.rotation_error(look.quaternion, o_d)])
+    stiffness = np.diag([200, 300, 400, 20, 20, 20])
+    for k in range(64):
+        jac = look.jacobian[k]
+        force = -stiffness @ e[k] - control.damping[k] @ jac @ look.dq[k] + wrench[k]
+        null = 10 * (q_d[k] - look.q[k]) - 2 * np.sqrt(10) * look.dq[k]
+        expected = jac.T @ force + control.projector[k] @ null + extra[:, k].sum(axis=0)
+        limit = load_arm("panda").limits.torque
+        np.testing.assert_allclose(tau[k], np.clip(expected, -limit, limit), atol=1e-10)
+    np.testing.assert_allclose(control.error, e, atol=1e-15)
+
+
+def test_static_deflection_is_force_over_stiffness():
+    """At rest under a push F the flange is K⁻¹F away: 2.10 without motion, coupled and not."""
+    coupling = np.array([[0, 5, 0], [5, 10, 0], [0, 0, -10.0]])
+    push = np.array([2.0, -1.0, 3.0, 0.2, 0.1, -0.1])
+    for k_c in (0.0, coupling):
+        rig = Rig(nullspace_stiffness=5.0, coupling_stiffness=k_c)
+        for _ in range(3000):
+            rig.step(push)
+        expected = np.linalg.solve(rig.control.stiffness[0], push)
+        np.testing.assert_allclose(rig.control.error[0], expected, rtol=1e-3, atol=1e-6)
+
+
+def test_external_wrench_pushes_like_a_force():
+    """The flange comes to rest K⁻¹F_ref away, without any force from outside."""
+    rig, wrench = Rig(nullspace_stiffness=5.0), np.array([3.0, 0, -2.0, 0, 0.2, 0])
+    rig.control.set_wrench(wrench)
+    for _ in range(3000):
+        rig.step()
+    np.testing.assert_allclose(
+        rig.control.error[0], wrench / np.repeat([200, 20], 3), rtol=1e-3, atol=1e-6
+    )
+
+
+def modal_overshoot(ratio: float, mode: int) -> float:
+    """Overshoot of one mode of (K, Λ), started at rest away from the reference."""
+    rig = Rig(damping_ratio=ratio)
+    pose = rig.look()
+    inertia = np.linalg.inv(pose.jacobian[0] @ np.linalg.solve(pose.mass[0], pose.jacobian[0].T))
+    _, v = scipy.linalg.eigh(rig.control.stiffness[0], inertia)  # vᵀ Λ v = 1
+    shift = 0.01 * v[:, mode] / np.abs(v[:, mode]).max()
+    rig.control.set_reference(
+        pose.position - shift[:3],
+        rotation.multiply(rotation.from_rotation_vector(-shift[3:]), pose.quaternion),
+    )
+    size = []
+    for _ in range(1500):
+        rig.step()
+        size.append(v[:, mode] @ inertia @ rig.control.error[0])
+    return -min(size) / size[0]
+
+
+@pytest.mark.parametrize("mode", range(6))
+def test_design_mass_is_critically_damped(mode):
+    """Eq. 2.14 with ξ = 1: no mode of (K, Λ) overshoots; with ξ = 0.3 by exp(−πξ/√(1 − ξ²))."""
+    assert modal_overshoot(1.0, mode) < 0.01
+    assert modal_overshoot(0.3, mode) == pytest.approx(np.exp(-np.pi * 0.3 / 0.91**0.5), abs=0.03)
+
+
+def test_damping_is_equation_2_14():
+    """D = 2 Qᵀ D_ξ √λ Q with K = Qᵀ λ Q and Λ = Qᵀ Q, from scipy's generalised eigenvalues."""
+    coupling = np.diag([5.0, -5.0, 3.0])
+    control, _ = batch(damping_ratio=0.7, coupling_stiffness=coupling)
+    for k in np.flatnonzero(~control.flags.singular):
+        eigenvalues, v = scipy.linalg.eigh(control.stiffness[k], control.inertia[k])
+        q = np.linalg.inv(v)
+        expected = 2 * q.T @ np.diag(0.7 * np.sqrt(eigenvalues)) @ q
+        np.testing.assert_allclose(control.damping[k], expected, rtol=1e-7, atol=1e-7)
+
+
+def test_unequal_damping_ratios_belong_to_axes_and_never_feed_energy_in():
+    """Where K and Λ are diagonal D_ii = 2 ξ_i √(K_ii Λ_ii); everywhere D = Dᵀ ≥ 0."""
+    xi = np.array([1.0, 0.1, 0.5, 0.0, 0.9, 0.3])
+    control, _ = batch(damping_ratio=xi, translational_stiffness=[200, 0, 1500])
+    damping = control.damping
+    np.testing.assert_allclose(damping, damping.transpose(0, 2, 1), atol=1e-9)
+    eigenvalues = np.linalg.eigvalsh(damping)
+    assert (eigenvalues[:, 0] > -1e-9 * eigenvalues[:, -1]).all()
+    inertia = np.array([2.0, 3.0, 4.0, 0.1, 0.2, 0.3])
+    jac = np.zeros((64, 6, 7))
+    jac[:] = np.eye(6, 7)
+    mass = np.tile(np.diag([*inertia, 1.0]), (64, 1, 1))
+    control.update_model(None, jac, mass)
+    stiffness = np.array([200, 0, 1500, 20, 20, 20])
+    np.testing.assert_allclose(
+        control.damping[0], np.diag(2 * xi * np.sqrt(stiffness * inertia)), atol=1e-10
+    )
+
+
+def test_design_diagonal_has_no_mass_in_it():
+    """physics.md 6.1: D_ii = 2 ξ_i √K_ii, whatever the pose."""
+    control, _ = batch(damping_design="diagonal", damping_ratio=[1, 1, 1, 0.5, 0.5, 0.5])
+    expected = np.diag([2 * np.sqrt(200)] * 3 + [np.sqrt(20)] * 3)
+    np.testing.assert_allclose(control.damping, np.broadcast_to(expected, (64, 6, 6)))
+
+
+# ---- energy and nullspace --------------------------------------------------------------------
+
+
+def energies(rig: Rig, steps: int, k_n: float = 0.0, q_d: np.ndarray | float = 0.0) -> np.ndarray:
+    """½ q̇ᵀM q̇ + ½ eᵀK e + ½ k_n |q − q_d|² before every step."""
+    out = []
+    for _ in range(steps):
+        look = rig.step()
+        e, dq = rig.control.error[0], look.dq[0]
+        task = e @ rig.control.stiffness[0] @ e + k_n * np.sum((look.q[0] - q_d) ** 2)
+        out.append(0.5 * (dq @ look.mass[0] @ dq + task))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("design", ["mass", "diagonal"])
+def test_energy_never_grows_without_reference_motion(design):
+    """Passivity: d/dt(½ q̇ᵀM q̇ + ½ eᵀK e) = −(J q̇)ᵀ D J q̇ ≤ 0, through large fast motions."""
+    rig = Rig(dt=2e-4, damping_design=design, damping_ratio=0.3)
+    pose = rig.look()
+    turn = rotation.from_rotation_vector([0.4, -0.5, 0.3])
+    rig.control.set_reference(
+        pose.position + np.array([0.1, 0.15, -0.1]), rotation.multiply(turn, pose[1])
+    )
+    rig.data.qvel[:] = [0.5, -0.3, 0.4, 0.2, -0.6, 0.5, 0.7]
+    energy = energies(rig, 5000)
+    # the torque is held for a step: what that lets through is of the order of the step
+    assert np.diff(energy).max() < 1e-5 * energy[0]
+    assert energy[-1] < 0.5 * energy[0]
+
+
+AWAY = np.array([0.3, 0.1, -0.3, 0.0, 0.15, 0.0, 0.0])
+"""A nullspace configuration as far from the rest pose [rad]."""
+
+
+def test_nullspace_motion_loses_energy_and_leaves_the_flange():
+    """Eq. 2.17: P τ_0 does not accelerate the flange; ½ q̇ᵀM q̇ + ½ k_n |q − q_d|² only falls.
+
+    What is left, under 0.1 mm, is the centripetal part J̇ q̇, which no projector sees.
+    """
+    rig = Rig(dt=2e-4, nullspace_stiffness=5.0)
+    rig.control.set_nullspace(rig.arm.rest + AWAY)
+    energy = energies(rig, 10000, 5.0, rig.arm.rest + AWAY)
+    assert np.diff(energy).max() < 1e-5 * energy[0]
+    assert np.abs(rig.data.qpos - rig.arm.rest).max() > 0.15
+    assert np.abs(rig.control.error[0]).max() < 1e-4
+
+
+def test_pseudoinverse_projector_moves_the_flange():
+    """I − Jᵀ(Jᵀ)^# knows no mass: the same motion pushes the flange millimetres away."""
+    away = {}
+    for projector in ("dynamic", "pseudoinverse"):
+        rig = Rig(nullspace_stiffness=5.0, projector=projector)
+        rig.control.set_nullspace(rig.arm.rest + AWAY)
+        away[projector] = 0.0
+        for _ in range(1000):
+            rig.step()
+            away[projector] = max(away[projector], np.abs(rig.control.error[0, :3]).max())
+    assert away["pseudoinverse"] > 1e-3
+    assert away["dynamic"] < 0.1 * away["pseudoinverse"]
+
+
+def test_projector_is_a_projection_that_does_not_accelerate_the_flange():
+    """Eq. 2.17: P² = P and J M⁻¹ P = 0; rank n − 6."""
+    control, look = batch()
+    good = ~control.flags.singular
+    assert good.sum() > 40
+    p = control.projector[good]
+    np.testing.assert_allclose(p @ p, p, atol=1e-9)
+    flange = look.jacobian[good] @ np.linalg.solve(look.mass[good], p)
+    np.testing.assert_allclose(flange, 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.trace(p, axis1=1, axis2=2), 1.0, atol=1e-9)
+
+
+def test_pseudoinverse_is_the_damped_svd():
+    """(Jᵀ)^# has singular values σ/(σ² + λ²), λ = 0.2 (physics.md 6.1)."""
+    control, look = batch(projector="pseudoinverse")
+    for jac, projector in zip(look.jacobian, control.projector, strict=True):
+        u, s, vt = np.linalg.svd(jac.T, full_matrices=False)
+        inverse = vt.T @ np.diag(s / (s * s + 0.04)) @ u.T
+        np.testing.assert_allclose(projector, np.eye(7) - jac.T @ inverse, atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7"])
+def test_inertia_is_pinocchios(robot):
+    """Λ = (J M⁻¹ Jᵀ)⁻¹ of pinocchio's J and M, to 1e-9; without rotors."""
+    rig, rng = Rig(robot, rotor=0.0), np.random.default_rng(3)
+    model = rig.arm.pinocchio()
+    data, frame = model.createData(), model.getFrameId(rig.arm.end_effector)
+    for _ in range(20):
+        rig.put(rig.arm.rest + rng.uniform(-0.3, 0.3, 7))
+        q = rig.data.qpos.copy()
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        jac = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        np.testing.assert_allclose(rig.look().jacobian[0], jac, atol=1e-9)
+        mass = pin.crba(model, data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        inertia = np.linalg.inv(jac @ np.linalg.solve(mass, jac.T))
+        assert not rig.control.flags.singular[0]
+        np.testing.assert_allclose(
+            rig.control.inertia[0] / inertia.max(), inertia / inertia.max(), atol=1e-9
+        )
+
+
+# ---- singular, saturated, near a limit -------------------------------------------------------
+
+
+@pytest.mark.parametrize("projector", ["dynamic", "pseudoinverse"])
+def test_stretched_arm_is_flagged_and_bounded(projector):
+    """At a stretched arm J loses rank: Λ ≤ 2 S²/s_0, torques within limits, no NaN on the way."""
+    rig = Rig("iiwa7", nullspace_stiffness=10.0, projector=projector, torque_rate=1.0)
+    rig.put(np.zeros(7))
+    assert rig.control.flags.singular[0]
+    eigenvalues = np.linalg.eigvalsh(rig.control.inertia[0])
+    assert 0 < eigenvalues[0] <= eigenvalues[-1] <= 2.0 / 1e-3 * (1 + 1e-9)
+    pose = rig.look()
+    rig.control.set_reference(
+        pose.position + np.array([0.0, 0.0, 0.5]), pose.quaternion
+    )  # out of reach
+    rig.data.qvel[:] = 0.3
+    for _ in range(2000):
+        rig.step()
+        assert (np.abs(rig.data.qfrc_applied) <= rig.arm.limits.torque).all()
+    assert np.isfinite(rig.data.qvel).all()
+    assert np.abs(rig.data.qvel).max() < 10.0
+
+
+def test_every_pose_gives_bounded_finite_gains():
+    """Poses over the whole range, exact singularities of rank 5 and 0 among them."""
+    look, n = poses(64), 64
+    control, _ = batch()
+    jac = look.jacobian.copy()
+    jac[::4, 3] = jac[::4, 4]  # two rows alike: rank 5
+    jac[1::4] = 0.0
+    control.update_model(None, jac, look.mass)
+    assert control.flags.singular[::4].all()
+    assert control.flags.singular[1::4].all()
+    for array in (control.inertia, control.damping, control.projector):
+        assert np.isfinite(array).all()
+    assert np.abs(control.inertia).max() <= 2.0 / 1e-3 * 1.0001
+    tau = control.torque(look.position, look.quaternion, jac, look.q, look.dq)
+    assert np.isfinite(tau).all()
+    assert tau.shape == (n, 7)
+
+
+def test_command_changes_by_one_newton_metre_per_cycle():
+    """physics.md 6.1: each joint's change is clipped to δ = 1 N·m against the last command."""
+    control, look = batch(torque_rate=1.0)
+    previous = np.zeros((64, 7))
+    still = np.zeros((64, 7))
+    wanted, _ = batch()
+    goal = wanted.torque(*look[:4], still)
+    for _ in range(100):
+        tau = control.torque(*look[:4], still)
+        change = np.clip(goal - previous, -1.0, 1.0)
+        np.testing.assert_allclose(tau, previous + change, atol=1e-12)
+        np.testing.assert_array_equal(
+            control.flags.saturated,
+            (np.abs(goal - previous) > 1.0).any(axis=1)
+            | (np.abs(goal) >= load_arm("panda").limits.torque).any(axis=1),
+        )
+        previous = tau
+    control.reset([3], look.position[3], look.quaternion[3], look.q[3], torque=goal[3])
+    assert not control.flags.saturated[3]
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_dither_before_or_behind_the_saturation(behind):
+    """A dither of 5 N·m square is cut to 1 N·m per cycle before it, and whole behind it."""
+    control, look = batch(torque_rate=1.0, dither_after_saturation=behind)
+    control.reset(None, look.position, look.quaternion, look.q)
+    still, dither = np.zeros((64, 7)), np.full((64, 7), 5.0)
+    first = control.torque(*look[:4], still, dither=dither)
+    np.testing.assert_allclose(first, 5.0 if behind else 1.0, atol=1e-12)
+    second = control.torque(*look[:4], still, dither=-dither)
+    np.testing.assert_allclose(second, -5.0 if behind else 0.0, atol=1e-12)
+    large = control.torque(*look[:4], still, dither=1e3 * dither)
+    limit = load_arm("panda").limits.torque
+    assert (np.abs(large) <= limit).all()
+    assert control.flags.saturated.all()
+
+
+def test_near_limit_flag():
+    """A joint within the margin of its limit, or beyond it, is near."""
+    control, look = batch(limit_margin=0.05)
+    limits = load_arm("panda").limits.position
+    q = np.tile(limits.mean(axis=1), (64, 1))
+    q[1, 3], q[2, 5], q[3, 0] = limits[3, 0] + 0.04, limits[5, 1] + 0.5, limits[0, 1] - 0.06
+    control.torque(*look[:3], q, look.dq)
+    assert control.flags.near_limit.nonzero()[0].tolist() == [1, 2]

@@ -1,0 +1,254 @@
+"""Impedance control while it runs: filters, changes, bits, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import load_arm
+from tests.control.rig import Look, Rig, batch, poses
+
+# ---- filters and changes while running -------------------------------------------------------
+
+
+@pytest.mark.parametrize("p", [0.1, 0.5, 0.95])
+def test_filters_reach_their_fraction_after_one_second(p):
+    """x ← x + s(target − x), s = 1/(κf + 1), κ = −1/ln(1 − p): p after one second, all five."""
+    names = ("stiffness_filter", "pose_filter", "nullspace_filter", "wrench_filter")
+    rig = Rig(**dict.fromkeys(names, p), nullspace_stiffness=1.0)
+    pose = rig.look()
+    control = rig.control
+    turn = rotation.from_rotation_vector([0.0, 0.0, 1.0])
+    control.set_reference(pose.position + 1.0, rotation.multiply(turn, pose.quaternion))
+    control.set_stiffness(None, translational=300.0, rotational=0.0, nullspace=0.0)
+    control.set_wrench([1.0, 0, 0, 0, 0, 0])
+    still = np.zeros((1, 7))
+    for _ in range(1000):
+        control.torque(*pose[:4], still)
+    s = control.settings.filter_step("pose_filter")
+    reached = 1 - (1 - s) ** 1000
+    assert reached == pytest.approx(p, abs=2e-3)
+    position, quaternion = control.reference
+    np.testing.assert_allclose(position - pose.position, reached, atol=1e-9)
+    angle = rotation.angle_between(quaternion, pose.quaternion)
+    np.testing.assert_allclose(angle, reached, atol=1e-9)
+    stiffness = np.repeat([200 + 100 * reached, 20 - 20 * reached], 3)
+    np.testing.assert_allclose(np.diagonal(control.stiffness[0]), stiffness, atol=1e-9)
+
+    # wrench and nullspace target, by the torque they make
+    rig = Rig(**dict.fromkeys(names, p), nullspace_stiffness=1.0)
+    rig.control.set_wrench([1.0, 0, 0, 0, 0, 0])
+    rig.control.set_nullspace(pose.q + 1.0)
+    for _ in range(1000):
+        tau = rig.control.torque(*pose[:4], still)
+    expected = pose.jacobian[0, 0] * reached + rig.control.projector[0] @ np.full(7, reached)
+    np.testing.assert_allclose(tau[0], expected, atol=1e-9)
+
+
+def test_changing_stiffness_while_running_is_bumpless_behind_the_filter():
+    """p = 0.9: doubling K is spread over the cycles: the largest step is under a twentieth.
+
+    Nearly all of that step is the damping, which follows every tenth cycle.
+    """
+    jumps = {}
+    for p in (0.9, 1.0):
+        control, look = batch(stiffness_filter=p, damping_design="mass")
+        before = control.torque(*look[:5])
+        control.set_stiffness(None, translational=400.0, rotational=40.0)
+        change = []
+        for k in range(2000):
+            if k % 10 == 0:
+                control.update_model(None, look.jacobian, look.mass)
+            after = control.torque(*look[:5])
+            change.append(np.abs(after - before).max())
+            before = after
+        jumps[p] = max(change)
+        if p == 1.0:
+            last = after
+        else:
+            np.testing.assert_allclose(np.diagonal(control.stiffness[0])[0], 398, atol=1)
+    assert jumps[0.9] < 0.05 * jumps[1.0]
+    assert np.isfinite(last).all()
+
+
+def test_stiffness_of_single_arms():
+    """Only the arms named change; per arm, per axis, whole; damping follows at once unfiltered."""
+    control, _ = batch(8)
+    before, damping = control.stiffness, control.damping
+    control.set_stiffness([2, 5], translational=[100.0, 500.0], nullspace=[[1.0] * 7, [2.0] * 7])
+    after = control.stiffness
+    others = [0, 1, 3, 4, 6, 7]
+    np.testing.assert_array_equal(after[others], before[others])
+    np.testing.assert_array_equal(control.damping[others], damping[others])
+    np.testing.assert_array_equal(np.diagonal(after[2]), [100] * 3 + [20] * 3)
+    np.testing.assert_array_equal(np.diagonal(after[5]), [500] * 3 + [20] * 3)
+    assert (control.damping[[2, 5]] != damping[[2, 5]]).any()
+    control.set_stiffness([1], rotational=[[1.0, 2.0, 3.0]], coupling=0.5 * np.eye(3))
+    np.testing.assert_array_equal(np.diagonal(control.stiffness[1]), [200] * 3 + [1, 2, 3])
+    assert control.stiffness[1, 0, 3] == control.stiffness[1, 3, 0] == 0.5
+    kept = control.stiffness
+    with pytest.raises(StictionError, match="semidefinite"):
+        control.set_stiffness([0, 1], coupling=100 * np.eye(3))
+    np.testing.assert_array_equal(control.stiffness, kept)
+
+
+def test_reset_forgets_wrench_and_reference_of_the_arms_named():
+    """After a reset an arm at rest commands nothing; the others go on."""
+    control, look = batch(8)
+    control.set_wrench(np.ones(6))
+    control.reset([4], look.position[4], look.quaternion[4], look.q[4])
+    tau = control.torque(*look[:4], np.zeros((8, 7)))
+    np.testing.assert_allclose(tau[4], 0.0, atol=1e-12)
+    assert (np.abs(np.delete(tau, 4, axis=0)) > 1e-3).any(axis=1).all()
+
+
+# ---- bits ------------------------------------------------------------------------------------
+
+EVERYTHING = {
+    "nullspace_stiffness": 10.0,
+    "stiffness_filter": 0.5,
+    "pose_filter": 0.5,
+    "nullspace_filter": 0.5,
+    "wrench_filter": 0.5,
+    "torque_rate": 1.0,
+    "damping_ratio": [1, 0.9, 0.8, 0.7, 0.6, 0.5],
+    "coriolis": True,
+}
+
+
+def test_q_and_minus_q_give_the_same_torque():
+    """Double cover: neither the measured nor the desired quaternion's sign matters, to the bit."""
+    control, look = batch()
+    x_d, o_d = control.reference
+    tau = control.torque(*look[:5])
+    for measured, desired in ((-1, 1), (1, -1), (-1, -1)):
+        control, _ = batch()
+        control.set_reference(x_d, desired * o_d)
+        other = control.torque(look.position, measured * look.quaternion, *look[2:5])
+        np.testing.assert_array_equal(other, tau)
+
+
+def run(ids: np.ndarray, settings: dict[str, object], strided: bool = False) -> np.ndarray:
+    """40 cycles of the arms ``ids`` of a common list, in one batch, (40, len(ids), 7)."""
+    control, _ = batch(64, **settings)
+    source, own = (
+        control,
+        CartesianImpedance(
+            ImpedanceSettings(**settings),  # type: ignore[arg-type]
+            len(ids),
+            load_arm("panda").limits,
+        ),
+    )
+    look = Look(*(part[ids] for part in poses()[:6]))
+    rng = np.random.default_rng(5)
+    extra = rng.normal(size=(40, 3, 64, 7))[:, :, ids]
+    own.reset(None, look.position, look.quaternion, look.q)
+    x_d, o_d = source._position.target[ids], source._quaternion_target[ids]
+    out = []
+    for k in range(40):
+        if k % 10 == 0:
+            for half in (np.arange(0, len(ids), 2), np.arange(1, len(ids), 2)):
+                own.update_model(half, look.jacobian[half], look.mass[half])
+        if k == 10:
+            own.set_reference(x_d, o_d)
+            own.set_nullspace(look.q + 0.1)
+            own.set_wrench(np.full((len(ids), 6), 0.3))
+        if k == 20:
+            own.set_stiffness(None, translational=10.0 * (1 + ids))
+        args = [part + 1e-3 * k for part in look[:5]]
+        if strided:
+            args = [np.repeat(a, 2, axis=0)[::2] for a in args]
+            args[2] = np.asfortranarray(args[2])
+        out.append(
+            own.torque(*args, extra[k, 0], gravity_correction=extra[k, 1], dither=extra[k, 2])
+        )
+    return np.array(out)
+
+
+@pytest.mark.parametrize("projector", ["dynamic", "pseudoinverse"])
+@pytest.mark.parametrize("design", ["mass", "diagonal"])
+def test_bits_do_not_depend_on_the_batch(design, projector):
+    """An arm's torques are the same bits alone, among 7, among 64 and from strided arrays."""
+    settings = EVERYTHING | {"damping_design": design, "projector": projector}
+    whole = run(np.arange(64), settings)
+    for ids in (np.array([0]), np.array([41]), np.arange(20, 27), np.arange(64)[::-1]):
+        np.testing.assert_array_equal(run(ids, settings), whole[:, ids])
+    np.testing.assert_array_equal(run(np.arange(64), settings, strided=True), whole)
+
+
+def test_results_are_fresh_arrays():
+    """No result changes later: torques, flags, errors and references are copies."""
+    control, look = batch()
+    kept = [control.torque(*look[:5]), control.error, *control.reference, control.stiffness]
+    copies = [a.copy() for a in kept]
+    control.set_reference(look.position, look.quaternion)
+    control.set_stiffness(None, translational=1.0)
+    control.torque(*(part + 0.1 for part in look[:5]))
+    for a, b in zip(kept, copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# ---- bad input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"translational_stiffness": -1.0}, "translational stiffness is -1.0.*>= 0"),
+        ({"rotational_stiffness": [1.0, 2.0]}, "rotational stiffness has shape"),
+        ({"translational_stiffness": "stiff"}, "translational stiffness is 'stiff'"),
+        ({"coupling_stiffness": np.triu(np.ones((3, 3)))}, "not symmetric"),
+        ({"coupling_stiffness": 100 * np.eye(3)}, "semidefinite"),
+        ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
+        ({"damping_ratio": 1.1}, "damping ratio is 1.1.*<= 1"),
+        ({"damping_design": "other"}, "damping design 'other': allowed are mass, diagonal"),
+        ({"projector": "other"}, "projector 'other': allowed are dynamic, pseudoinverse"),
+        ({"torque_rate": 0.0}, "torque rate is 0.0.*> 0"),
+        ({"pose_filter": 0.0}, "pose filter is 0.0.*> 0 and <= 1"),
+        ({"rate_hz": np.inf}, "rate hz is inf.*finite"),
+        ({"limit_margin": [1.0, 2.0]}, "limit margin has shape"),
+    ],
+)
+def test_bad_settings_say_what_and_what_is_allowed(change, words):
+    with pytest.raises(StictionError, match=words):
+        ImpedanceSettings(**change)
+
+
+def test_defaults_are_the_tomls_and_the_thesiss():
+    """Thesis 4.1 and physics.md 6.1: 200/20/0, critical, 1 N·m per cycle at 1 kHz, filters off."""
+    s = ImpedanceSettings()
+    np.testing.assert_array_equal(s.translational_stiffness, [200.0] * 3)
+    np.testing.assert_array_equal(s.rotational_stiffness, [20.0] * 3)
+    assert s.nullspace_stiffness == 0.0
+    np.testing.assert_array_equal(s.damping_ratio, [1.0] * 6)
+    assert (s.torque_rate, s.rate_hz) == (1.0, 1000.0)
+    assert s.filter_step("pose_filter") == 1.0
+    assert (s.damping_design, s.projector, s.coriolis) == ("mass", "dynamic", False)
+
+
+def test_calls_that_cannot_work_are_refused():
+    """No model yet, no Coriolis torque, wrong sizes, dynamics that are not finite."""
+    limits, look = load_arm("panda").limits, poses()
+    with pytest.raises(StictionError, match="number of simulations 0"):
+        CartesianImpedance(ImpedanceSettings(), 0, limits)
+    with pytest.raises(StictionError, match="nullspace stiffness has shape"):
+        CartesianImpedance(ImpedanceSettings(nullspace_stiffness=[1.0, 2.0]), 4, limits)
+    control = CartesianImpedance(ImpedanceSettings(coriolis=True), 64, limits)
+    control.update_model(np.arange(5), look.jacobian[:5], look.mass[:5])
+    with pytest.raises(StictionError, match="simulation 5"):
+        control.torque(*look[:5])
+    control.update_model(None, look.jacobian, look.mass)
+    with pytest.raises(StictionError, match="coriolis"):
+        control.torque(*look[:5])
+    with pytest.raises(StictionError, match="shape"):
+        control.set_stiffness([0, 1], translational=[1.0, 2.0, 3.0])
+    bad = look.mass.copy()
+    bad[7, 0, 0] = np.nan
+    with pytest.raises(StictionError, match="row 7"):
+        control.update_model(None, look.jacobian, bad)
+    bad[7] = 0.0
+    with pytest.raises(StictionError, match=r"row 7.*singular"):
+        control.update_model(None, look.jacobian, bad)

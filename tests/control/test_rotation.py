@@ -1,0 +1,137 @@
+"""Quaternion helpers against scipy, their limit cases, and bits that do not depend on the batch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stiction_envs.control import rotation
+
+
+def random(n: int, seed: int = 0) -> np.ndarray:
+    q = np.random.default_rng(seed).normal(size=(n, 4))
+    return q / np.linalg.norm(q, axis=1)[:, None]
+
+
+def scipy(q: np.ndarray) -> Rotation:
+    return Rotation.from_quat(q, scalar_first=True)
+
+
+def same(a: np.ndarray, b: np.ndarray) -> None:
+    """Same rotations, whatever the sign of the quaternions."""
+    np.testing.assert_allclose(np.abs(np.sum(a * b, axis=-1)), 1.0, atol=1e-14)
+
+
+def test_product_inverse_and_matrix_are_scipys():
+    """a ⊗ b turns by b, then a; w first."""
+    a, b = random(200), random(200, 1)
+    np.testing.assert_allclose(
+        rotation.to_matrix(rotation.multiply(a, b)), (scipy(a) * scipy(b)).as_matrix(), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        rotation.to_matrix(rotation.conjugate(a)), scipy(a).inv().as_matrix(), atol=1e-14
+    )
+    np.testing.assert_array_equal(rotation.multiply(a[0], np.array([1.0, 0.0, 0.0, 0.0])), a[0])
+
+
+def test_rotation_error_is_angle_times_axis_in_the_base_frame():
+    """physics.md 6.1: e = angle·axis of q·q_d⁻¹; turning q_d by e gives q."""
+    q, d = random(200), random(200, 1)
+    e = rotation.rotation_error(q, d)
+    np.testing.assert_allclose(e, (scipy(q) * scipy(d).inv()).as_rotvec(), atol=1e-13)
+    same(rotation.multiply(rotation.from_rotation_vector(e), d), q)
+    np.testing.assert_allclose(rotation.angle_between(q, d), np.linalg.norm(e, axis=1), atol=1e-13)
+
+
+def test_rotation_error_is_the_same_for_q_and_minus_q():
+    """Double cover: the sign is flipped where q·q_d < 0, bit for bit."""
+    q, d = random(200), random(200, 1)
+    e = rotation.rotation_error(q, d)
+    for a, b in ((-q, d), (q, -d), (-q, -d)):
+        np.testing.assert_array_equal(rotation.rotation_error(a, b), e)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-160, 1e-9, 1e-4, 1.0, 3.1, np.pi])
+def test_exponential_and_logarithm_are_inverse(angle):
+    """log(exp(v)) = v, also where sin(v/2)/v tends to a half and at half a turn."""
+    axis = np.array([[1.0, 0.0, 0.0], [0.6, 0.0, -0.8], [0.48, 0.6, 0.64]])
+    v = angle * axis
+    q = rotation.from_rotation_vector(v)
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-15)
+    back = rotation.rotation_vector(q)
+    assert np.isfinite(back).all()
+    np.testing.assert_allclose(back, v, rtol=1e-14, atol=1e-155)
+
+
+def test_error_is_a_gradient():
+    """d/dt ½|e|² = e·ω for q̇ = ½ ω ⊗ q: finite differences."""
+    q, d = random(50), random(50, 1)
+    omega = np.random.default_rng(2).normal(size=(50, 3))
+    h = 1e-6
+    energy = [
+        0.5 * np.sum(rotation.rotation_error(rotation.multiply(turn, q), d) ** 2, axis=1)
+        for turn in (
+            rotation.from_rotation_vector(h * omega),
+            rotation.from_rotation_vector(-h * omega),
+        )
+    ]
+    slope = (energy[0] - energy[1]) / (2 * h)
+    e = rotation.rotation_error(q, d)
+    np.testing.assert_allclose(slope, np.sum(e * omega, axis=1), atol=1e-8)
+
+
+def test_matrices_turn_into_quaternions_in_all_four_cases():
+    """Shepperd's method: the largest of w, x, y, z leads; half turns have w = 0."""
+    turns = np.concatenate([random(300), np.eye(4), [[0, 0.6, 0.8, 0], [0, -0.6, 0, 0.8]]])
+    q = rotation.from_matrix(rotation.to_matrix(turns))
+    same(q, turns)
+    assert (q[:, 0] >= 0).all()
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-15)
+
+
+def test_roll_pitch_yaw_are_ros_fixed_axes():
+    """R = R_z(yaw) R_y(pitch) R_x(roll); pitch ±π/2 still gives the same rotation."""
+    rpy = np.random.default_rng(0).uniform(-1.5, 1.5, (100, 3))
+    q = rotation.from_rpy(rpy)
+    same(q, Rotation.from_euler("xyz", rpy).as_quat(scalar_first=True))
+    np.testing.assert_allclose(rotation.to_rpy(q), rpy, atol=1e-13)
+    locked = rotation.from_rpy([0.3, np.pi / 2, -0.4])
+    assert rotation.angle_between(rotation.from_rpy(rotation.to_rpy(locked)), locked) < 1e-7
+
+
+def test_slerp_turns_evenly_about_one_axis_on_the_shorter_arc():
+    """The angle from the start is fraction · whole angle, and both ends are exact."""
+    a, b = random(100), random(100, 1)
+    whole = rotation.angle_between(a, b)
+    for s in (0.0, 0.25, 0.5, 1.0):
+        q = rotation.slerp(a, b, s)
+        np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-14)
+        np.testing.assert_allclose(rotation.angle_between(a, q), s * whole, atol=1e-13)
+        np.testing.assert_allclose(rotation.angle_between(q, b), (1 - s) * whole, atol=1e-13)
+    np.testing.assert_array_equal(rotation.slerp(a, b, 0.0), a)
+    flipped = np.where(np.sum(a * b, axis=1)[:, None] < 0, -b, b)
+    np.testing.assert_array_equal(rotation.slerp(a, b, 1.0), flipped)
+    np.testing.assert_allclose(rotation.slerp(a, a, np.linspace(0, 1, 100)), a, atol=1e-15)
+
+
+def test_bits_do_not_depend_on_the_batch():
+    """Element by element: row k alone is row k of 64, and any leading shape will do."""
+    a, b = random(64), random(64, 1)
+    cases = {
+        "multiply": lambda i: rotation.multiply(a[i], b[i]),
+        "rotation_error": lambda i: rotation.rotation_error(a[i], b[i]),
+        "angle_between": lambda i: rotation.angle_between(a[i], b[i]),
+        "from_matrix": lambda i: rotation.from_matrix(rotation.to_matrix(a[i])),
+        "slerp": lambda i: rotation.slerp(a[i], b[i], 0.3),
+        "rpy": lambda i: rotation.from_rpy(rotation.to_rpy(a[i])),
+        "exp": lambda i: rotation.from_rotation_vector(a[i, 1:]),
+    }
+    for name, call in cases.items():
+        whole = call(slice(None))
+        for part in (slice(5, 6), slice(5, 12)):
+            np.testing.assert_array_equal(call(part), whole[part], err_msg=name)
+    np.testing.assert_array_equal(
+        rotation.multiply(a.reshape(8, 8, 4), b.reshape(8, 8, 4)).reshape(64, 4),
+        rotation.multiply(a, b),
+    )

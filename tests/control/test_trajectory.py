@@ -1,0 +1,372 @@
+"""Trapezoidal segments, goals accepted from the measured pose, paths (physics.md 6.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.control.trajectory import (
+    GoalKeeper,
+    MotionLimits,
+    Segment,
+    pentagon,
+    read_path,
+    triangle,
+)
+from stiction_envs.errors import StictionError
+
+HERE = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Starts and goals from a millimetre to two metres, from a hundredth of a turn to half one."""
+    rng = np.random.default_rng(seed)
+    start = rng.normal(size=(n, 3))
+    direction = rng.normal(size=(n, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    q = rng.normal(size=(n, 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    axis = rng.normal(size=(n, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    turn = rotation.from_rotation_vector(axis * rng.uniform(0.01, 3.1, (n, 1)))
+    goal = start + direction * np.geomspace(1e-3, 2.0, n)[:, None]
+    return start, q, goal, rotation.multiply(turn, q)
+
+
+def segment(n: int = 64, **limits: object) -> tuple[Segment, tuple[np.ndarray, ...]]:
+    out, between = Segment(n, MotionLimits(**limits)), ends(n)  # type: ignore[arg-type]
+    out.start(*between)
+    return out, between
+
+
+def one(distance: float, angle: float = 0.0, **limits: object) -> Segment:
+    """One arm that moves along x and turns about z."""
+    out = Segment(1, MotionLimits(**limits))  # type: ignore[arg-type]
+    turn = rotation.from_rotation_vector([[0.0, 0.0, angle]])
+    out.start(np.zeros((1, 3)), HERE[None], [[distance, 0.0, 0.0]], turn)
+    return out
+
+
+@pytest.mark.parametrize("synchronised", [True, False])
+def test_speed_and_acceleration_stay_within_the_limits(synchronised):
+    """Finite differences: v ≤ v_max, −b ≤ v̇ ≤ a for translation and rotation, of all 64 arms."""
+    limits = MotionLimits(synchronised=synchronised)
+    s, _ = segment(synchronised=synchronised)
+    h = 1e-3
+    t = np.arange(-0.1, s.duration.max() + 0.1, h)
+    p, q, v, w = (np.array(part) for part in zip(*(s.sample(x) for x in t), strict=True))
+    speed = np.linalg.norm(v, axis=2)
+    for value, v_max, a, b in (
+        (speed, limits.translational_speed, 0.2, 0.2),
+        (w, limits.rotational_speed, 0.5, 0.2),
+    ):
+        assert value.min() >= 0
+        assert value.max() <= v_max * (1 + 1e-12)
+        rate = np.diff(value, axis=0) / h
+        assert rate.max() <= a * (1 + 1e-9)
+        assert rate.min() >= -b * (1 + 1e-9)
+    # the speeds are the derivatives of the pose
+    middle = 0.5 * (v[1:] + v[:-1])
+    np.testing.assert_allclose(np.diff(p, axis=0) / h, middle, atol=2e-4)
+    turned = rotation.angle_between(q[1:], q[:-1]) / h
+    np.testing.assert_allclose(turned, 0.5 * (w[1:] + w[:-1]), atol=1e-3)
+
+
+def test_rests_exactly_at_start_and_goal():
+    """Before 0 the pose is the start, from the duration on the goal, bit for bit; speeds are 0."""
+    s, (start, q, goal, goal_q) = segment()
+    for t in (-1.0, 0.0):
+        p, o, v, w = s.sample(t)
+        np.testing.assert_array_equal(p, start)
+        np.testing.assert_array_equal(o, q)
+        assert not v.any()
+        assert not w.any()
+    nearer = np.where(np.sum(q * goal_q, axis=1)[:, None] < 0, -goal_q, goal_q)
+    for t in (s.duration, s.duration + 10):
+        p, o, v, w = s.sample(t)
+        np.testing.assert_array_equal(p, goal)
+        np.testing.assert_array_equal(o, nearer)
+        assert not v.any()
+        assert not w.any()
+    p, o, _, _ = s.sample(s.duration - 1e-9)
+    np.testing.assert_allclose(p, goal, atol=1e-8)
+    np.testing.assert_allclose(o, nearer, atol=1e-8)
+
+
+def test_line_and_axis():
+    """Translation is straight and rotation has one axis."""
+    s, (start, q, goal, goal_q) = segment()
+    p, o, v, _ = s.sample(0.4 * s.duration)
+    way = goal - start
+    np.testing.assert_allclose(np.cross(p - start, way), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(v, way), 0.0, atol=1e-12)
+    whole, part = rotation.rotation_error(goal_q, q), rotation.rotation_error(o, q)
+    np.testing.assert_allclose(np.cross(whole, part), 0.0, atol=1e-11)
+
+
+def test_triangle_profile_of_short_ways():
+    """t_acc = √(2 d b/(a(a + b))) and the fall a/b times as long (physics.md 6.2)."""
+    a, b, d = 0.5, 0.2, 0.3
+    t_acc = np.sqrt(2 * d * b / (a * (a + b)))
+    s = one(0.0, d)
+    assert s.duration[0] == pytest.approx(t_acc * (1 + a / b), rel=1e-12)
+    assert s.sample(t_acc)[3][0] == pytest.approx(a * t_acc, rel=1e-12)
+    # equal acceleration and deceleration: half the time each, twice √(d/a)
+    assert one(0.2).duration[0] == pytest.approx(2.0, rel=1e-12)
+
+
+def test_trapezoid_of_long_ways():
+    """Above v²/2a + v²/2b the speed is flat at v_max: T = d/v + v/2a + v/2b."""
+    s = one(2.0)
+    assert s.duration[0] == pytest.approx(2.0 / 0.5 + 0.5 / 0.4 + 0.5 / 0.4, rel=1e-12)
+    assert s.sample(3.0)[2][0, 0] == pytest.approx(0.5, rel=1e-12)
+    edge = 0.5**2 / 0.2  # where one profile becomes the other
+    below, at, above = (one(edge * f).duration[0] for f in (1 - 1e-9, 1, 1 + 1e-9))
+    assert below < at < above
+    assert above - below < 1e-7
+
+
+def test_synchronised_movements_end_together():
+    """The shorter one is stretched in time: same shape, slower; off, it ends by itself."""
+    together, apart = one(0.2, 0.1), one(0.2, 0.1, synchronised=False)
+    assert together.duration[0] == apart.duration[0] == one(0.2).duration[0]
+    alone = one(0.0, 0.1).duration[0]
+    assert alone < 0.9 * together.duration[0]
+    start = np.array([HERE])
+    for fraction in (0.2, 0.5, 0.8, 1.0):
+        stretched = rotation.angle_between(together.sample(fraction * 2.0)[1], start)
+        own = rotation.angle_between(apart.sample(fraction * alone)[1], start)
+        np.testing.assert_allclose(stretched, own, atol=1e-12)
+    assert together.sample(1.9)[3][0] > 0
+    assert apart.sample(1.9)[3][0] == 0
+
+
+def test_no_way_at_all_takes_no_time():
+    """Goal = start: duration 0, rest, nothing but finite numbers; also half a turn on the spot."""
+    s = one(0.0)
+    assert s.duration[0] == 0
+    for t in (-1.0, 0.0, 1.0):
+        p, q, v, w = s.sample(t)
+        np.testing.assert_array_equal(p, np.zeros((1, 3)))
+        np.testing.assert_array_equal(q, HERE[None])
+        assert not v.any()
+        assert not w.any()
+    half = one(0.0, np.pi)
+    np.testing.assert_allclose(
+        rotation.angle_between(half.sample(half.duration)[1], HERE[None]), np.pi, atol=1e-12
+    )
+
+
+def test_bits_do_not_depend_on_the_batch():
+    """Row k of 64 is the same bits alone or among 7, for segments restarted in part."""
+    whole, between = segment()
+    again = ends(64, 1)
+    some = np.arange(10, 50)
+    whole.start(*(part[some] for part in again), some)
+    t = np.linspace(-0.1, 6, 64)
+    for ids in (np.array([20]), np.array([3]), np.arange(5, 12), np.arange(64)[::-1]):
+        part = Segment(len(ids), MotionLimits())
+        part.start(*(x[ids] for x in between))
+        moved = np.flatnonzero(np.isin(ids, some))
+        part.start(*(x[ids[moved]] for x in again), moved)
+        np.testing.assert_array_equal(part.duration, whole.duration[ids])
+        for a, b in zip(part.sample(t[ids]), whole.sample(t), strict=True):
+            np.testing.assert_array_equal(a, b[ids])
+
+
+# ---- goals -----------------------------------------------------------------------------------
+
+
+def keeper(n: int = 3, **limits: object) -> tuple[GoalKeeper, np.ndarray, np.ndarray]:
+    """Arms at different places with the triangle before them, started at 10 s."""
+    out = GoalKeeper(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
+    p, q = np.arange(3.0 * n).reshape(n, 3), np.tile(HERE, (n, 1))
+    out.start(None, *triangle().goals(p, q), p, q, 10.0)
+    return out, p, q
+
+
+def test_next_goal_starts_from_the_measured_pose():
+    """physics.md 6.2: the standing error is forgotten at the corner; the goals stay where put."""
+    k, p, q = keeper()
+    goals, _ = triangle().goals(p, q)
+    off = np.array([[0.03, 0, 0], [0, 0.02, 0.01], [0, 0, -0.03]])
+    assert not k.accept(goals[:, 0] + off, q, 11.999).any()
+    end = 10 + k.segment.duration
+    measured = goals[:, 0] + off
+    turn = rotation.from_rotation_vector(np.tile([0.1, 0, 0], (3, 1)))
+    assert k.accept(measured, turn, end).all()
+    np.testing.assert_array_equal(k.index, [1, 1, 1])
+    position, quaternion, velocity, _ = k.reference(end)
+    np.testing.assert_array_equal(position, measured)
+    np.testing.assert_array_equal(quaternion, turn)
+    assert not velocity.any()
+    position, quaternion, _, _ = k.reference(end + k.segment.duration + 1e-9)
+    np.testing.assert_array_equal(position, goals[:, 1])
+    np.testing.assert_array_equal(quaternion, q)
+
+
+def test_goals_wait_for_time_and_tolerance():
+    """Reached: the movement has ended, and under 0.04 m and 0.25 rad; each arm for itself."""
+    k, p, q = keeper(4)
+    goal = triangle().goals(p, q)[0][:, 0]
+    off = np.array([[0.0399, 0, 0], [0.0401, 0, 0], [0, 0, 0], [0, 0, 0]])
+    tilt = rotation.from_rotation_vector([[0.0, 0, 0], [0, 0, 0], [0.2499, 0, 0], [0, 0.2501, 0]])
+    np.testing.assert_array_equal(
+        k.accept(goal + off, rotation.multiply(tilt, q), 12.5), [True, False, True, False]
+    )
+    np.testing.assert_array_equal(k.index, [1, 0, 1, 0])
+    np.testing.assert_array_equal(k.accept(goal, q, 13.0), [False, True, False, True])
+    np.testing.assert_array_equal(
+        k.accepted_at[:, :2], [[10, 12.5], [10, 13], [10, 12.5], [10, 13]]
+    )
+    np.testing.assert_array_equal(k.reached_at[:, 0], [12.5, 13, 12.5, 13])
+    assert np.isnan(k.accepted_at[:, 2:]).all()
+    far, _, _ = keeper(4, position_tolerance=np.inf, rotation_tolerance=np.inf)
+    assert far.accept(goal + 1.0, q, 12.5).all()
+
+
+def test_walks_through_all_goals_and_finishes():
+    """Perfect arms on clocks of their own: three goals, then rest at the last, once each."""
+    k, p, q = keeper()
+    clock = np.array([10.0, 10.5, 11.0])
+    k.start([1, 2], *triangle().goals(p[1:], q[1:]), p[1:], q[1:], clock[1:])
+    count = np.zeros(3)
+    for _ in range(900):
+        position, quaternion, _, _ = k.reference(clock)
+        count += k.accept(position, quaternion, clock)
+        clock += 0.01
+    assert k.finished.all()
+    np.testing.assert_array_equal(count, 2)  # the first was accepted by `start`
+    np.testing.assert_array_equal(k.index, 3)
+    np.testing.assert_allclose(
+        k.accepted_at[:, :3].T - [10, 10.5, 11], [[0] * 3, [2] * 3, [4] * 3], atol=0.021
+    )
+    np.testing.assert_array_equal(k.accepted_at[:, 1:3], k.reached_at[:, :2])
+    assert np.isfinite(k.reached_at[:, 2]).all()
+    np.testing.assert_array_equal(k.reference(99.0)[0], p)
+    np.testing.assert_array_equal(k.goal[0], p)
+
+
+def test_arms_have_lists_of_their_own():
+    """Triangle, pentagon and nothing side by side; bits as when alone."""
+    p, q = np.arange(9.0).reshape(3, 3), np.tile(HERE, (3, 1))
+    k = GoalKeeper(3, MotionLimits(), 5)
+    k.start([0], *triangle().goals(p[:1], q[:1]), p[:1], q[:1])
+    k.start([1], *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
+    alone = GoalKeeper(1, MotionLimits(), 5)
+    alone.start(None, *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
+    np.testing.assert_array_equal(k.finished, [False, False, True])
+    for t in np.arange(0, 12, 0.01):
+        for keep, rows in ((k, slice(None)), (alone, slice(1, 2))):
+            keep.accept(keep.reference(t)[0] + 0.01, q[rows], t)
+        np.testing.assert_array_equal(k.reference(t)[0][1], alone.reference(t)[0][0])
+    np.testing.assert_array_equal(k.index, [3, 5, 0])
+    np.testing.assert_array_equal(k.accepted_at[1], alone.accepted_at[0])
+
+
+@pytest.mark.parametrize("count", [0, 6])
+def test_number_of_goals_is_checked(count):
+    k, p, q = keeper()
+    with pytest.raises(StictionError, match=f"path of {count} goals: allowed are 1 to 5"):
+        k.start(None, np.zeros((3, count, 3)), np.zeros((3, count, 4)), p, q)
+    with pytest.raises(StictionError, match="allowed are 1 and more"):
+        GoalKeeper(0, MotionLimits(), 5)
+
+
+# ---- paths -----------------------------------------------------------------------------------
+
+
+def test_polygons_are_regular_closed_and_where_the_thesis_puts_them():
+    """Thesis 4.1: a triangle in space, a pentagon in the XY-plane; sizes of gte.toml."""
+    for path, corners, side in ((triangle(), 3, 0.2), (pentagon(), 5, 0.15)):
+        assert path.position.shape == (corners, 3)
+        np.testing.assert_array_equal(path.position[-1], 0.0)
+        edges = np.diff(np.vstack([np.zeros(3), path.position]), axis=0)
+        np.testing.assert_allclose(np.linalg.norm(edges, axis=1), side, rtol=1e-12)
+        cosines = np.sum(edges * np.roll(edges, 1, axis=0), axis=1) / side**2
+        np.testing.assert_allclose(cosines, np.cos(2 * np.pi / corners), atol=1e-12)
+        np.testing.assert_array_equal(path.quaternion, np.tile(HERE, (corners, 1)))
+    assert not pentagon().position[:, 2].any()
+    assert np.ptp(triangle().position, axis=0).min() > 0.05
+    assert np.linalg.norm(pentagon(0.3).position[0]) == pytest.approx(0.3)
+    for make in (triangle, pentagon):
+        with pytest.raises(StictionError, match="side is -1 m"):
+            make(-1)
+
+
+def test_goals_are_relative_to_the_start_in_the_axes_of_the_base(tmp_path):
+    """p_goal = p + Δp, q_goal = Δq ⊗ q."""
+    file = tmp_path / "turn.csv"
+    file.write_text("x,y,z,roll,pitch,yaw\n0.1,0,0,0,0,1.5\n0,0.2,0,0.1,0.2,0.3\n")
+    path = read_path(file)
+    assert path.name == "turn"
+    start, q = ends(4)[:2]
+    p_goal, q_goal = path.goals(start, q)
+    np.testing.assert_allclose(p_goal[2], start[2] + [[0.1, 0, 0], [0, 0.2, 0]])
+    np.testing.assert_allclose(
+        rotation.rotation_error(q_goal[:, 0], q), np.tile([0, 0, 1.5], (4, 1)), atol=1e-12
+    )
+    turn = rotation.from_rpy([0.1, 0.2, 0.3])
+    np.testing.assert_allclose(
+        rotation.angle_between(q_goal[:, 1], rotation.multiply(turn, q)), 0.0, atol=1e-12
+    )
+
+
+def test_files_with_and_without_orientation(tmp_path):
+    """Positions alone keep the orientation; quaternions are normalised; order and blanks free."""
+    file = tmp_path / "path.csv"
+    file.write_text("z, x, y\n3,1,2\n\n6,4,5\n")
+    path = read_path(file)
+    np.testing.assert_array_equal(path.position, [[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(path.quaternion, np.tile(HERE, (2, 1)))
+    file.write_text("x,y,z,qw,qx,qy,qz\n0,0,0,0.7071,0,0,0.7071\n")
+    q = read_path(file).quaternion
+    np.testing.assert_allclose(q, [[0.5**0.5, 0, 0, 0.5**0.5]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty file"),
+        ("x,y,z\n", "no rows"),
+        ("x,y\n1,2\n", "missing column 'z': allowed is x,y,z with optional roll"),
+        ("x,y,z,roll,pitch\n1,2,3,0,0\n", "missing column 'yaw'"),
+        ("x,y,z,qw\n1,2,3,1\n", "missing column 'qx', 'qy', 'qz'"),
+        ("x,y,z,w\n1,2,3,1\n", "unknown column 'w'"),
+        ("x,y,z\n1,2,up\n", "line 2: z is 'up': allowed are numbers"),
+        ("x,y,z\n1,2,3\n1,nan,3\n", "line 3: y is 'nan'"),
+        ("x,y,z\n1,2\n", "line 2: 2 values"),
+        ("x,y,z,qw,qx,qy,qz\n0,0,0,1,0,0,0\n0,0,0,1,1,0,0\n", r"line 3: .*length 1.41"),
+    ],
+)
+def test_bad_files_name_file_line_column_and_what_is_allowed(tmp_path, text, words):
+    file = tmp_path / "bad.csv"
+    file.write_text(text)
+    with pytest.raises(StictionError, match=words) as error:
+        read_path(file)
+    assert "bad.csv" in str(error.value)
+    assert "allowed" in str(error.value)
+
+
+def test_missing_file():
+    with pytest.raises(StictionError, match=r"nowhere\.csv"):
+        read_path("nowhere.csv")
+
+
+@pytest.mark.parametrize("name", ["translational_speed", "rotational_deceleration"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "fast"])
+def test_bad_limits_say_what_and_what_is_allowed(name, value):
+    with pytest.raises(StictionError, match=f"motion {name} is .*allowed are"):
+        MotionLimits(**{name: value})
+
+
+def test_default_limits_are_the_packages():
+    """physics.md 6.2, the slip in the rotational deceleration included."""
+    limits = MotionLimits()
+    assert (limits.translational_speed, limits.rotational_speed) == (0.5, 0.5)
+    assert (limits.translational_acceleration, limits.rotational_acceleration) == (0.2, 0.5)
+    assert limits.translational_deceleration == limits.rotational_deceleration == 0.2
+    assert (limits.position_tolerance, limits.rotation_tolerance) == (0.04, 0.25)
+    assert limits.synchronised
+    assert limits.publish_rate_hz == 100
