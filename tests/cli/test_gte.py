@@ -1,0 +1,300 @@
+"""``stiction gte`` from end to end, on short paths."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from functools import partial
+
+import pytest
+
+from stiction_envs.cli import gte
+from stiction_envs.control import settings
+from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.dither import WAVEFORMS
+from stiction_envs.experiments import gte as experiment
+from stiction_envs.experiments import gte_protocol
+from stiction_envs.experiments.gte_protocol import AXES
+from stiction_envs.experiments.gte_table import CASES
+from stiction_envs.measured import thesis_table
+
+HEADER = "joint,frequency_hz,amplitude_nm"
+
+
+@pytest.fixture
+def path(inputs):
+    """Two goals 3 cm away: 3 s."""
+    file = inputs / "hook.csv"
+    file.write_text("x,y,z\n0.03,0,0\n0,0.03,0\n")
+    return file
+
+
+@pytest.fixture
+def table(inputs):
+    """Dither of three joints."""
+    file = inputs / "dither.csv"
+    file.write_text(f"{HEADER}\n2,30,1.2\n4,50,2.0\n7,15,0.8\n")
+    return file
+
+
+def read(file):
+    with open(file, encoding="utf-8") as text:
+        return list(csv.DictReader(text))
+
+
+STIFF = ["--stiffness", 400, 40, 0]
+QUICK = [*STIFF, "--iterations", 1]
+
+
+def test_without_dither(cli, work, path):
+    ran = cli("gte", "panda", "--trajectory", path, *QUICK, "--out", "a")
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "yaw [rad·samples]" in ran.out
+    assert "thesis" not in ran.out
+    assert {p.name for p in (work / "a").iterdir()} == {
+        *("errors.csv", "runs.csv", "points.csv", "trace.csv", "provenance.json"),
+        *("path_xy.png", "path_3d.png", "error_position.png", "error_orientation.png"),
+    }
+    rows = read(work / "a" / "errors.csv")
+    assert [r["axis"] for r in rows] == list(AXES)
+    assert {r["case"] for r in rows} == {"no_dither"}
+    assert {r["trajectory"] for r in rows} == {"hook"}
+    assert all(math.isfinite(float(r["window_sum"])) for r in rows)
+    assert all(math.isnan(float(r["window_sum_std"])) for r in rows)
+
+
+def test_columns_are_documented_ones(cli, work, path):
+    cli("gte", "panda", "--trajectory", path, *QUICK, "--out", "a")
+    assert list(read(work / "a" / "errors.csv")[0]) == [
+        *("robot", "trajectory", "stiffness_translation", "stiffness_rotation"),
+        *("stiffness_nullspace", "case", "axis", "unit", "window_sum", "window_sum_std"),
+        *("window_sum_of_mean", "mean", "rms", "max", "corner", "settling", "iterations"),
+    ]
+
+
+def test_with_dither(cli, work, path, table):
+    options = ["--iterations", 2, "--dither", table]
+    ran = cli("gte", "panda", "--trajectory", path, *STIFF, *options, "--json")
+    assert ran.code == 0
+    result = json.loads(ran.out)
+    out = work / "runs" / "gte-panda"
+    rows = read(out / "errors.csv")
+    assert [(r["case"], r["axis"]) for r in rows] == [
+        (case, axis) for case in ("no_dither", "dither") for axis in AXES
+    ]
+    assert [r["window_sum"] for r in result["rows"]] == [float(r["window_sum"]) for r in rows]
+    assert result["rows"][0]["thesis_window_sum"] is None
+    assert result["failed"] is None
+    plain, shaken = read(out / "runs.csv")
+    assert float(plain["dither_energy_j"]) == 0 < float(shaken["dither_energy_j"])
+    assert float(shaken["vibration_m"]) > float(plain["vibration_m"])
+    assert {r["case"] for r in read(out / "trace.csv")} == {"no_dither", "dither"}
+    assert [r["goal"] for r in read(out / "points.csv")] == ["1", "2"] * 2
+
+
+@pytest.mark.slow
+def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
+    options = ["--trajectory", "triangle", "--stiffness", 400, 40, 0, "--iterations", 1]
+    ran = cli("gte", "panda", *options, "--dither", table, "--json", "--out", "a")
+    assert (work / "a" / "table_4_11.png").is_file()
+    printed = {
+        (name, r["axis"]): r[f"mean_error_{name}"]
+        for r in thesis_table("4.11")
+        if r["trajectory"] == "triangle" and r["stiffness_translation"] == 400
+        for name in ("dither", "no_dither")
+    }
+    result = json.loads(ran.out)
+    assert {(r["case"], r["axis"]): r["thesis_window_sum"] for r in result["rows"]} == printed
+    assert "thesis: without" in gte.show(result)
+
+
+@pytest.mark.slow
+def test_options_reach_the_experiment(cli, work, path, table):
+    """Each changes the dithered run, and what it should leave alone it does."""
+    path.write_text("x,y,z\n0.02,0,0\n")
+    own = ["--trajectory", path, *QUICK, "--no-scatter", "--dither", table]
+    variants = {
+        "plain": [],
+        "gate": ["--gate-velocity", 0.01],
+        "waveform": ["--waveform", "square"],
+        "phases": ["--phases", "spread"],
+        "design": ["--damping-design", "diagonal"],
+        "payload": ["--payload", 0.5, 0, 0, 0.05],
+        "belief": ["--compensate-payload", 0.5, 0, 0, 0.05],
+        "tilt": ["--compensate-tilt", 0.05, -2e-2],
+    }
+    errors = {}
+    for name, options in variants.items():
+        assert cli("gte", "panda", *own, *options, "--out", name).code == 0
+        rows = read(work / name / "errors.csv")
+        errors[name] = tuple(tuple(r["rms"] for r in rows if r["case"] == c) for c in CASES)
+    assert len({e[1] for e in errors.values()}) == len(variants)
+    for name in ("gate", "waveform", "phases"):
+        assert errors[name][0] == errors["plain"][0]
+    found = json.loads((work / "belief" / "provenance.json").read_text())
+    assert found["arguments"]["compensate_payload"] == [0.5, 0.0, 0.0, 0.05]
+    assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
+
+
+def test_belief_in_the_true_arm_changes_nothing(cli, work, path):
+    own = ["--trajectory", path, *QUICK, "--payload", 0.5, 0, 0, 0.05]
+    cli("gte", "panda", *own, "--out", "a")
+    cli("gte", "panda", *own, "--compensate-payload", 0.5, 0, 0, 0.05, "--out", "b")
+    names = ("errors.csv", "trace.csv")
+    a, b = ([(work / k / n).read_bytes() for n in names] for k in "ab")
+    assert a == b
+
+
+def test_same_run_gives_the_same_bytes(cli, work, path, table):
+    own = ["--trajectory", path, *QUICK, "--dither", table, "--seed", 4]
+    for name, options in (("a", []), ("b", ["--threads", 1])):
+        assert cli("gte", "panda", *own, "--out", name, *options).code == 0
+    files = [{p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab"]
+    assert files[0] == files[1]
+
+
+def test_other_run_is_replaced_only_by_force(cli, work, path):
+    assert cli("gte", "panda", "--trajectory", path, *QUICK, "--out", "a").code == 0
+    before = {p.name: p.read_bytes() for p in (work / "a").iterdir()}
+    other = ["--trajectory", path, "--stiffness", 300, 30, 0, "--iterations", 1, "--out", "a"]
+    refused = cli("gte", "panda", *other)
+    assert refused.code == 2
+    assert "a run of stiction gte" in refused.err
+    assert {p.name: p.read_bytes() for p in (work / "a").iterdir()} == before
+    assert cli("gte", "panda", *other, "--force").code == 0
+
+
+def test_arm_of_two_joints(cli, work, two, path):
+    """Singular all the time: said, and no NaN."""
+    ran = cli("gte", two, "--trajectory", path, *QUICK, "--out", "a")
+    assert ran.code == 0
+    assert "iterations singular 1" in ran.out
+    assert all(math.isfinite(float(r["rms"])) for r in read(work / "a" / "errors.csv"))
+
+
+def test_goals_not_reached_are_counted(cli, work, path):
+    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
+    path.write_text("x,y,z\n0.06,0,0\n0,0.06,0\n")
+    ran = cli("gte", "panda", *own, "--out", "a")
+    assert ran.code == 0
+    assert "2 goals left beyond the tolerance" in ran.out
+    assert read(work / "a" / "runs.csv")[0]["goals_missed"] == "2"
+
+
+def test_unfinished_runs_fail(cli, work, path, monkeypatch):
+    """A generator that waits for ever, and an arm that cannot come: exit code 1, files written."""
+    monkeypatch.setattr(experiment, "MotionLimits", partial(MotionLimits, patience=math.inf))
+    protocol = gte_protocol.load_gte_protocol().replace(patience=1.0)
+    monkeypatch.setattr(experiment, "load_gte_protocol", lambda: protocol)
+    path.write_text("x,y,z\n0.06,0,0\n")
+    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 2]
+    ran = cli("gte", "panda", *own, "--out", "a", "--json")
+    assert ran.code == 1
+    assert len(ran.lines) == 1
+    assert "2 iterations never reached their last goal" in ran.lines[0]
+    assert json.loads(ran.out)["runs"][0]["unfinished"] == 2
+    assert (work / "a" / "errors.csv").is_file()
+
+
+def test_names_are_those_of_the_packages():
+    assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
+    assert gte.PHASES == gte_protocol.PHASES
+    assert gte.WAVEFORMS == WAVEFORMS
+    assert gte.DAMPING_DESIGNS == settings.DAMPING_DESIGNS
+
+
+def test_help(cli, work):
+    ran = cli("gte", "--help")
+    assert (ran.code, ran.err) == (0, "")
+    assert "example:\n  stiction gte " in ran.out
+    for option in ("--out", "--force", "--json", "--seed", "--payload", "--tilt", "--dither"):
+        assert option in ran.out
+    assert list(work.iterdir()) == []
+
+
+# ---- bad input ---------------------------------------------------------------------------------
+
+FILES = {
+    "good.csv": f"{HEADER}\n7,15,0.1\n",
+    "joint8.csv": f"{HEADER}\n8,15,0.1\n",
+    "strong.csv": f"{HEADER}\n7,15,100\n",
+    "fast_iiwa.csv": f"{HEADER}\n7,201,0.1\n",
+    "silent.csv": f"{HEADER}\n7,15,0\n",
+    "waveform.csv": f"{HEADER},waveform\n7,15,0.1,sawtooth\n",
+    "empty.csv": "",
+    "path.csv": "x,y,z\n0.03,0,0\n",
+    "two_columns.csv": "x,y\n0.03,0\n",
+    "text.csv": "x,y,z\n0.03,far,0\n",
+    "quaternion.csv": "x,y,z,qw,qx,qy,qz\n0,0,0,2,0,0,0\n",
+    "no_goal.csv": "x,y,z\n",
+    "broken.xml": "<mujoco><worldbody>",
+}
+GOOD = ["gte", "panda", "--trajectory", "triangle", "--stiffness", 200, 20, 0]
+WITH = [*GOOD, "--dither", "{good.csv}"]
+
+
+def along(trajectory: object) -> list[object]:
+    return ["gte", "panda", "--trajectory", trajectory, "--stiffness", 200, 20, 0]
+
+
+def stiff(*values: object) -> list[object]:
+    return ["gte", "panda", "--trajectory", "triangle", "--stiffness", *values]
+
+
+BAD = {
+    "robot": (["gte", "ur5", *GOOD[2:]], "panda, iiwa7, iiwa14"),
+    "robot_broken": (["gte", "{broken.xml}", *GOOD[2:]], "not a readable MJCF"),
+    "no_trajectory": (["gte", "panda", "--stiffness", 200, 20, 0], "--trajectory"),
+    "no_stiffness": (["gte", "panda", "--trajectory", "triangle"], "--stiffness"),
+    "trajectory": (along("circle"), "triangle, pentagon, a path to a .csv"),
+    "trajectory_gone": (along("nowhere.csv"), "nowhere.csv"),
+    "trajectory_columns": (along("{two_columns.csv}"), "missing column 'z'"),
+    "trajectory_text": (along("{text.csv}"), "'far'"),
+    "trajectory_quaternion": (along("{quaternion.csv}"), "length 2"),
+    "trajectory_no_goal": (along("{no_goal.csv}"), "no rows"),
+    "trajectory_empty": (along("{empty.csv}"), "empty file"),
+    "stiffness_negative": (stiff(200, -20, 0), "from 0"),
+    "stiffness_nan": (stiff("nan", 20, 0), "finite"),
+    "stiffness_two": (stiff(200, 20), "3 arguments"),
+    "dither_gone": ([*GOOD, "--dither", "nowhere.csv"], "nowhere.csv"),
+    "dither_joint": ([*GOOD, "--dither", "{joint8.csv}"], "1 to 7"),
+    "dither_strong": ([*GOOD, "--dither", "{strong.csv}"], "torque limit of joint 7"),
+    "dither_silent": ([*GOOD, "--dither", "{silent.csv}"], "no joint"),
+    "dither_waveform": ([*GOOD, "--dither", "{waveform.csv}"], "sine, square, triangle"),
+    "dither_empty": ([*GOOD, "--dither", "{empty.csv}"], "empty file"),
+    "dither_fast": (["gte", "iiwa7", *GOOD[2:], "--dither", "{fast_iiwa.csv}"], "at most 200 Hz"),
+    "gate_0": ([*WITH, "--gate-velocity", 0], "above 0"),
+    "gate_inf": ([*WITH, "--gate-velocity", "inf"], "finite"),
+    "waveform": ([*WITH, "--waveform", "sawtooth"], "sawtooth"),
+    "phases": ([*WITH, "--phases", "all"], "'all'"),
+    "gate_without_dither": ([*GOOD, "--gate-velocity", 0.1], "--gate-velocity: needs --dither"),
+    "waveform_without_dither": ([*GOOD, "--waveform", "square"], "--waveform: needs --dither"),
+    "phases_without_dither": ([*GOOD, "--phases", "zero"], "--phases: needs --dither"),
+    "damping": ([*GOOD, "--damping-design", "none"], "'none'"),
+    "payload_negative": ([*GOOD, "--compensate-payload", -1, 0, 0, 0], "negative"),
+    "payload_nan": ([*GOOD, "--compensate-payload", "nan", 0, 0, 0], "finite"),
+    "tilt_short": ([*GOOD, "--compensate-tilt", 0.1], "2 arguments"),
+    "friction": ([*GOOD, "--friction", "nowhere.toml"], "nowhere.toml"),
+    "iterations": ([*GOOD, "--iterations", 0], "whole numbers from 1"),
+    "seed": ([*GOOD, "--seed", -1], "whole numbers from 0"),
+    "out": ([*GOOD, "--out", "{good.csv}"], "is a file"),
+}
+
+
+@pytest.mark.parametrize(("argv", "says"), BAD.values(), ids=BAD)
+def test_bad_input(cli, work, inputs, argv, says):
+    """Exit code 2, one line that names the matter, nothing written."""
+    for name, content in FILES.items():
+        (inputs / name).write_text(content)
+    argv = [str(a) for a in argv]
+    for name in FILES:
+        argv = [a.replace(f"{{{name}}}", str(inputs / name)) for a in argv]
+    ran = cli(*argv)
+    assert ran.code == 2
+    assert len(ran.lines) == 1
+    assert ran.lines[0].startswith("error: ")
+    assert says in ran.lines[0]
+    assert ran.out == ""
+    assert list(work.iterdir()) == []
