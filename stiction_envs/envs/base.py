@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.protocol import Configuration, Job
@@ -17,12 +20,19 @@ _known: dict[tuple[str, Configuration], float] = {}
 def fingerprint(experiment: SingleJointExperiment) -> str:
     """Return a hash of everything that an undithered result without scatter depends on."""
     s, i = experiment.sticking, experiment.interface
-    text = repr((s.arm.xml, s.timestep, experiment.protocol, i.controller_rate_hz, i.lowpass_hz))
-    digest = hashlib.sha256(text.encode())
-    arrays = [i.torque_rate, i.torque_limit, s.arm.limits.position, experiment.poses.q]
-    for array in [*arrays, *(getattr(s.parameters, k) for k in QUANTITIES)]:
-        digest.update(array.tobytes())
-    return digest.hexdigest()
+    return digest(
+        *(s.arm.xml, s.timestep, experiment.protocol, i.controller_rate_hz, i.lowpass_hz),
+        *(i.torque_rate, i.torque_limit, s.arm.limits.position, experiment.poses.q),
+        *(getattr(s.parameters, k) for k in QUANTITIES),
+    )
+
+
+def digest(*parts: Any) -> str:
+    """Return a hash of arrays, by their bits, and of anything else by its `repr`."""
+    out = hashlib.sha256()
+    for part in parts:
+        out.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
+    return out.hexdigest()
 
 
 def base_torques(

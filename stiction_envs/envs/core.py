@@ -1,7 +1,6 @@
 """The SJE environment for N slots: what the single and the vector environment share.
 
-One episode is one ramp of one configuration. Nothing here depends on how many slots there are:
-row i of a batch and a single environment with the same random generator are the same bits.
+One episode is one ramp of one configuration.
 """
 
 from __future__ import annotations
@@ -12,19 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from stiction_envs.envs.base import base_torques
-from stiction_envs.envs.layout import (
-    GROUPS,
-    action_bounds,
-    check_options,
-    observation_bounds,
-    observation_names,
-)
+from stiction_envs.envs.layout import GROUPS, action_bounds, check_options
+from stiction_envs.envs.slots import Array, Index, Outcome, Slots, check_arguments, count_blocks
 from stiction_envs.envs.trace import Trace
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.protocol import Configuration, configurations
 from stiction_envs.experiments.rig import APPROACH, BLOCK, RAMP
 from stiction_envs.experiments.sje import SingleJointExperiment
@@ -32,25 +24,16 @@ from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
 TERMS = ("breakaway", "torque", "power", "torque_rate")
 """Terms of the reward, in the order in which they are summed."""
 BLOCK_S = BLOCK * CONTROL_DT
 """The control interval is a multiple of this [s]."""
-_ROUNDING = 1e-5  # of an action's range: what float32 and RescaleAction may be off by
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Step:
+class Step(Outcome):
     """What one step of M slots gave; arrays (M,)."""
 
-    reward: Array
-    terms: dict[str, Array]
-    """Per name of `TERMS`; they sum to the reward."""
-    terminated: Bools
-    truncated: Bools
     torque: Array
     """Commanded torque of the tested joint, dither excluded [N·m]."""
     displacement: Array
@@ -65,8 +48,12 @@ class Step:
     """1 − |τ_SJE| / |τ_base|; NaN while not terminated [-]."""
 
 
-class Core:
+class Core(Slots):
     """N slots of the SJE environment."""
+
+    terms = TERMS
+    each = ("torque", "displacement", "time")
+    final = ("tau_sje", "tau_base", "reduction")
 
     def __init__(
         self,
@@ -89,35 +76,28 @@ class Core:
         arm = load_arm(robot, payload=payload, tilt=tilt)
         if isinstance(friction, (str, Path)):
             friction = load_friction(Path(friction), arm.n)
-        for name, value in (("power", power_weight), ("torque_rate", torque_rate_weight)):
-            if not 0 <= value < np.inf:
-                raise StictionError(f"{name}_weight {value}: allowed are 0 and above")
-        if not isinstance(max_episode_steps, (int, np.integer)) or max_episode_steps < 1:
-            raise StictionError(
-                f"max_episode_steps {max_episode_steps}: allowed are whole numbers from 1"
-            )
-        self.blocks = _blocks(control_interval_s)
-        self.interval = self.blocks * BLOCK_S
-        self.experiment = SingleJointExperiment.of(
+        check_arguments(
+            max_episode_steps, power_weight=power_weight, torque_rate_weight=torque_rate_weight
+        )
+        self.blocks = count_blocks(control_interval_s, BLOCK_S)
+        self.experiment = e = SingleJointExperiment.of(
             arm, friction=friction, scatter=scatter, nthread=nthread
         )
-        self.arm, self.n, self.num_envs = arm, arm.n, num_envs
-        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
-        self.max_episode_steps = int(max_episode_steps)
-        self.fixed_options = check_options(fixed_options, arm.n)
-        e = self.experiment
         low, high = action_bounds(e.sticking.parameters, e.poses, e.interface)
-        self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        self.observation_space = Box(*observation_bounds(arm.n), dtype=np.float32)
-        self.observation_names = observation_names(arm.n)
-        self._low = self.action_space.low.astype(float)
-        self._high = self.action_space.high.astype(float)
+        super().__init__(
+            num_envs,
+            arm,
+            groups=GROUPS,
+            low=low,
+            high=high,
+            interval=self.blocks * BLOCK_S,
+            max_episode_steps=max_episode_steps,
+        )
+        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
+        self.fixed_options = check_options(fixed_options, arm.n)
         self.rig = e.rig(num_envs, dither_all=True)
         self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
-        self.action = np.zeros((num_envs, 2 * arm.n))
         self.tau_base = np.ones(num_envs)
-        self.steps = np.zeros(num_envs, dtype=np.int64)
-        self.alive = np.zeros(num_envs, dtype=bool)
         self._level = np.zeros(num_envs)
         self.trace: list[Trace] | None = [Trace() for _ in range(num_envs)] if record else None
 
@@ -178,8 +158,7 @@ class Core:
         Raises:
             StictionError: an action outside the space, or a slot whose episode is over.
         """
-        if not np.all(self.alive[ids]):
-            raise StictionError("step: the episode is over or was never started: call reset")
+        self._need_alive(ids)
         action = self._check_action(action, len(ids))
         rig = self.rig
         self.action[ids] = action
@@ -196,26 +175,6 @@ class Core:
         self.steps[ids] += 1
         return self._outcome(ids, action)
 
-    def _check_action(self, action: Any, m: int) -> Array:
-        """Return the action as float64 within the space."""
-        try:
-            out = np.array(action, dtype=float)
-        except (TypeError, ValueError):
-            raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
-        shape = (m, 2 * self.n)
-        if out.shape != shape:
-            raise StictionError(f"action has shape {out.shape}: allowed is {shape}")
-        slack = _ROUNDING * (self._high - self._low)
-        good = (out >= self._low - slack) & (out <= self._high + slack)
-        if not good.all():
-            row, k = np.argwhere(~good)[0]
-            what, unit = ("amplitude", "N·m") if k < self.n else ("frequency", "Hz")
-            raise StictionError(
-                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: allowed are "
-                f"{self._low[k]:g} to {self._high[k]:g} {unit}"
-            )
-        return np.clip(out, self._low, self._high)
-
     def _outcome(self, ids: Index, action: Array) -> Step:
         rig = self.rig
         tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
@@ -231,12 +190,9 @@ class Core:
         }
         self._level[ids] = level
         self.alive[ids] = ~(terminated | truncated)
-        reward = np.zeros(len(ids))
-        for name in TERMS:
-            reward = reward + terms[name]
         tau[~terminated] = np.nan
         return Step(
-            reward=reward,
+            reward=self._sum(terms),
             terms=terms,
             terminated=terminated,
             truncated=truncated,
@@ -249,14 +205,11 @@ class Core:
         )
 
     def _penalties(self, action: Array, base: Array) -> dict[str, Array]:
-        amplitude, frequency = action[:, : self.n], action[:, self.n :]
         share = self.interval * self.experiment.protocol.ramp_rate / base
-        top = self._high[: self.n]
-        rate = 2 * np.pi * frequency * amplitude / self.experiment.interface.torque_rate
-        power = np.mean((amplitude / top) ** 2, axis=1)
+        power, rate = self._loads(action)
         return {
             "power": -self.power_weight * share * power,
-            "torque_rate": -self.torque_rate_weight * share * np.mean(rate**2, axis=1),
+            "torque_rate": -self.torque_rate_weight * share * rate,
         }
 
     # ---- what is seen ------------------------------------------------------------------------
@@ -274,7 +227,7 @@ class Core:
         torque = self.torque(ids)
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0
-        scaled = 2.0 * (self.action[ids] - self._low) / (self._high - self._low) - 1.0
+        amplitude, frequency = self._scaled(ids)
         values = {
             "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
             "velocity": rig.plant.velocity[ids] / threshold,
@@ -284,12 +237,19 @@ class Core:
             "tested": tested,
             "load": np.array([float(self.configuration[i].load == "load") for i in ids]),
             "direction": rig.sign[ids],
-            "amplitude": scaled[:, : self.n],
-            "frequency": scaled[:, self.n :],
+            "amplitude": amplitude,
+            "frequency": frequency,
         }
-        columns = [values[g.name].reshape(len(ids), -1) for g in GROUPS]
-        space = self.observation_space
-        return np.clip(np.concatenate(columns, axis=1), space.low, space.high).astype(np.float32)
+        return self._pack(values, len(ids))
+
+    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+        """Return joint (from 1), load and direction of the episodes of slots ``ids``."""
+        rows = [self.configuration[i] for i in ids]
+        return {
+            "joint": np.array([c.joint for c in rows]),
+            "load": np.array([c.load for c in rows], dtype=object),
+            "direction": np.array([c.direction for c in rows], dtype=object),
+        }
 
     def _record(self, ids: Index) -> None:
         assert self.trace is not None
@@ -307,12 +267,3 @@ class Core:
 
 def _fits(configuration: Configuration, options: Mapping[str, Any]) -> bool:
     return all(getattr(configuration, k) == v for k, v in options.items())
-
-
-def _blocks(interval: float) -> int:
-    blocks = round(interval / BLOCK_S) if np.isfinite(interval) else 0
-    if blocks < 1 or abs(blocks * BLOCK_S - interval) > 1e-9:
-        raise StictionError(
-            f"control_interval_s {interval}: allowed are the multiples of {BLOCK_S:g} s"
-        )
-    return blocks

@@ -1,12 +1,12 @@
-"""What the SJE environments' actions, observations and reset options are called and bounded by.
+"""What actions, observations and the SJE's reset options are called and bounded by.
 
-The tables on the environment's page (`SJEEnv.__doc__`) are made here, from the same rows that
-make the spaces; `tests/envs/test_page.py` compares them.
+The tables on an environment's page (`SJEEnv.__doc__`) are made here, from the same rows that make
+the spaces; `tests/envs/test_page.py` compares them. What only the GTE has is in `gte_layout.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,8 +33,10 @@ class Group:
     """Neighbouring elements of the observation."""
 
     name: str
-    per_joint: bool
-    """Whether there is one for every joint (name_1 … name_n) or a single one."""
+    per_joint: bool = False
+    """Whether there is one for every joint (name_1 … name_n)."""
+    labels: tuple[str, ...] = ()
+    """Otherwise: of each element (name_label); empty for a single one."""
     low: float
     high: float
     unit: str
@@ -42,7 +44,8 @@ class Group:
 
     def names(self, n: int) -> list[str]:
         """Return the names of the elements for an arm of ``n`` joints."""
-        return [f"{self.name}_{j + 1}" for j in range(n)] if self.per_joint else [self.name]
+        labels = [str(j + 1) for j in range(n)] if self.per_joint else self.labels
+        return [f"{self.name}_{label}" for label in labels] or [self.name]
 
 
 GROUPS = (
@@ -64,7 +67,6 @@ GROUPS = (
     ),
     Group(
         name="progress",
-        per_joint=False,
         low=-5.0,
         high=5.0,
         unit="threshold",
@@ -72,7 +74,6 @@ GROUPS = (
     ),
     Group(
         name="torque",
-        per_joint=False,
         low=-10.0,
         high=10.0,
         unit="τ_base",
@@ -80,7 +81,6 @@ GROUPS = (
     ),
     Group(
         name="elapsed",
-        per_joint=False,
         low=0.0,
         high=20.0,
         unit="τ_base",
@@ -96,7 +96,6 @@ GROUPS = (
     ),
     Group(
         name="load",
-        per_joint=False,
         low=0.0,
         high=1.0,
         unit="1",
@@ -104,7 +103,6 @@ GROUPS = (
     ),
     Group(
         name="direction",
-        per_joint=False,
         low=-1.0,
         high=1.0,
         unit="1",
@@ -130,16 +128,18 @@ GROUPS = (
 """The observation, in order."""
 
 
-def observation_names(n: int) -> tuple[str, ...]:
+def observation_names(n: int, groups: Sequence[Group] = GROUPS) -> tuple[str, ...]:
     """Return the name of every element of the observation for an arm of ``n`` joints."""
-    return tuple(name for g in GROUPS for name in g.names(n))
+    return tuple(name for g in groups for name in g.names(n))
 
 
-def observation_bounds(n: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def observation_bounds(
+    n: int, groups: Sequence[Group] = GROUPS
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the lowest and highest observation for an arm of ``n`` joints."""
-    counts = [n if g.per_joint else 1 for g in GROUPS]
-    low = np.repeat([g.low for g in GROUPS], counts).astype(np.float32)
-    return low, np.repeat([g.high for g in GROUPS], counts).astype(np.float32)
+    counts = [len(g.names(n)) for g in groups]
+    low = np.repeat([g.low for g in groups], counts).astype(np.float32)
+    return low, np.repeat([g.high for g in groups], counts).astype(np.float32)
 
 
 def action_bounds(
@@ -169,22 +169,13 @@ def check_options(options: Mapping[str, Any] | None, n: int) -> dict[str, Any]:
     Raises:
         StictionError: an option or a value that does not exist.
     """
-    if options is None:
-        return {}
-    if not isinstance(options, Mapping):
-        raise StictionError(
-            f"reset options are a {type(options).__name__}: allowed is a dict with "
-            f"{', '.join(OPTIONS)}"
-        )
     allowed: dict[str, tuple[Any, ...]] = {
         "joint": tuple(range(1, n + 1)),
         "load": LOADS,
         "direction": DIRECTIONS,
     }
     out: dict[str, Any] = {}
-    for name, value in options.items():
-        if name not in allowed:
-            raise unknown("reset option", name, OPTIONS)
+    for name, value in named_options(options, OPTIONS).items():
         kinds: Any = (int, np.integer) if name == "joint" else str
         if isinstance(value, bool) or not isinstance(value, kinds) or value not in allowed[name]:
             raise unknown(name, value, allowed[name])
@@ -192,18 +183,38 @@ def check_options(options: Mapping[str, Any] | None, n: int) -> dict[str, Any]:
     return out
 
 
+def named_options(options: Mapping[str, Any] | None, allowed: Sequence[str]) -> dict[str, Any]:
+    """Return reset options as a dict.
+
+    Raises:
+        StictionError: something else, or a name that does not exist.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise StictionError(
+            f"reset options are a {type(options).__name__}: allowed is a dict with "
+            f"{', '.join(allowed)}"
+        )
+    for name in options:
+        if name not in allowed:
+            raise unknown("reset option", name, allowed)
+    return dict(options)
+
+
 def _grid(header: list[str], rows: list[list[str]]) -> str:
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(r) + " |" for r in lines)
 
 
-def observation_table(n: int = 7) -> str:
+def observation_table(n: int = 7, groups: Sequence[Group] = GROUPS) -> str:
     """Return the Markdown table of the observation for an arm of ``n`` joints."""
     rows, at = [], 0
-    for g in GROUPS:
+    for g in groups:
         names = g.names(n)
-        index = f"{at}–{at + n - 1}" if g.per_joint else f"{at}"
-        name = f"{names[0]} … {names[-1]}" if g.per_joint else names[0]
+        many = len(names) > 1
+        index = f"{at}–{at + len(names) - 1}" if many else f"{at}"
+        name = f"{names[0]} … {names[-1]}" if many else names[0]
         rows.append([index, name, f"{g.low:g}", f"{g.high:g}", g.unit, g.meaning])
         at += len(names)
     return _grid(["index", "name", "min", "max", "unit", "meaning"], rows)

@@ -1,4 +1,7 @@
-"""The panel beside the scene: which joint, how it is dithered, its torque and angle over time."""
+"""The panel beside the scene of the SJE: which joint, how it is dithered, torque and angle.
+
+`Plot` and the fonts are shared with the other environments' panels.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,14 @@ if TYPE_CHECKING:
     from stiction_envs.envs.core import Core
 
 Array = NDArray[np.float64]
-_INK, _SOFT, _GRID, _PAPER = (35, 38, 44), (110, 115, 124), (226, 228, 232), (255, 255, 255)
-_BLUE, _BAND, _ORANGE = (20, 90, 180), (178, 205, 240), (225, 95, 0)
+Colour = tuple[int, int, int]
+INK, SOFT, GRID, PAPER = (35, 38, 44), (110, 115, 124), (226, 228, 232), (255, 255, 255)
+BLUE, BAND, ORANGE, PURPLE = (20, 90, 180), (178, 205, 240), (225, 95, 0), (150, 70, 180)
 
 
 @functools.lru_cache
-def _font(size: int, bold: bool = False) -> Any:
+def font(size: int, bold: bool = False) -> Any:
+    """Return a font of a size [pixel]."""
     from matplotlib import get_data_path
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
@@ -32,28 +37,28 @@ def draw_panel(core: Core, i: int, width: int, height: int) -> NDArray[np.uint8]
     """Return the panel of slot ``i``, (height, width, 3)."""
     assert core.trace is not None
     trace, c, base = core.trace[i], core.configuration[i], float(core.tau_base[i])
-    image = Image.new("RGB", (width, height), _PAPER)
+    image = Image.new("RGB", (width, height), PAPER)
     draw = ImageDraw.Draw(image)
     title = f"{core.arm.name}  joint {c.joint}"
-    draw.text((14, 8), title, font=_font(17, bold=True), fill=_INK)
+    draw.text((14, 8), title, font=font(17, bold=True), fill=INK)
     pose = "load pose" if c.load == "load" else "no-load pose"
-    draw.text((14, 31), f"{pose}, direction {c.direction}", font=_font(13), fill=_INK)
-    draw.text((14, 50), _dither_line(trace), font=_font(13), fill=_INK)
-    draw.text((14, 69), _state_line(core, i, base), font=_font(13, bold=True), fill=_ORANGE)
+    draw.text((14, 31), f"{pose}, direction {c.direction}", font=font(13), fill=INK)
+    draw.text((14, 50), _dither_line(trace), font=font(13), fill=INK)
+    draw.text((14, 69), _state_line(core, i, base), font=font(13, bold=True), fill=ORANGE)
 
     time = np.array(trace.time)
     torque, size = np.array(trace.torque), np.array(trace.amplitude)
     ramp = abs(base) / core.rig.protocol.ramp_rate
-    end = _ceil(max(1.2 * ramp, float(time[-1]) if len(time) else 0.0))
+    end = round_up(max(1.2 * ramp, float(time[-1]) if len(time) else 0.0))
     low, high = min(0.0, 1.25 * base), max(0.0, 1.25 * base)
     if len(time):
         low, high = min(low, float((torque - size).min())), max(high, float((torque + size).max()))
-    top = _Plot(draw, (58, 112, width - 14, 254), (0.0, end), (low, high), "torque [N·m]")
-    top.level(base, _SOFT, "τ_base")
+    top = Plot(draw, (58, 112, width - 14, 254), (0.0, end), (low, high), "torque [N·m]")
+    top.level(base, SOFT, "τ_base")
     if len(time):
-        top.band(time, torque - size, torque + size, _BAND)
-        top.line(time, torque, _BLUE)
-    top.legend([("with dither", _BAND), ("without", _BLUE)])
+        top.band(time, torque - size, torque + size, BAND)
+        top.line(time, torque, BLUE)
+    top.legend([("with dither", BAND), ("without", BLUE)])
 
     threshold = c.sign * core.rig.protocol.threshold
     moved = np.array(trace.displacement)
@@ -61,10 +66,10 @@ def draw_panel(core: Core, i: int, width: int, height: int) -> NDArray[np.uint8]
     if len(time):
         low, high = min(low, float(moved.min())), max(high, float(moved.max()))
     below = (58, 296, width - 14, height - 42)
-    bottom = _Plot(draw, below, (0.0, end), (low, high), "angle since start [rad]")
-    bottom.level(threshold, _SOFT, "threshold")
+    bottom = Plot(draw, below, (0.0, end), (low, high), "angle since start [rad]")
+    bottom.level(threshold, SOFT, "threshold")
     if len(time):
-        bottom.line(time, moved, _ORANGE)
+        bottom.line(time, moved, ORANGE)
     bottom.time_label()
     return np.array(image, dtype=np.uint8)
 
@@ -85,7 +90,7 @@ def _state_line(core: Core, i: int, base: float) -> str:
     return f"broke away at {tau:+.2f} N·m (base {base:+.2f})"
 
 
-def _ceil(value: float) -> float:
+def round_up(value: float) -> float:
     """Return the next multiple of 5 [s]."""
     return 5.0 * float(np.ceil(value / 5.0))
 
@@ -100,7 +105,7 @@ def _ticks(low: float, high: float, most: int = 5) -> Array:
     )
 
 
-class _Plot:
+class Plot:
     """Axes drawn with PIL: small, and some twenty times faster than Matplotlib."""
 
     def __init__(
@@ -113,16 +118,16 @@ class _Plot:
     ) -> None:
         self._draw, self._box, self._x, self._y = draw, box, x, y
         left, top, right, bottom = box
-        draw.text((14, top - 20), title, font=_font(12), fill=_INK)
+        draw.text((14, top - 20), title, font=font(12), fill=INK)
         for value in _ticks(*y, most=4):
             at = float(self._at(x[0], value)[1])
-            draw.line([(left, at), (right, at)], fill=_GRID)
-            draw.text((left - 6, at), f"{value + 0.0:.4g}", font=_font(11), fill=_SOFT, anchor="rm")
+            draw.line([(left, at), (right, at)], fill=GRID)
+            draw.text((left - 6, at), f"{value + 0.0:.4g}", font=font(11), fill=SOFT, anchor="rm")
         for value in _ticks(*x):
             at = float(self._at(value, y[0])[0])
-            draw.line([(at, top), (at, bottom)], fill=_GRID)
-            draw.text((at, bottom + 4), f"{value + 0.0:g}", font=_font(11), fill=_SOFT, anchor="mt")
-        draw.rectangle(box, outline=_SOFT)
+            draw.line([(at, top), (at, bottom)], fill=GRID)
+            draw.text((at, bottom + 4), f"{value + 0.0:g}", font=font(11), fill=SOFT, anchor="mt")
+        draw.rectangle(box, outline=SOFT)
 
     def _at(self, x: Any, y: Any) -> tuple[Any, Any]:
         left, top, right, bottom = self._box
@@ -133,17 +138,17 @@ class _Plot:
     def _points(self, x: Array, y: Array) -> list[tuple[float, float]]:
         return [(float(a), float(b)) for a, b in zip(*self._at(x, y), strict=True)]
 
-    def line(self, x: Array, y: Array, colour: tuple[int, int, int]) -> None:
+    def line(self, x: Array, y: Array, colour: Colour) -> None:
         """Draw a curve."""
         self._draw.line(self._points(x, y), fill=colour, width=2, joint="curve")
 
-    def band(self, x: Array, low: Array, high: Array, colour: tuple[int, int, int]) -> None:
+    def band(self, x: Array, low: Array, high: Array, colour: Colour) -> None:
         """Fill between two curves."""
         if len(x) > 1:
             outline = self._points(x, low) + self._points(x, high)[::-1]
             self._draw.polygon(outline, fill=colour)
 
-    def level(self, y: float, colour: tuple[int, int, int], name: str) -> None:
+    def level(self, y: float, colour: Colour, name: str) -> None:
         """Draw a dashed horizontal line with its name."""
         left, _, right, _ = self._box
         at = float(self._at(self._x[0], y)[1])
@@ -151,19 +156,26 @@ class _Plot:
             self._draw.line([(start, at), (min(start + 4, right), at)], fill=colour)
         anchor = "rb" if y >= 0 else "rt"
         offset = -2 if y >= 0 else 3
-        self._draw.text((right - 4, at + offset), name, font=_font(11), fill=colour, anchor=anchor)
+        self._draw.text((right - 4, at + offset), name, font=font(11), fill=colour, anchor=anchor)
 
-    def legend(self, entries: list[tuple[str, tuple[int, int, int]]]) -> None:
+    def legend(self, entries: list[tuple[str, Colour]]) -> None:
         """Write what the colours mean, above the plot on the right."""
         _, top, right, _ = self._box
         for name, colour in reversed(entries):
-            right -= int(self._draw.textlength(name, font=_font(11)))
-            self._draw.text((right, top - 19), name, font=_font(11), fill=_SOFT)
+            right -= int(self._draw.textlength(name, font=font(11)))
+            self._draw.text((right, top - 19), name, font=font(11), fill=SOFT)
             self._draw.rectangle((right - 16, top - 16, right - 5, top - 9), fill=colour)
             right -= 26
+
+    def marks(self, x: Array, colour: Colour) -> None:
+        """Draw vertical lines."""
+        _, top, _, bottom = self._box
+        for value in x:
+            at = float(self._at(value, self._y[0])[0])
+            self._draw.line([(at, top), (at, bottom)], fill=colour)
 
     def time_label(self) -> None:
         """Name the horizontal axis."""
         left, _, right, bottom = self._box
         place = ((left + right) / 2, bottom + 21)
-        self._draw.text(place, "time [s]", font=_font(12), fill=_INK, anchor="mt")
+        self._draw.text(place, "time [s]", font=font(12), fill=INK, anchor="mt")

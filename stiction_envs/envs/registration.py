@@ -5,9 +5,12 @@ from __future__ import annotations
 import gymnasium
 
 _SJE = ("stiction_envs.envs.sje:SJEEnv", "stiction_envs.envs.sje:SJEVectorEnv")
+_GTE = ("stiction_envs.envs.gte:GTEEnv", "stiction_envs.envs.gte:GTEVectorEnv")
 ENVIRONMENTS: dict[str, tuple[tuple[str, str], str]] = {
     "PandaSJE-v0": (_SJE, "panda"),
     "IiwaSJE-v0": (_SJE, "iiwa7"),
+    "PandaGTE-v0": (_GTE, "panda"),
+    "IiwaGTE-v0": (_GTE, "iiwa7"),
 }
 """Identifier: entry points of the single and the vector environment, default robot."""
 

@@ -1,4 +1,6 @@
-"""Frames of the SJE environment: the arm, the joint under test marked, its torque and angle.
+"""Frames of the environments: the arm in a scene, a panel of plots beside it.
+
+`JointRenderer` is the SJE's: the joint under test marked, its torque and angle.
 
 The graphics context is made at the first frame; without OpenGL only rendering fails.
 """
@@ -10,6 +12,7 @@ import sys
 import threading
 import time
 import warnings
+from abc import ABC, abstractmethod
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +22,11 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.panel import draw_panel
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.protocol import Configuration
 from stiction_envs.robots import Arm
 
 if TYPE_CHECKING:
     from stiction_envs.envs.core import Core
+    from stiction_envs.envs.slots import Slots
 
 Array = NDArray[np.float64]
 RENDER_MODES = ("human", "rgb_array", "depth_array")
@@ -31,6 +34,8 @@ SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel beside it [pixel]."""
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
 """Colour of the joint under test."""
+GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
+"""Colour of an arm without geometry."""
 _RING = 36  # segments
 
 
@@ -86,12 +91,12 @@ def scene_model(arm: Arm) -> mujoco.MjModel:
     return spec.compile()
 
 
-class Renderer:
+class Renderer(ABC):
     """Draws slots of one environment; made lazily, closed by the environment."""
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Slots) -> None:
         """Prepare the scene; OpenGL is not touched yet."""
-        self._core = core
+        self._slots = core
         self._model = scene_model(core.arm)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).id for name in core.arm.joint_names]
@@ -110,7 +115,7 @@ class Renderer:
             return None
         if self._screen is None:
             self._screen = _Screen(self._model)
-        camera = self._camera()
+        camera = self._camera(i)
         mujoco.mjv_updateScene(
             self._model,
             self._data,
@@ -122,24 +127,39 @@ class Renderer:
         )
         if mode == "depth_array":
             return self._screen.depth(self._scene)
-        self._mark(self._scene, i)
+        self._decorate(self._scene, i)
         picture = self._screen.colour(self._scene)
-        panel = draw_panel(self._core, i, PANEL_WIDTH, HEIGHT)
-        return np.concatenate([picture, panel], axis=1)
+        return np.concatenate([picture, self._panel(i)], axis=1)
+
+    @abstractmethod
+    def _angles(self, i: int) -> Array:
+        """Return (n,) link angles of slot ``i`` [rad]."""
+
+    @abstractmethod
+    def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
+        """Draw what the arm is about into the scene."""
+
+    @abstractmethod
+    def _panel(self, i: int) -> NDArray[np.uint8]:
+        """Return the panel of slot ``i``, (HEIGHT, PANEL_WIDTH, 3)."""
+
+    @abstractmethod
+    def _words(self, i: int) -> tuple[str, str]:
+        """Return names and values, in lines, of what slot ``i`` is doing."""
 
     def _pose(self, i: int) -> None:
         addresses = self._model.jnt_qposadr[self._joints]
-        self._data.qpos[addresses] = self._core.rig.plant.position[i]
+        self._data.qpos[addresses] = self._angles(i)
         mujoco.mj_forward(self._model, self._data)
 
-    def _points(self) -> Array:
-        """Return (K, 3) points [m] that must be in the frame: joints, flange, base."""
-        flange = self._data.site(self._core.arm.end_effector).xpos
+    def _points(self, i: int) -> Array:
+        """Return (K, 3) points [m] that must be in the frame: joints, last flange and base."""
+        flange = self._data.site(self._slots.arm.end_effector).xpos
         base = self._data.xpos[self._model.jnt_bodyid[self._joints[0]]] * [1, 1, 0]
         return np.vstack([self._data.xanchor[self._joints], flange[None], base[None]])
 
-    def _camera(self) -> mujoco.MjvCamera:
-        points = self._points()
+    def _camera(self, i: int) -> mujoco.MjvCamera:
+        points = self._points(i)
         low, high = points.min(axis=0), points.max(axis=0)
         camera = mujoco.MjvCamera()
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE.value
@@ -152,37 +172,21 @@ class Renderer:
         camera.azimuth, camera.elevation = heading + 120.0, -18.0
         return camera
 
-    def _mark(self, scene: mujoco.MjvScene, i: int) -> None:
-        """Draw a ring about the axis of the joint under test, with an arrow along the ramp."""
-        joint = self._joints[self._core.rig.joint[i]]
-        centre, axis = self._data.xanchor[joint], self._data.xaxis[joint]
-        first = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.9 else [0, 1.0, 0])
-        first /= np.linalg.norm(first)
-        second = np.cross(axis, first)
-        radius = 0.15 * max(0.3, min(1.0, float(np.ptp(self._points(), axis=0).max())))
-        sign = self._core.rig.sign[i]
-        turn = sign * np.linspace(0, 1.75 * np.pi, _RING)[:, None]
-        ring = centre + radius * (np.cos(turn) * first + np.sin(turn) * second)
-        for a, b in pairwise(ring):
-            _connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.06 * radius, a, b)
-        tangent = sign * (np.cos(turn[-1]) * second - np.sin(turn[-1]) * first)
-        tip = ring[-1] + 0.45 * radius * tangent
-        _connect(scene, mujoco.mjtGeom.mjGEOM_ARROW, 0.12 * radius, ring[-1], tip)
-        ends = centre - 1.3 * radius * axis, centre + 1.3 * radius * axis
-        _connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.03 * radius, *ends)
-        if self._model.ngeom <= 1:
-            # an arm without geometry: show at least where its joints are
-            points = self._data.xanchor[self._joints]
-            chain = [*points, self._data.site(self._core.arm.end_effector).xpos]
-            for a, b in pairwise(chain):
-                _connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.3 * radius, a, b, _GREY)
+    def _draw_chain(self, scene: mujoco.MjvScene, width: float) -> None:
+        """Show an arm without geometry by a chain through its joints, ``width`` in m."""
+        if self._model.ngeom > 1:
+            return
+        points = self._data.xanchor[self._joints]
+        chain = [*points, self._data.site(self._slots.arm.end_effector).xpos]
+        for a, b in pairwise(chain):
+            connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, width, a, b, GREY)
 
     def _show(self, i: int) -> None:
         if self._viewer is None:
             before = set(threading.enumerate())
             self._viewer = _open_viewer(self._model, self._data)
             self._threads = [t for t in threading.enumerate() if t not in before]
-            camera = self._camera()
+            camera = self._camera(i)
             heading = np.deg2rad(camera.azimuth)
             right = np.array([np.sin(heading), -np.cos(heading), 0.0])
             camera.lookat -= 0.25 * camera.distance * right  # room for the panel on the left
@@ -197,16 +201,15 @@ class Renderer:
             raise StictionError("the window was closed")
         with self._viewer.lock():
             self._viewer.user_scn.ngeom = 0
-            self._mark(self._viewer.user_scn, i)
-        c = self._core.configuration[i]
+            self._decorate(self._viewer.user_scn, i)
         # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
-        self._viewer.set_texts((None, None, "joint\nload\ndirection", _words(c)))
+        self._viewer.set_texts((None, None, *self._words(i)))
         viewport = mujoco.MjrRect(8, 8, PANEL_WIDTH, HEIGHT)
-        self._viewer.set_images((viewport, draw_panel(self._core, i, PANEL_WIDTH, HEIGHT)))
+        self._viewer.set_images((viewport, self._panel(i)))
         self._viewer.sync()
         # real time, as far as the machine is fast enough
         late = time.monotonic() - self._shown
-        time.sleep(max(0.0, self._core.interval - late))
+        time.sleep(max(0.0, self._slots.interval - late))
         self._shown = time.monotonic()
 
     def close(self) -> None:
@@ -221,10 +224,47 @@ class Renderer:
             self._viewer, self._threads = None, []
 
 
-_GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
+class JointRenderer(Renderer):
+    """Draws slots of the SJE: a ring about the joint under test, its torque and angle."""
+
+    def __init__(self, core: Core) -> None:
+        """Prepare the scene; OpenGL is not touched yet."""
+        super().__init__(core)
+        self._core = core
+
+    def _angles(self, i: int) -> Array:
+        angles: Array = self._core.rig.plant.position[i]
+        return angles
+
+    def _panel(self, i: int) -> NDArray[np.uint8]:
+        return draw_panel(self._core, i, PANEL_WIDTH, HEIGHT)
+
+    def _words(self, i: int) -> tuple[str, str]:
+        c = self._core.configuration[i]
+        return "joint\nload\ndirection", f"{c.joint}\n{c.load}\n{c.direction}"
+
+    def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
+        """Draw a ring about the axis of the joint under test, with an arrow along the ramp."""
+        joint = self._joints[self._core.rig.joint[i]]
+        centre, axis = self._data.xanchor[joint], self._data.xaxis[joint]
+        first = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.9 else [0, 1.0, 0])
+        first /= np.linalg.norm(first)
+        second = np.cross(axis, first)
+        radius = 0.15 * max(0.3, min(1.0, float(np.ptp(self._points(i), axis=0).max())))
+        sign = self._core.rig.sign[i]
+        turn = sign * np.linspace(0, 1.75 * np.pi, _RING)[:, None]
+        ring = centre + radius * (np.cos(turn) * first + np.sin(turn) * second)
+        for a, b in pairwise(ring):
+            connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.06 * radius, a, b)
+        tangent = sign * (np.cos(turn[-1]) * second - np.sin(turn[-1]) * first)
+        tip = ring[-1] + 0.45 * radius * tangent
+        connect(scene, mujoco.mjtGeom.mjGEOM_ARROW, 0.12 * radius, ring[-1], tip)
+        ends = centre - 1.3 * radius * axis, centre + 1.3 * radius * axis
+        connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.03 * radius, *ends)
+        self._draw_chain(scene, 0.3 * radius)
 
 
-def _connect(
+def connect(
     scene: mujoco.MjvScene,
     kind: mujoco.mjtGeom,
     width: float,
@@ -243,8 +283,16 @@ def _connect(
     scene.ngeom += 1
 
 
-def _words(c: Configuration) -> str:
-    return f"{c.joint}\n{c.load}\n{c.direction}"
+def ball(scene: mujoco.MjvScene, radius: float, at: Array, colour: NDArray[np.float32]) -> None:
+    """Add a sphere of a radius [m] at (3,) [m] to the scene."""
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom = scene.geoms[scene.ngeom]
+    size = np.full(3, radius)
+    mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, at, np.eye(3).ravel(), colour)
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.emission = 0.5
+    scene.ngeom += 1
 
 
 def _headless() -> bool:

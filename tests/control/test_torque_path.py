@@ -247,3 +247,16 @@ def test_interfaces_of_the_arms():
     assert (
         TorqueInterface.of(load_arm("panda"), controller_rate_hz=500, lowpass_hz=0).hold_steps == 2
     )
+
+
+def test_cycles_and_blocks_are_the_same_bits():
+    """A feedback law passes one command at a time, the experiment blocks: one path."""
+    arm = load_arm("panda")
+    rng = np.random.default_rng(0)
+    command = np.cumsum(rng.normal(0, 0.8, (3, 60, 7)), axis=1)
+    interface = TorqueInterface.of(arm)
+    block, single = TorquePath(interface, 3, 7), TorquePath(interface, 3, 7)
+    want = block.run(command, np.arange(3))
+    got = np.stack([single.cycle(command[:, k]) for k in range(60)], axis=1)
+    np.testing.assert_array_equal(got, want)
+    assert np.abs(np.diff(command, axis=1)).max() > 1.0, "the rate limit was not reached"

@@ -7,6 +7,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from stiction_envs.control.trajectory import MotionLimits
+
 PANDA, IIWA = "stiction_envs:PandaSJE-v0", "stiction_envs:IiwaSJE-v0"
 QUICK = {"joint": 6, "load": "no_load", "direction": "+"}
 """A configuration that breaks away early."""
@@ -49,3 +51,25 @@ def same(a: Any, b: Any) -> bool:
         x, y = np.asarray(a), np.asarray(b)
         return x.dtype == y.dtype and np.array_equal(x, y, equal_nan=True)
     return type(a) is type(b) and a == b
+
+
+# ---- GTE -----------------------------------------------------------------------------------------
+
+PANDA_GTE, IIWA_GTE = "stiction_envs:PandaGTE-v0", "stiction_envs:IiwaGTE-v0"
+TRIANGLE = {"trajectory": "triangle", "stiffness": (400, 40, 0)}
+
+
+def sprint() -> MotionLimits:
+    """Return movements some five times as fast as the thesis's, for short episodes."""
+    return MotionLimits(
+        translational_acceleration=5.0,
+        translational_deceleration=5.0,
+        rotational_acceleration=5.0,
+        rotational_deceleration=5.0,
+        rotational_speed=2.0,
+        patience=0.2,
+    )
+
+
+def make_gte(name: str = PANDA_GTE, **arguments: Any) -> gym.Env:
+    return gym.make(name, **{"control_interval_s": 0.2, "motion": sprint(), **arguments})

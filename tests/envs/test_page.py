@@ -1,4 +1,4 @@
-"""The environment's page, its class docstring, says what the code does."""
+"""An environment's page, its class docstring, says what the code does."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import inspect
 import numpy as np
 import pytest
 
+from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.envs import gte_core, gte_layout
 from stiction_envs.envs.core import BLOCK_S, TERMS
+from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.envs.layout import (
     action_table,
     observation_bounds,
@@ -38,5 +41,48 @@ def test_names_and_bounds_belong_together(n):
     low, high = observation_bounds(n)
     names = observation_names(n)
     assert len(names) == len(set(names)) == len(low) == 5 * n + 5
+    assert np.all(low < high)
+    assert np.all(np.isfinite([low, high]))
+
+
+GTE_PAGE = inspect.getdoc(GTEEnv) or ""
+
+
+@pytest.mark.parametrize("table", [action_table(7), observation_table(7, gte_layout.GROUPS)])
+def test_gte_tables_are_the_generated_ones(table):
+    assert table in GTE_PAGE
+
+
+def test_every_gte_reward_term_info_and_argument_is_explained():
+    core = gte_core.GTECore
+    for term in gte_core.TERMS:
+        assert f"* `{term}`" in GTE_PAGE
+    for name in (*core.each, *core.final):
+        assert f"`{name}`" in GTE_PAGE
+    for name in set(inspect.signature(core.__init__).parameters) - {"self", "num_envs", "record"}:
+        assert f"`{name}`" in GTE_PAGE
+    for name in gte_layout.OPTIONS:
+        assert f'"{name}": ' in GTE_PAGE
+
+
+def test_gte_numbers_on_the_page_are_those_in_use():
+    words, limits = " ".join(GTE_PAGE.split()), MotionLimits()
+    assert f"is {limits.position_tolerance:g} m and {limits.rotation_tolerance:g} rad" in words
+    assert f"v_max is {limits.translational_speed:g} m/s" in words
+    assert f"ω_max {limits.rotational_speed:g} rad/s" in words
+    drawn = [str(tuple(int(k) for k in row)) for row in gte_layout.drawn_stiffness()]
+    assert f"from {' and '.join(drawn)}" in words
+    assert f"(vibration / {1e3 * gte_layout.default('reward.shaking_unit'):g} mm)" in words
+    experiment = gte_core.GeneratedTrajectoryExperiment.of("iiwa7")
+    block = gte_core.GTECore.block_steps(experiment)
+    assert f"a multiple of {1e-3 * block:g} s" in words
+    assert f"mean over the {experiment.protocol.iterations}" in words.replace("means", "mean")
+
+
+@pytest.mark.parametrize("n", [2, 7, 9])
+def test_gte_names_and_bounds_belong_together(n):
+    low, high = observation_bounds(n, gte_layout.GROUPS)
+    names = observation_names(n, gte_layout.GROUPS)
+    assert len(names) == len(set(names)) == len(low) == 4 * n + 19
     assert np.all(low < high)
     assert np.all(np.isfinite([low, high]))

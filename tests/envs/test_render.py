@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs import render
+from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import PANDA, QUICK, make, mild
+from tests.envs.helpers import IIWA_GTE, PANDA, QUICK, TRIANGLE, make, make_gte, mild, sprint
 from tests.envs.test_sje import TWO_JOINTS
 
 HEIGHT, SCENE, WIDTH = render.HEIGHT, render.SCENE_WIDTH, render.SCENE_WIDTH + render.PANEL_WIDTH
@@ -106,6 +107,69 @@ def test_an_own_arm_is_drawn(tmp_path):
     frame = env.render()
     assert orange(frame).sum() > 60
     env.close()
+
+
+def blue(frame: np.ndarray) -> np.ndarray:
+    """Return where the scene is coloured as the path is."""
+    r, g, b = (frame[:, :SCENE, k].astype(int) for k in range(3))
+    return (b - r > 60) & (b > 120) & (g - r > 20)
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("trajectory", ["triangle", "pentagon"])
+def test_gte_frames_show_the_path_its_goal_the_trail_and_the_plots(trajectory):
+    env = make_gte(IIWA_GTE, render_mode="rgb_array")
+    assert env.metadata["render_fps"] == 5
+    env.reset(seed=0, options={**TRIANGLE, "trajectory": trajectory})
+    first = env.render()
+    assert blue(first).sum() > 150
+    assert orange(first).sum() > 20, "the goal"
+    for mark in (blue(first), orange(first)):
+        assert not np.concatenate([mark[0], mark[-1], mark[:, 0], mark[:, -1]]).any()
+    for _ in range(6):
+        env.step(mild(env, 6))
+    frame = env.render()
+    assert frame.shape == (HEIGHT, WIDTH, 3)
+    assert frame.dtype == np.uint8
+    assert orange(frame).sum() > orange(first).sum(), "the trail has grown"
+    panel, before = frame[:, SCENE:], first[:, SCENE:]
+    assert (panel != before).any(axis=2).sum() > 300, "the plots have grown"
+    assert np.array_equal(frame[:60, :60], first[:60, :60]), "the camera rests"
+    env.close()
+
+
+@pytest.mark.usefixtures("gl")
+def test_a_gte_batch_gives_one_frame_each_and_depth():
+    env = GTEVectorEnv(2, render_mode="rgb_array", control_interval_s=0.2, motion=sprint())
+    pentagon = {"trajectory": "pentagon", "stiffness": (400, 40, 0)}
+    env.reset(seed=0, options=[TRIANGLE, pentagon])
+    frames = env.render()
+    assert len(frames) == 2
+    assert not np.array_equal(frames[0], frames[1])
+    env.close()
+    far = make_gte(render_mode="depth_array")
+    far.reset(seed=0, options=TRIANGLE)
+    assert far.render().shape == (HEIGHT, SCENE)
+    far.close()
+
+
+@pytest.mark.usefixtures("gl")
+def test_an_own_arm_is_drawn_on_its_path(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(TWO_JOINTS)
+    env = make_gte(robot=str(path), render_mode="rgb_array")
+    env.reset(seed=0, options=TRIANGLE)
+    assert blue(env.render()).sum() > 100
+    env.close()
+
+
+def test_gte_rendering_does_not_touch_the_physics():
+    arguments = {"control_interval_s": 0.2, "motion": sprint()}
+    results = []
+    for e in (GTEEnv(**arguments), GTEEnv(render_mode="rgb_array", **arguments)):
+        e.reset(seed=1, options=TRIANGLE)
+        results.append([e.step(mild(e, 6))[0] for _ in range(3)])
+    assert np.array_equal(*results)
 
 
 @pytest.mark.usefixtures("gl")

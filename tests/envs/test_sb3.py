@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import PANDA, QUICK
+from tests.envs.helpers import PANDA, PANDA_GTE, QUICK, TRIANGLE, sprint
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 from stiction_envs.envs.sb3 import SB3VecEnv, make_sb3
 
 FIXED = {"control_interval_s": 0.2, "fixed_options": {"joint": 6, "load": "no_load"}}
+FIXED_GTE = {"control_interval_s": 0.2, "motion": sprint(), "fixed_options": TRIANGLE}
 
 
 def test_it_is_dummy_vec_env_of_singles_bit_for_bit():
@@ -45,6 +46,29 @@ def test_it_is_dummy_vec_env_of_singles_bit_for_bit():
                 assert x["TimeLimit.truncated"] is y["TimeLimit.truncated"] is False
         assert mine.reset_infos == theirs.reset_infos
     assert ended >= 3
+
+
+def test_gte_is_dummy_vec_env_of_singles_bit_for_bit():
+    mine = make_sb3("PandaGTE-v0", 2, rescale=False, **FIXED_GTE)
+    theirs = DummyVecEnv([lambda: gym.make(PANDA_GTE, **FIXED_GTE)] * 2)
+    for env in (mine, theirs):
+        env.seed(3)
+    assert np.array_equal(mine.reset(), theirs.reset())
+    low, high = mine.action_space.low, mine.action_space.high
+    rng, ended = np.random.default_rng(0), 0
+    for _ in range(20):
+        action = (low + rng.uniform(0, 0.4, (2, 14)) * (high - low)).astype(np.float32)
+        a, b = mine.step(action), theirs.step(action)
+        for x, y in zip(a[:3], b[:3], strict=True):
+            assert np.array_equal(x, y)
+        for x, y, done in zip(a[3], b[3], a[2], strict=True):
+            assert x.keys() == y.keys()
+            ended += done
+            if done:
+                assert np.array_equal(x["terminal_observation"], y["terminal_observation"])
+                assert np.array_equal(x["error"], y["error"])
+                assert np.isfinite(x["error"]).all()
+    assert ended >= 2
 
 
 def test_truncation_is_told():
@@ -128,3 +152,14 @@ def test_ppo_learns_on_the_single_environment():
     model = PPO("MlpPolicy", env, n_steps=256, batch_size=128, n_epochs=2, seed=0, device="cpu")
     model.learn(4096)
     assert model.num_timesteps == 4096
+
+
+@pytest.mark.slow
+def test_ppo_learns_on_the_gte_batch():
+    env = VecNormalize(VecMonitor(make_sb3("PandaGTE-v0", 16, **FIXED_GTE)))
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=256, n_epochs=4, seed=0, device="cpu")
+    model.learn(1536)
+    episodes = model.ep_info_buffer
+    assert episodes is not None
+    assert len(episodes) >= 16
+    assert all(-3 < e["r"] < 0 for e in episodes)

@@ -1,0 +1,172 @@
+"""The Generated Trajectory Experiment as a Gymnasium environment, alone and as a native batch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from stiction_envs.envs.gte_core import GTECore
+from stiction_envs.envs.render_gte import PathRenderer
+from stiction_envs.envs.skin import ArmEnv, ArmVectorEnv
+
+
+class GTEEnv(ArmEnv):
+    """Follow a path with a sticking arm as closely as possible, by dithering it.
+
+    ## Description
+    The Generated Trajectory Experiment (thesis 3.2, 4.2): an arm under Cartesian impedance control
+    follows straight lines from goal to goal, a triangle in space or a pentagon in a plane. Its
+    joints stick, so the flange lags behind the reference and stops short of the corners. Dither – a
+    sine on the commanded torque of any joint – frees the joints, and shakes the arm. An episode is
+    one run along the path. Every step sets the dither of all joints for the next
+    `control_interval_s`, so that it can come and go with the motion; phases stay continuous. The
+    numbers of the experiment are in `stiction_envs/experiments/gte.toml` and
+    `stiction_envs/control/gte.toml`.
+
+        import gymnasium as gym
+
+        env = gym.make("stiction_envs:PandaGTE-v0")
+        observation, info = env.reset(seed=1, options={"trajectory": "triangle"})
+
+    `gym.make_vec("stiction_envs:PandaGTE-v0", num_envs=64)` steps 64 arms in one batch
+    (`GTEVectorEnv`); row i of a batch is a single environment reset with seed + i, bit for bit.
+    A constant action is one case of `stiction gte`: with the option `iteration` k the episode is
+    its iteration k, bit for bit.
+
+    ## Action space
+    `Box`, shape (2n,), float32, for an arm of n joints (n = 7 below):
+
+    | index | meaning | min | max | unit |
+    | --- | --- | --- | --- | --- |
+    | 0–6 | amplitude, joint 1 … 7 | 0 | A_max = min(torque limit, 2.5 × stiction) | N·m |
+    | 7–13 | frequency, joint 1 … 7 | 5 | min(100, controller rate / 2) | Hz |
+
+    The stiction is the joint's largest, of both poses and directions of the Single Joint
+    Experiment, so the bounds are those of the SJE environments. Amplitude 0 is exactly no dither,
+    whatever the frequency. An action outside the space, or not a number, is an error; wrap the
+    environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
+
+    ## Observation space
+    `Box`, shape (4n + 19,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
+    the name of every element. The tolerance, within which a goal counts as reached, is 0.04 m and
+    0.25 rad, v_max is 0.5 m/s, ω_max 0.5 rad/s. After a reset, amplitude and frequency are −1. The
+    nullspace stiffness, 0 unless an option says otherwise, is not among it.
+
+    | index | name | min | max | unit | meaning |
+    | --- | --- | --- | --- | --- | --- |
+    | 0–6 | displacement_1 … displacement_7 | -3 | 3 | rad | link angle minus the start's |
+    | 7–13 | velocity_1 … velocity_7 | -3 | 3 | rad/s | link speed |
+    | 14–19 | error_x … error_yaw | -20 | 20 | tolerance | flange pose minus reference |
+    | 20–22 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
+    | 23 | turning | 0 | 1 | ω_max | angular speed of the reference |
+    | 24 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
+    | 25–29 | goal_1 … goal_5 | 0 | 1 | 1 | 1 for the goal on the way to, else 0 |
+    | 30 | pentagon | 0 | 1 | 1 | 1 on the pentagon, 0 on the triangle |
+    | 31 | translational | 0 | 20 | 400 N/m | translational stiffness |
+    | 32 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
+    | 33–39 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
+    | 40–46 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
+
+    ## Rewards
+    Terms, in `info["reward_terms"]`; the reward is their sum.
+
+    * `tracking`: −mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the flange's pose
+      minus the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
+      reached; E is the same sum over a whole undithered run.
+    * `power`: −`power_weight` · s · mean over joints of (A / A_max)².
+    * `torque_rate`: −`torque_rate_weight` · s · mean over joints of (2πfA / torque rate limit)²;
+      0 where the robot has no such limit.
+    * `shaking`: −`shaking_weight` · s · (vibration / 1 mm), the vibration of this step as in the
+      info.
+
+    s = `control_interval_s` / duration of the undithered run is the step's share of it: a weight is
+    what full dither, or 1 mm of shaking all along, would cost, in units of the undithered error.
+    The rewards of an episode sum to −(tracking error) less the penalties: about −1 without dither,
+    0 for a perfect arm. E and the duration are means over the 10 undithered iterations that
+    `stiction gte` would run for the same trajectory, stiffness, arm and friction; they are
+    computed at the first reset that needs them, once per process, which takes some seconds.
+
+    ## Start and end of an episode
+    A reset brings the arm to the start against its friction, from a random side; the controller
+    takes it from where it stands, and the first goal is accepted. With `scatter` the pose, the
+    friction and the phases of the dither vary with the seed.
+
+    * Terminated: 1 s after the last goal was reached. (A goal also counts as reached 1 s after the
+      reference came to rest there, so every episode ends.)
+    * Truncated: `max_episode_steps` are over.
+
+    ## Info
+    `trajectory` and `stiffness` (3,) always; `time` [s], `goals_reached`, `vibration` (flange
+    position above 8 Hz in this step, root mean square [m]) and `reward_terms` after a step; after
+    the last one also
+
+    * `error` (6,): |e| of x, y, z [m], roll, pitch, yaw [rad], summed over the 200 samples from 1 s
+      before to 1 s after the last goal was accepted, as in Table 4.11; NaN if truncated before.
+    * `undithered_error` (6,): the same without dither, mean over iterations.
+    * `tracking_error`: the sum of −`tracking` over the episode, 1 without dither.
+    * `shaking`: root mean square of the vibration over the motion [m], and `undithered_shaking`.
+    * `duration`: when the last goal was reached [s]; NaN if truncated before.
+
+    ## Options
+    `env.reset(options={"trajectory": "triangle" | "pentagon", "stiffness": (200, 20, 0)})`;
+    stiffness is translational [N/m], rotational and nullspace [N·m/rad]. What is not given is drawn
+    from the seed, stiffness from (200, 20, 0) and (400, 40, 0). `"iteration": k` starts as
+    iteration k (from 0) of `stiction gte --seed` `scatter_seed` does.
+
+    ## Arguments
+    * `robot`: `panda` (default of `PandaGTE-v0`), `iiwa7` (default of `IiwaGTE-v0`), `iiwa14`, or a
+      path to an own MJCF or URDF with 2 to 9 joints.
+    * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
+    * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
+    * `scatter`: whether episodes of a configuration differ by more than the side they start from.
+      Default True.
+    * `scatter_seed`: of numbered iterations and of the undithered runs. Default 0.
+    * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
+    * `settings`: `ImpedanceSettings` of the controller. Default: those of `stiction gte`.
+    * `motion`: `MotionLimits` of the trajectory generator. Default likewise.
+    * `belief`: `Arm` that the controller believes to move, for a wrong payload or tilt. Default:
+      the true one.
+    * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
+    * `power_weight`, `torque_rate_weight`, `shaking_weight`: weights of the penalties [-]. Default
+      0.01 each.
+    * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.
+    * `fixed_options`: reset options of all episodes; those of a single reset come before them.
+    * `nthread`: threads of the physics, 0 for all processors. Default 0.
+    * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
+      and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).
+
+    ## Version history
+    * v0: first version.
+    """
+
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        """Make the environment; the class explains the arguments."""
+        super().__init__(GTECore, PathRenderer, render_mode, arguments)
+
+
+class GTEVectorEnv(ArmVectorEnv):
+    """N arms of `GTEEnv`, stepped in one batch; infos are Gymnasium's dict of arrays.
+
+    `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
+    those of `GTEEnv` for all, or a sequence with one dict per environment; ``"reset_mask"`` (bool
+    array) among them resets only some. An episode that autoreset starts knows `fixed_options` only.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        """Make the environments.
+
+        Args:
+            num_envs: how many.
+            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
+            render_mode: one frame per environment; `human` is for the single environment.
+            arguments: as for `GTEEnv`.
+        """
+        super().__init__(num_envs, GTECore, PathRenderer, autoreset_mode, render_mode, arguments)

@@ -1,0 +1,155 @@
+"""What the GTE's observation and reset options are called and bounded by; see `layout.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.control.trajectory import POSITION
+from stiction_envs.envs.layout import GROUPS as SJE_GROUPS
+from stiction_envs.envs.layout import Group, named_options
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte_protocol import AXES, TRAJECTORIES, Case, named_path
+from stiction_envs.robots.tables import lookup, read_toml
+
+Stiffness = tuple[float, float, float]
+"""Translational [N/m], rotational and nullspace [N·m/rad]."""
+OPTIONS = ("trajectory", "stiffness", "iteration")
+"""Names of the reset options."""
+CAPACITY = max(len(named_path(name).position) for name in TRAJECTORIES)
+"""Most goals of a path."""
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return read_toml(Path(__file__).with_name("gte.toml"))
+
+
+def default(key: str) -> Any:
+    """Number of a dotted ``key`` of ``gte.toml``, which has the sources."""
+    return lookup(_table(), key)
+
+
+def drawn_stiffness() -> tuple[Stiffness, ...]:
+    """Return the stiffnesses that are drawn without options."""
+    return tuple((t, r, n) for t, r, n in default("episode.stiffness"))
+
+
+def stiffness_units() -> tuple[float, float]:
+    """Return what stiffness 1 is in the observation: [N/m], [N·m/rad]."""
+    top = np.max(drawn_stiffness(), axis=0)
+    return float(top[0]), float(top[1])
+
+
+_SHAKEN = tuple(g for g in SJE_GROUPS if g.name in ("amplitude", "frequency"))
+GROUPS = (
+    Group(
+        name="displacement",
+        per_joint=True,
+        low=-3.0,
+        high=3.0,
+        unit="rad",
+        meaning="link angle minus the start's",
+    ),
+    Group(
+        name="velocity",
+        per_joint=True,
+        low=-3.0,
+        high=3.0,
+        unit="rad/s",
+        meaning="link speed",
+    ),
+    Group(
+        name="error",
+        labels=AXES,
+        low=-20.0,
+        high=20.0,
+        unit="tolerance",
+        meaning="flange pose minus reference",
+    ),
+    Group(
+        name="reference",
+        labels=POSITION,
+        low=-1.0,
+        high=1.0,
+        unit="v_max",
+        meaning="velocity of the reference",
+    ),
+    Group(
+        name="turning",
+        low=0.0,
+        high=1.0,
+        unit="ω_max",
+        meaning="angular speed of the reference",
+    ),
+    Group(
+        name="remaining",
+        low=-20.0,
+        high=20.0,
+        unit="s",
+        meaning="time until the reference comes to rest, < 0 since",
+    ),
+    Group(
+        name="goal",
+        labels=tuple(str(k + 1) for k in range(CAPACITY)),
+        low=0.0,
+        high=1.0,
+        unit="1",
+        meaning="1 for the goal on the way to, else 0",
+    ),
+    Group(
+        name="pentagon",
+        low=0.0,
+        high=1.0,
+        unit="1",
+        meaning="1 on the pentagon, 0 on the triangle",
+    ),
+    Group(
+        name="translational",
+        low=0.0,
+        high=20.0,
+        unit=f"{stiffness_units()[0]:g} N/m",
+        meaning="translational stiffness",
+    ),
+    Group(
+        name="rotational",
+        low=0.0,
+        high=20.0,
+        unit=f"{stiffness_units()[1]:g} N·m/rad",
+        meaning="rotational stiffness",
+    ),
+    *_SHAKEN,
+)
+"""The observation, in order."""
+
+
+def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return valid reset options: trajectory, stiffness, iteration.
+
+    Raises:
+        StictionError: an option or a value that does not exist.
+    """
+    out = named_options(options, OPTIONS)
+    if "trajectory" in out and (
+        not isinstance(out["trajectory"], str) or out["trajectory"] not in TRAJECTORIES
+    ):
+        raise unknown("trajectory", out["trajectory"], TRAJECTORIES)
+    if "stiffness" in out:
+        value = out["stiffness"]
+        try:
+            numbers = [float(k) for k in value]
+        except (TypeError, ValueError):
+            raise StictionError(f"stiffness {value!r}: allowed are three numbers") from None
+        out["stiffness"] = tuple(numbers)
+        Case(trajectory=TRAJECTORIES[0], stiffness=out["stiffness"])
+    if "iteration" in out:
+        value = out["iteration"]
+        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole or value < 0:
+            raise StictionError(f"iteration {value!r}: allowed are whole numbers from 0")
+        out["iteration"] = int(value)
+    return out

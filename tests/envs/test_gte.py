@@ -1,0 +1,440 @@
+from __future__ import annotations
+
+import warnings
+from itertools import pairwise
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RescaleAction
+
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
+from stiction_envs.envs.gte_base import fingerprint
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte_measures import measure
+from stiction_envs.experiments.gte_protocol import Case
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots import load_arm
+from tests.envs.helpers import (
+    IIWA_GTE,
+    PANDA,
+    PANDA_GTE,
+    TRIANGLE,
+    episode,
+    make,
+    make_gte,
+    mild,
+    quiet,
+    same,
+    sprint,
+)
+from tests.envs.test_sje import TWO_JOINTS
+
+QUIET = {"power_weight": 0.0, "torque_rate_weight": 0.0, "shaking_weight": 0.0}
+
+
+@pytest.fixture(scope="module")
+def panda():
+    env = make_gte()
+    yield env
+    env.close()
+
+
+def rows_of(action: np.ndarray) -> tuple[AmplitudeRow, ...]:
+    """Return the table of dither that says what a constant action says."""
+    a, f = np.split(np.asarray(action, dtype=float), 2)
+    return tuple(AmplitudeRow(j + 1, f[j], a[j]) for j in range(len(a)) if a[j] > 0)
+
+
+def shaken(env: gym.Env, share: float = 0.3) -> np.ndarray:
+    """Return an action that dithers all joints but the third, as float64: no table is float32."""
+    action = quiet(env).astype(float)
+    action[:7] = share * env.action_space.high[:7]
+    action[7:] = [50, 30, 30, 50, 15, 15, 15]
+    action[2] = 0.0
+    return action
+
+
+@pytest.mark.parametrize("name", [PANDA_GTE, IIWA_GTE])
+def test_gymnasium_check(name):
+    env = make_gte(name, fixed_options=TRIANGLE)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env.unwrapped, skip_render_check=True)
+    # amplitudes in N·m and frequencies in Hz cannot be in [-1, 1]: RescaleAction is for that
+    assert all("symmetric and normalized" in str(w.message) for w in caught)
+
+
+def test_stable_baselines_check():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(RescaleAction(make_gte(fixed_options=TRIANGLE), -1, 1))
+
+
+def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> None:
+    """Compare the env's iterations 0 and 2 of a case with the experiment's, bit for bit."""
+    bench = GeneratedTrajectoryExperiment.of(robot, **experiment)
+    run = bench.run([case], iterations=3)[0]
+    measures = measure(run)
+    action = quiet(env).astype(float)
+    for row in case.dither:
+        action[row.joint - 1], action[6 + row.joint] = row.amplitude_nm, row.frequency_hz
+    for k in (0, 2):
+        options = {"trajectory": case.trajectory, "stiffness": case.stiffness, "iteration": k}
+        final = episode(env, action, seed=11, options=options)[-1][4]
+        trace = env.unwrapped.core.recorder.trace[0]
+        position, error = np.concatenate(trace.position), np.concatenate(trace.error)
+        # the run ends with its slowest iteration, the episode with a whole step
+        count = min(len(position), len(run.time))
+        assert abs(len(position) - len(run.time)) < 60
+        assert np.array_equal(position[:count], run.actual[k, :count, :3])
+        assert np.array_equal(error[:count], run.error[k, :count])
+        assert np.array_equal(final["error"], measures.window_sum[k])
+        assert final["duration"] == measures.duration[k]
+        # a sample at the very end counts there by the rounding of its time
+        assert final["shaking"] == pytest.approx(measures.shaking[k], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_constant_action_is_the_experiment_bit_for_bit():
+    """What `stiction gte` runs, by key of the scatter: the same path, the same numbers."""
+    env = gym.make(PANDA_GTE, render_mode="rgb_array")
+    case = Case(trajectory="triangle", stiffness=(200, 20, 0), dither=rows_of(shaken(env)))
+    check_reproduction(env, "panda", case)
+
+
+def test_so_it_is_on_the_held_controller_and_with_another_seed():
+    env = make_gte(IIWA_GTE, scatter_seed=3, render_mode="rgb_array", control_interval_s=0.04)
+    case = Case(trajectory="pentagon", stiffness=(400, 40, 5), dither=rows_of(shaken(env)))
+    check_reproduction(env, "iiwa7", case, seed=3, motion=sprint())
+
+
+def test_undithered_iterations_sum_to_minus_one():
+    """The unit of the reward is the mean over the ten iterations that `stiction gte` runs."""
+    env = GTEVectorEnv(10, control_interval_s=0.2, motion=sprint(), autoreset_mode="SameStep")
+    still = np.tile(env.single_action_space.low, (10, 1))
+    env.reset(options=[{**TRIANGLE, "iteration": k} for k in range(10)])
+    total, tracking, error = np.zeros(10), np.zeros(10), np.zeros((10, 6))
+    alive = np.ones(10, dtype=bool)
+    while alive.any():
+        _, reward, terminated, _, infos = env.step(still)
+        total[alive] += reward[alive]
+        for i in np.flatnonzero(alive & terminated):
+            final = infos["final_info"]
+            tracking[i], error[i] = final["tracking_error"][i], final["error"][i]
+            base = final["undithered_error"][i]
+        alive &= ~terminated
+    assert tracking.mean() == pytest.approx(1.0, abs=1e-12)
+    assert error.mean(axis=0) == pytest.approx(base, rel=1e-12)
+    # without dither only the shaking of the motion itself is left to penalise
+    assert np.all(total < -tracking)
+    assert total == pytest.approx(-tracking, abs=0.01)
+
+
+@pytest.mark.parametrize("name", [PANDA_GTE, IIWA_GTE])
+def test_rewards_sum_to_the_tracking_error_and_the_penalties(name):
+    env = make_gte(name)
+    steps = episode(env, shaken(env), seed=2, options=TRIANGLE)
+    final = steps[-1][4]
+    assert steps[-1][2]
+    terms = [s[4]["reward_terms"] for s in steps[1:]]
+    for s, t in zip(steps[1:], terms, strict=True):
+        assert s[1] == pytest.approx(sum(t.values()), abs=1e-15)
+        assert "error" in s[4] if s is steps[-1] else "error" not in s[4]
+    tracking = sum(t["tracking"] for t in terms)
+    assert tracking == pytest.approx(-final["tracking_error"], rel=1e-12)
+    for term in ("power", "shaking"):
+        assert all(t[term] < 0 for t in terms)
+    assert all((t["torque_rate"] == 0) == (name == IIWA_GTE) for t in terms)
+    # weight x share of the run, for this dither: 6 of 7 joints at 0.3 of their A_max
+    full = sum(t["power"] for t in terms) / (0.01 * 6 / 7 * 0.3**2)
+    assert full == pytest.approx(-1.0, abs=0.1)
+    assert final["error"].shape == final["undithered_error"].shape == (6,)
+    assert np.isfinite(final["error"]).all()
+    assert 0 < final["duration"] <= final["time"] - 1
+    assert final["goals_reached"] == 3
+
+
+def test_weights_can_be_zero(panda):
+    env = make_gte(**QUIET)
+    steps = episode(env, mild(env, 6), seed=1, options=TRIANGLE)
+    final = steps[-1][4]
+    assert sum(s[1] for s in steps) == pytest.approx(-final["tracking_error"], rel=1e-12)
+
+
+def test_the_control_interval_does_not_matter_to_a_constant_action():
+    """Physics, sampling and the end of the episode's error do not know of the interval."""
+    finals = []
+    for interval in (0.1, 0.24):
+        env = make_gte(control_interval_s=interval, **QUIET)
+        steps = episode(env, shaken(env), seed=5, options=TRIANGLE)
+        finals.append(steps[-1][4])
+    assert np.array_equal(finals[0]["error"], finals[1]["error"])
+    assert finals[0]["duration"] == finals[1]["duration"]
+    for name in ("tracking_error", "shaking"):
+        assert finals[0][name] == pytest.approx(finals[1][name], rel=1e-12)
+
+
+def test_same_seed_same_episode_on_any_number_of_threads(panda):
+    action = shaken(panda)
+    first, again = (episode(panda, action, seed=5, options=TRIANGLE) for _ in range(2))
+    assert same(first, again)
+    one = make_gte(nthread=1)
+    assert same(episode(one, action, seed=5, options=TRIANGLE), first)
+    other = episode(panda, action, seed=6, options=TRIANGLE)
+    assert not np.array_equal(other[-1][4]["error"], first[-1][4]["error"])
+
+
+def test_seeds_draw_every_option():
+    env = GTEVectorEnv(16, motion=sprint())
+    _, infos = env.reset(seed=0)
+    cases = {(t, *k) for t, k in zip(infos["trajectory"], infos["stiffness"], strict=True)}
+    k = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
+    assert cases == {(t, *x) for t in ("triangle", "pentagon") for x in k}
+
+
+def test_options_do_not_shift_the_random_stream(panda):
+    panda.reset(seed=3)
+    free = panda.reset()
+    panda.reset(seed=3, options={**TRIANGLE, "iteration": 4})
+    assert same(panda.reset(), free)
+    _, info = panda.reset(options={"stiffness": [400, 40, 0]})
+    assert info["stiffness"].tolist() == [400.0, 40.0, 0.0]
+
+
+def test_amplitude_zero_is_no_dither_at_any_frequency(panda):
+    def wobble(k: int) -> np.ndarray:
+        action = quiet(panda)
+        action[7:] = 5 + 7 * (k % 13)
+        return action
+
+    still = episode(panda, quiet(panda), seed=4, options=TRIANGLE)
+    wobbling = episode(panda, wobble, seed=4, options=TRIANGLE)
+    names = panda.unwrapped.observation_names
+    physical = [k for k, n in enumerate(names) if not n.startswith("frequency")]
+    for a, b in zip(still, wobbling, strict=True):
+        assert np.array_equal(a[0][physical], b[0][physical])
+        assert a[1:4] == b[1:4]
+
+
+def test_dither_can_come_and_go_without_losing_its_phase(panda):
+    action = shaken(panda)
+    rig = panda.unwrapped.core.rig
+    panda.reset(seed=8, options=TRIANGLE)
+    panda.step(action)
+    phase, t = rig.dither.phase.copy(), rig.step * 1e-3
+    off = action.copy()
+    off[:7] = 0.0
+    before, _, _, _, info = panda.step(off)
+    assert not rig.shaking.any()
+    assert info["reward_terms"]["power"] == 0
+    panda.step(action)
+    assert rig.shaking.any()
+    assert np.array_equal(rig.dither.phase, phase)
+    faster = action.copy()
+    faster[7:] += 1.7
+    t = rig.step * 1e-3
+    angle = 2 * np.pi * rig.dither.frequency * t[:, None] + rig.dither.phase
+    panda.step(faster)
+    assert 2 * np.pi * rig.dither.frequency * t[:, None] + rig.dither.phase == pytest.approx(angle)
+    assert before in panda.observation_space
+
+
+def test_dither_changes_the_path_and_shakes(panda):
+    finals = [
+        episode(panda, action, seed=4, options=TRIANGLE)[-1][4]
+        for action in (quiet(panda), shaken(panda, share=1.0))
+    ]
+    assert not np.array_equal(finals[0]["error"], finals[1]["error"])
+    assert finals[1]["shaking"] > finals[0]["shaking"]
+    for name in ("undithered_error", "undithered_shaking"):
+        assert np.array_equal(finals[0][name], finals[1][name])
+
+
+def test_observations_stay_in_the_space_and_are_never_constant():
+    env = GTEVectorEnv(8, control_interval_s=0.2, motion=sprint(), autoreset_mode="SameStep")
+    env.action_space.seed(0)
+    space, seen = env.single_observation_space, [env.reset(seed=0)[0]]
+    for _ in range(40):
+        seen.append(env.step(env.action_space.sample())[0])
+    rows = np.concatenate(seen)
+    assert np.all(np.isfinite(rows))
+    assert np.all((rows >= space.low) & (rows <= space.high))
+    names = np.array(env.observation_names)
+    assert names.shape == space.shape
+    constant = np.ptp(rows, axis=0) == 0
+    assert not constant.any(), names[constant]
+    # a bound that is often reached would hide what goes on
+    clipped = ((rows == space.low) | (rows == space.high)).mean(axis=0)
+    for k, name in enumerate(names):
+        if name.startswith(("displacement", "velocity", "error", "reference", "remaining")):
+            assert clipped[k] < 0.2, name
+
+
+def test_observations_mean_what_they_are_called(panda):
+    core, names = panda.unwrapped.core, panda.unwrapped.observation_names
+    observation, _ = panda.reset(
+        seed=1, options={"trajectory": "pentagon", "stiffness": (200, 40, 0)}
+    )
+    see = dict(zip(names, observation, strict=True))
+    assert see["pentagon"] == 1
+    assert see["translational"] == 0.5
+    assert see["rotational"] == 1
+    assert [see[f"goal_{k}"] for k in range(1, 6)] == [1, 0, 0, 0, 0]
+    assert see["error_x"] == see["reference_x"] == 0
+    assert see["remaining"] == pytest.approx(float(core.rig.keeper.segment.duration[0]))
+    observation, _, _, _, info = panda.step(mild(panda, 6, share=0.25))
+    see = dict(zip(names, observation, strict=True))
+    assert see["amplitude_6"] == pytest.approx(-0.5)
+    assert see["remaining"] == pytest.approx(float(core.rig.keeper.segment.duration[0]) - 0.2)
+    x, _, velocity, _ = core.rig.keeper.reference(0.2)
+    error = core.rig.flange.position[0] - x[0]
+    assert [see[f"error_{k}"] for k in "xyz"] == pytest.approx(error / 0.04, rel=1e-5)
+    assert [see[f"reference_{k}"] for k in "xyz"] == pytest.approx(velocity[0] / 0.5, rel=1e-5)
+    assert info["goals_reached"] == 0
+    while info["goals_reached"] < 2:
+        observation, _, _, _, info = panda.step(quiet(panda))
+    see = dict(zip(names, observation, strict=True))
+    assert see["goal_3"] == 1
+    assert see["goal_1"] == 0
+
+
+def test_observations_are_fresh_arrays(panda):
+    steps = [panda.reset(seed=0)[0]] + [panda.step(quiet(panda))[0] for _ in range(3)]
+    assert not any(np.shares_memory(a, b) for a, b in pairwise(steps))
+
+
+def test_initial_state_varies(panda):
+    first = [panda.reset(seed=s, options=TRIANGLE)[0] for s in range(3)]
+    assert not np.array_equal(first[0], first[1])
+    assert not np.array_equal(first[1], first[2])
+
+
+def test_actions_have_the_bounds_of_the_sje():
+    assert make_gte().action_space == make(PANDA).action_space
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joint": 1}, ("joint", "trajectory, stiffness, iteration")),
+        ({"trajectory": "square"}, ("square", "triangle, pentagon")),
+        ({"trajectory": 3}, ("3", "triangle, pentagon")),
+        ({"stiffness": (200, 20)}, ("stiffness", "three")),
+        ({"stiffness": (200, -20, 0)}, ("stiffness", "-20")),
+        ({"stiffness": (200, np.nan, 0)}, ("stiffness", "nan")),
+        ({"stiffness": 200}, ("stiffness", "three")),
+        ({"stiffness": ("a", 1, 2)}, ("stiffness", "three")),
+        ({"iteration": -1}, ("iteration", "-1")),
+        ({"iteration": 1.0}, ("iteration", "1.0")),
+        ({"iteration": True}, ("iteration", "True")),
+        (["trajectory"], ("list", "dict")),
+    ],
+)
+def test_wrong_options(panda, options, words):
+    with pytest.raises(StictionError) as error:
+        panda.unwrapped.reset(seed=0, options=options)
+    message = str(error.value)
+    assert "\n" not in message
+    assert all(w in message for w in words)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ((2, np.nan), ("amplitude of joint 3", "nan")),
+        ((0, 1e6), ("amplitude of joint 1", "allowed are 0 to")),
+        ((7, 4.0), ("frequency of joint 1", "allowed are 5 to 100 Hz")),
+    ],
+)
+def test_wrong_actions(panda, change, words):
+    panda.reset(seed=0, options=TRIANGLE)
+    action = quiet(panda)
+    action[change[0]] = change[1]
+    with pytest.raises(StictionError) as error:
+        panda.unwrapped.step(action)
+    assert all(w in str(error.value) for w in words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
+        ({"shaking_weight": -1}, "shaking_weight"),
+        ({"max_episode_steps": 0}, "max_episode_steps"),
+        ({"fixed_options": {"trajectory": "line"}}, "line"),
+        ({"robot": "fanuc"}, "fanuc"),
+        ({"friction": "nowhere.toml"}, "nowhere.toml"),
+        ({"render_mode": "ascii"}, "rgb_array"),
+    ],
+)
+def test_wrong_arguments(arguments, word):
+    with pytest.raises(StictionError, match=word):
+        GTEEnv(**arguments)
+
+
+def test_step_needs_a_running_episode():
+    env = make_gte().unwrapped
+    with pytest.raises(StictionError, match="reset"):
+        env.step(quiet(env))
+
+
+def test_truncation_has_no_error_sums():
+    env = GTEEnv(control_interval_s=0.2, motion=sprint(), max_episode_steps=4)
+    steps = episode(env, quiet(env), seed=0, options=TRIANGLE)
+    assert len(steps) == 5
+    assert steps[-1][3]
+    assert not steps[-1][2]
+    final = steps[-1][4]
+    assert np.isnan(final["error"]).all()
+    assert np.isnan(final["duration"])
+    assert 0 < final["tracking_error"] < 1
+    limited = gym.make(PANDA_GTE, motion=sprint(), max_episode_steps=2)
+    assert episode(limited, quiet(env), seed=0, options=TRIANGLE)[-1][3]
+
+
+def test_what_an_undithered_run_depends_on():
+    p = load_friction("panda")
+    of = GeneratedTrajectoryExperiment.of
+    usual = of("panda")
+    others = [
+        of("iiwa7"),
+        of("panda", scatter=False),
+        of("panda", seed=1),
+        of("panda", friction=p.replace(stiction=1.2 * p.stiction)),
+        of("panda", settings=ImpedanceSettings(damping_design="diagonal")),
+        of("panda", settings=ImpedanceSettings(damping_ratio=[1, 1, 1, 1, 1, 0.9])),
+        of("panda", motion=MotionLimits(patience=2.0)),
+        of(load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
+        of("panda", belief=load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
+    ]
+    assert len({fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
+    assert fingerprint(of("panda")) == fingerprint(usual)
+
+
+@pytest.mark.slow
+def test_a_wrong_belief_shows_in_the_error():
+    heavy = (1.0, 0.0, 0.0, 0.05)
+    finals = []
+    for belief in (None, load_arm("panda")):
+        env = make_gte(payload=heavy, belief=belief, **QUIET)
+        finals.append(episode(env, quiet(env), seed=0, options=TRIANGLE)[-1][4])
+    right, wrong = (f["undithered_error"] for f in finals)
+    assert wrong[2] > 1.5 * right[2], "an unknown payload pulls the flange down"
+
+
+def test_own_arm_with_two_joints(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(TWO_JOINTS)
+    env = make_gte(robot=str(path))
+    assert env.action_space.shape == (4,)
+    assert env.observation_space.shape == (27,)
+    final = episode(env, mild(env, 2), seed=0, options=TRIANGLE)[-1][4]
+    assert np.isfinite(final["error"]).all()
+    assert final["goals_reached"] == 3
