@@ -1,0 +1,1 @@
+"""Simulation against measurement: residual, causes, extended model, gain."""

@@ -1,0 +1,283 @@
+"""``stiction reproduce``: folders, resuming, tables; `tests/gap` has the ladder's page."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from stiction_envs.cli import reproduce as command
+from stiction_envs.experiments import reproduce as tables
+from stiction_envs.experiments import reproduce_page
+from stiction_envs.experiments.protocol import Job, Measurement
+from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.gap import figures, ladder, page, phase
+from stiction_envs.measured import thesis_base, thesis_dithered
+from tests.gap.made_up import made_up, phase_study
+
+TABLES = ["tables", "--iterations", 2]
+FILES = {"tables.csv", "tables.md", "tables.png", "plots", "panda.jsonl", "iiwa7.jsonl"}
+
+
+def pretend(job: Job, robot: str, iterations: int) -> Measurement:
+    """Return a measurement: base torques as printed, dither takes a tenth of its amplitude."""
+    c = job.configuration
+    tau = thesis_base(robot).get(c.joint, c.load, c.direction) - 0.1 * c.sign * job.amplitude_nm
+    return Measurement(
+        job=job,
+        tau=np.full(iterations, tau),
+        start=np.zeros(iterations),
+        start_torque=np.zeros(iterations),
+        deviation=0.0,
+        traces=tuple(np.linspace(0, 0.15, 5, dtype=np.float32) for _ in range(iterations)),
+        trace_dt=0.01,
+    )
+
+
+@pytest.fixture
+def simulated(monkeypatch) -> list[Job]:
+    """Pretend to simulate, draw no appendix; return the jobs asked for."""
+    asked: list[Job] = []
+
+    def run(self, jobs, *, iterations=None, progress=None, slots=0):
+        for job in jobs:
+            asked.append(job)
+            yield pretend(job, self.sticking.arm.name, iterations or 1)
+
+    def draw(*measurements, **options):
+        pass
+
+    monkeypatch.setattr(SingleJointExperiment, "run", run)
+    for name in ("plot_sje", "plot_with_and_without"):
+        monkeypatch.setattr(reproduce_page.plots, name, draw)
+    return asked
+
+
+@pytest.fixture
+def climbed(monkeypatch):
+    """Pretend to climb: rungs are made up; return how many were saved anew."""
+    saved: list[str] = []
+    rungs = made_up()
+
+    def climb(self, progress=None):
+        for key, rung in rungs.items():
+            if key not in self.rungs:
+                if progress is not None:
+                    progress(rung.name, 1, 1)
+                self._save(rung)
+                saved.append(key)
+            yield rung
+
+    monkeypatch.setattr(ladder.Ladder, "climb", climb)
+    monkeypatch.setattr(phase, "study_phase", lambda **_: phase_study())
+    for name in ("ladder", "joint", "residuals", "iiwa"):
+        monkeypatch.setattr(figures, name, lambda *a: a[-1].write_bytes(b"\x89PNG"))
+    return saved
+
+
+# ---- tables --------------------------------------------------------------------------------------
+
+
+def test_tables(cli, work, simulated):
+    ran = cli("reproduce", *TABLES, "--json")
+    assert ran.code == 0
+    out = work / "runs" / "reproduce-tables"
+    assert {p.name for p in out.iterdir()} == {"tables", "provenance.json"}
+    assert {p.name for p in (out / "tables").iterdir()} == FILES
+    result = json.loads(ran.out)
+    assert result["out"] == "runs/reproduce-tables"
+    found = result["targets"]["tables"]["tables"]
+    cells = {"4.3": 56, "4.5": 8, "4.6": 112, "4.7": 83, "4.8": 56, "4.10": 56}
+    assert {k: v["cells"] for k, v in found.items()} == cells
+    assert found["4.3"]["largest"] == pytest.approx(0.0, abs=1e-9)
+    with open(out / "tables" / "tables.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 56 + 8 + 308
+    row = next(r for r in rows if r["table"] == "4.6" and r["joint"] == "7")
+    printed = next(r for r in thesis_dithered("panda") if r.table == "4.6" and r.joint == 7)
+    assert float(row["measured_nm"]) == printed.tau_sje_nm
+    expected = -10.0 * printed.amplitude_nm / abs(printed.tau_base_nm)
+    assert float(row["simulated_change_pct"]) == pytest.approx(expected)
+    assert sum(r["outlier"] == "1" for r in rows) == 1
+    text = (out / "tables" / "tables.md").read_text("utf-8")
+    for number in ("4.3", "4.5", "4.6", "4.7", "4.8", "4.9", "4.10"):
+        assert f"## Table {number}\n" in text
+    assert "†" in text
+
+
+def test_table_4_9_follows_the_rules(simulated, cli, work):
+    """A tenth of the amplitude, whatever the frequency: the first frequency, the largest scale."""
+    result = json.loads(cli("reproduce", *TABLES, "--json", "--out", "a").out)
+    chosen = result["targets"]["tables"]["chosen"]
+    assert [c["joint"] for c in chosen] == list(range(1, 8))
+    assert {c["simulated_frequency_hz"] for c in chosen} == {80.0}
+    assert {c["simulated_scale"] for c in chosen} == {1.2}
+    final = {c["joint"]: c["simulated_final_nm"] for c in chosen}
+    assert final[7] == pytest.approx(1.2 * 0.6701)
+    assert final[2] < 3.0  # the thesis dropped 3.7584 by hand
+
+
+def test_interrupted_tables_go_on(cli, work, simulated, monkeypatch):
+    run = SingleJointExperiment.run
+
+    def break_off(self, jobs, **options):
+        for k, m in enumerate(run(self, jobs, **options)):
+            if k == 10:
+                raise KeyboardInterrupt
+            yield m
+
+    monkeypatch.setattr(SingleJointExperiment, "run", break_off)
+    ran = cli("reproduce", *TABLES, "--out", "a")
+    assert ran.code == 1
+    assert ran.lines[-1].endswith("what was done is kept; run the same command again to go on")
+    before = len(simulated)
+    monkeypatch.setattr(SingleJointExperiment, "run", run)
+    assert cli("reproduce", *TABLES, "--out", "a").code == 0
+    wanted = len(tables.jobs_of("panda")) + len(tables.jobs_of("iiwa7"))
+    assert len(simulated) - before == wanted - 10
+    # finished, and asked for again: nothing is simulated
+    before = len(simulated)
+    assert cli("reproduce", *TABLES, "--out", "a").code == 0
+    assert len(simulated) == before
+    other = cli("reproduce", *TABLES, "--seed", 1, "--out", "a")
+    assert other.code == 2
+    assert "--force" in other.err
+    assert cli("reproduce", *TABLES, "--seed", 1, "--out", "a", "--force").code == 0
+    assert len(simulated) == before + wanted
+
+
+def test_stuck_ramps_are_named(cli, work, simulated, monkeypatch):
+    run = SingleJointExperiment.run
+
+    def one_stuck(self, jobs, **options):
+        for m in run(self, jobs, **options):
+            if m.job.amplitude_nm and m.job.configuration.joint == 7:
+                m.tau[0] = math.nan
+            yield m
+
+    monkeypatch.setattr(SingleJointExperiment, "run", one_stuck)
+    ran = cli("reproduce", *TABLES, "--out", "a")
+    assert ran.code == 0
+    assert "stuck: panda table 4.6 joint 7 load (+) at 80 Hz" in ran.out
+    assert "stuck (stuck)" in (work / "a" / "tables" / "tables.md").read_text("utf-8")
+
+
+def test_jobs_cover_every_printed_cell_once():
+    jobs = tables.jobs_of("panda")
+    assert len(jobs) == len(set(jobs))
+    assert {tables._job(r) for r in thesis_dithered("panda")} <= set(jobs)
+    assert len(tables.jobs_of("iiwa7")) == 28 + 8
+
+
+# ---- gap -----------------------------------------------------------------------------------------
+
+
+def test_gap(cli, work, climbed):
+    ran = cli("reproduce", "gap", "--seeds", 2, "--out", "a")
+    assert ran.code == 0
+    assert {p.name for p in (work / "a" / "gap").iterdir()} == {
+        *page.FILES,
+        "iiwa.png",
+        "ladder.json",
+    }
+    assert "stiction as a band" in ran.out
+    assert "target mean: " in ran.out
+    assert "met" in ran.out
+    assert ran.out.rstrip().endswith("written to a")
+    found = json.loads((work / "a" / "provenance.json").read_text())
+    assert found["finished"]
+    assert "gap/gap.md" in found["files"]
+    assert {"dither_fit", "panda_friction", "table_4_6"} <= set(found["inputs"])
+    assert found["arguments"]["targets"] == ["gap"]
+
+
+def test_interrupted_ladder_goes_on(cli, work, climbed, monkeypatch):
+    whole = ladder.Ladder.climb
+
+    def break_off(self, progress=None):
+        for k, rung in enumerate(whole(self, progress)):
+            if k == 4:
+                raise KeyboardInterrupt
+            yield rung
+
+    monkeypatch.setattr(ladder.Ladder, "climb", break_off)
+    options = ["reproduce", "gap", "--out", "a"]
+    ran = cli(*options)
+    assert ran.code == 1
+    assert "run the same command again" in ran.err
+    done = list(climbed)
+    assert {p.name for p in (work / "a" / "gap").iterdir()} == {"ladder.json"}
+    monkeypatch.setattr(ladder.Ladder, "climb", whole)
+    assert cli(*options, "--threads", 1).code == 0
+    assert climbed == [*done, *(k for k in made_up() if k not in done)]
+    assert (work / "a" / "gap" / "gap.md").exists()
+    # other seeds are another ladder
+    assert cli(*options, "--seeds", 1).code == 2
+
+
+def test_all_targets_by_default_in_one_order(cli, work, climbed, simulated):
+    ran = cli("reproduce", "--json")
+    assert ran.code == 0
+    assert list(json.loads(ran.out)["targets"]) == list(command.TARGETS)
+    assert {p.name for p in (work / "runs" / "reproduce-all").iterdir()} == {
+        *command.TARGETS,
+        "provenance.json",
+    }
+    # the same run, asked for in other words
+    assert cli("reproduce", "tables", "gap", "tables").code == 0
+
+
+def test_every_target_has_what_it_needs():
+    assert set(command.SHOWN) == set(command.TARGETS)
+    for path in command._inputs(list(command.TARGETS)).values():
+        assert path.is_file()
+
+
+# ---- input ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["dance"], f"'dance': available is {', '.join(command.TARGETS)}"),
+        (["gap", "dance"], "'dance'"),
+        (["--seeds", 0], "whole numbers from 1"),
+        (["--seeds", "many"], "'many'"),
+        (["--iterations", 0], "whole numbers from 1"),
+        (["--seed", -1], "whole numbers from 0"),
+        (["--threads", -1], "whole numbers from 0"),
+        (["gap", "--speed"], "--speed"),
+        (["tables", "--out", "{file}"], "is a file"),
+        (["tables", "--out", "{file}/x"], "not a folder"),
+    ],
+)
+def test_bad_input(cli, work, inputs, argv, says):
+    (inputs / "file").write_text("mine")
+    ran = cli("reproduce", *(str(a).replace("{file}", str(inputs / "file")) for a in argv))
+    assert ran.code == 2
+    assert len(ran.lines) == 1
+    assert ran.lines[0].startswith("error: ")
+    assert says in ran.lines[0]
+    assert ran.out == ""
+    assert list(work.iterdir()) == []
+    assert (inputs / "file").read_text() == "mine"
+
+
+def test_output_folder_of_another_run(cli, work):
+    (work / "out").mkdir()
+    (work / "out" / "notes.txt").write_text("mine")
+    ran = cli("reproduce", "tables", "--out", "out")
+    assert ran.code == 2
+    assert "--force" in ran.lines[0]
+    assert [p.name for p in (work / "out").iterdir()] == ["notes.txt"]
+
+
+def test_help(cli, work):
+    ran = cli("reproduce", "--help")
+    assert ran.code == 0
+    assert "example:\n  stiction reproduce " in ran.out
+    for option in ("--out", "--force", "--json", "--seed", "--seeds", "--iterations"):
+        assert option in ran.out
+    for target in command.TARGETS:
+        assert f"{target}:" in ran.out

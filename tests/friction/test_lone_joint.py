@@ -1,0 +1,172 @@
+"""The lone joint against the reference law, its own limits, and closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stiction_envs.friction.law import LuGre, simulate_joint
+from stiction_envs.friction.lone_joint import LoneJoints, breakaway
+from stiction_envs.friction.parameters import bristle_damping
+
+
+def joints(**changes: Any) -> LoneJoints:
+    """Joints of 0.6 N·m on bristles of 1000 N·m/rad; arguments broadcast."""
+    values: dict[str, Any] = {
+        "stiction": 0.6,
+        "coulomb_ratio": 0.85,
+        "stribeck_velocity": 0.01,
+        "bristle_stiffness": 1000.0,
+        "viscous": 0.15,
+        "rotor_inertia": 0.1,
+        "joint_stiffness": np.inf,
+        "joint_damping": 0.0,
+        "link_inertia": 0.05,
+        "amplitude": 0.0,
+        "frequency": 15.0,
+        "ramp_rate": 0.5,
+        "lowpass_hz": 100.0,
+        "torque_rate": np.inf,
+        "breakaway_ratio": 0.0,
+        **changes,
+    }
+    n = max(np.size(v) for v in values.values())
+    columns = {k: np.full(n, v, dtype=float) for k, v in values.items()}
+    carried = columns["rotor_inertia"] + np.where(
+        np.isfinite(columns["joint_stiffness"]), 0.0, columns["link_inertia"]
+    )
+    damping = bristle_damping(columns["bristle_stiffness"], 0.4 * np.ones(n), carried, 1e-3)
+    columns.setdefault("bristle_damping", damping)
+    return LoneJoints(**columns)
+
+
+def reference(c: LoneJoints, hold: int, threshold: float, longest: float) -> np.ndarray:
+    """Return the same torques from `friction.law.simulate_joint` at 0.05 ms."""
+    h = 5e-5
+    t = np.arange(int(longest / h)) * h
+    held = np.floor(t / (hold * 1e-3) + 1e-9) * hold * 1e-3
+    rate = c.ramp_rate[0]
+    command = rate * held[:, None] + c.amplitude * np.sin(2 * np.pi * c.frequency * held[:, None])
+    gain = h / (h + 1 / (2 * np.pi * c.lowpass_hz))
+    filtered, y = np.empty_like(command), np.zeros(command.shape[1])
+    for k, u in enumerate(command):
+        y = y + gain * (u - y)
+        filtered[k] = y
+    rigid = bool(np.isinf(c.joint_stiffness[0]))
+    law = LuGre(
+        stiction=c.stiction,
+        coulomb=c.stiction * c.coulomb_ratio,
+        stribeck_velocity=c.stribeck_velocity,
+        bristle_stiffness=c.bristle_stiffness,
+        bristle_damping=c.bristle_damping,
+        viscous=c.viscous,
+    )
+    q, _ = simulate_joint(
+        law,
+        filtered,
+        dt=h,
+        inertia=c.rotor_inertia + (c.link_inertia if rigid else 0.0),
+        stiffness=float(c.joint_stiffness[0]),
+        link_inertia=c.link_inertia,
+        damping=float(c.joint_damping[0]),
+    )
+    return rate * t[(q >= threshold).argmax(axis=0)]
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "link", "hold"), [(np.inf, 0.05, 1), (1e4, 1.0, 1), (np.inf, 0.05, 5)]
+)
+def test_the_lone_joint_agrees_with_the_reference(stiffness, link, hold):
+    """Against `friction.law.simulate_joint` at 0.05 ms, with and without dither."""
+    c = joints(
+        amplitude=np.array([0.0, 0.6]),
+        joint_stiffness=stiffness,
+        joint_damping=0.3 * np.sqrt(1e4 * 0.1),
+        link_inertia=link,
+    )
+    found = breakaway(c, threshold=0.15, longest=5.0, hold=hold)
+    np.testing.assert_allclose(found, reference(c, hold, 0.15, 2.5), rtol=0.02)
+
+
+def test_without_dither_it_reads_friction_and_the_slide():
+    """Law checked: one level F, no viscous friction: θ = r t³/6J after F, so τ = F + r(6Jθ/r)^⅓."""
+    inertia, rate, threshold = np.array([0.05, 0.2, 1.0]), 0.07, 0.15
+    c = joints(
+        stiction=0.8,
+        coulomb_ratio=1.0,
+        viscous=0.0,
+        bristle_stiffness=1e4,
+        rotor_inertia=inertia,
+        link_inertia=1e-6,
+        ramp_rate=rate,
+        lowpass_hz=np.inf,
+    )
+    found = breakaway(c, threshold=threshold, longest=20.0)
+    slide = rate * np.cbrt(6 * inertia * threshold / rate)
+    np.testing.assert_allclose(found, 0.8 + slide, rtol=0.005)
+
+
+def test_a_very_stiff_spring_is_a_rigid_joint():
+    """With and without dither; 5e4 N·m/rad is the stiffest that 1 ms integrates here."""
+    c = joints(
+        joint_stiffness=np.repeat([np.inf, 5e4], 2),
+        joint_damping=2.0,
+        amplitude=np.tile([0.0, 0.6], 2),
+        bristle_damping=10.0,
+        ramp_rate=0.1,
+    )
+    rigid, stiff = breakaway(c, threshold=0.15, longest=10.0).reshape(2, 2)
+    np.testing.assert_allclose(stiff, rigid, rtol=0.01)
+    assert rigid[1] < 0.9 * rigid[0]
+
+
+def test_elasto_plastic_does_not_creep_below_breakaway_and_lugre_does():
+    """Law checked: Dupont et al. 2002, against the drift of LuGre inside the band.
+
+    The load swings by 0.3 F about a ramp of 0.005 F/s. LuGre creeps with every swing; the
+    elasto-plastic bristle only yields above 0.72 F in sum, so that the joint has moved no further
+    than its spring before the ramp reaches about 0.4 F.
+    """
+    ratio, stiction, amplitude, sigma0 = 0.7169, 1.0, 0.3, 1000.0
+    c = joints(
+        stiction=stiction,
+        coulomb_ratio=1.0,
+        viscous=0.0,
+        bristle_stiffness=sigma0,
+        amplitude=amplitude,
+        frequency=5.0,
+        ramp_rate=0.02,
+        rotor_inertia=0.1,
+        link_inertia=1e-6,
+        lowpass_hz=np.inf,
+        breakaway_ratio=np.array([0.0, ratio]),
+    )
+    # further than any spring of stiffness σ0 would give before plastic flow
+    threshold = (ratio * stiction + 0.05) / sigma0
+    lugre, plastic = breakaway(c, threshold=threshold, longest=60.0)
+    assert plastic > (ratio * stiction - amplitude) * 0.95
+    assert lugre < 0.25 * plastic
+
+
+def test_elasto_plastic_is_between_lugre_and_no_drift():
+    c = joints(amplitude=0.6, breakaway_ratio=np.array([0.0, 1e-9, 0.7169]))
+    lugre, limit, plastic = breakaway(c, threshold=0.15, longest=5.0)
+    assert limit == pytest.approx(lugre, rel=0.1)
+    assert plastic >= lugre
+
+
+def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
+    """1.5 N·m at 50 Hz changes by 471 N·m/s at most."""
+    c = joints(amplitude=1.5, frequency=50.0, torque_rate=np.array([np.inf, 480.0, 200.0]))
+    full, reached, limited = breakaway(c, threshold=0.15, longest=5.0)
+    assert reached == full
+    assert full < limited
+
+
+def test_what_does_not_move_is_nan_and_neighbours_do_not_matter():
+    c = joints(stiction=np.array([0.6, 3.0, 0.6]))
+    found = breakaway(c, threshold=0.15, longest=3.0)
+    assert np.isnan(found[1])
+    assert found[0] == found[2] == breakaway(joints(), threshold=0.15, longest=3.0)[0]
