@@ -1,0 +1,301 @@
+"""Rows of a log that are no samples: repeats, frozen stretches, half-new rows, missing values.
+
+A logger that runs beside the robot writes what it last heard. A row that repeats the one before it
+is dropped; a row where only some channels are new is put together with its neighbour or dropped;
+a value that is missing is interpolated if it stands alone. A robot at rest repeats itself too:
+a repeat counts only where the changes around it say that it cannot be chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+CHANCE = 1e4
+"""A repeat that happens by chance once in this many rows is none (assumed)."""
+
+NEAR = 4
+"""Changes on each side of a row that say how often it would repeat by chance (assumed)."""
+
+MOST_REPEATS = 20
+"""More repeats in a row are a pause or a frozen log (assumed)."""
+
+JUMP = 5.0
+"""After a frozen stretch the arm is this many steps further, and this much faster (assumed)."""
+
+MOST_MISSING_RUN = 5
+"""Missing values in a row that are interpolated (assumed)."""
+
+MOST_MISSING = 0.01
+"""Share of missing values of a column that are interpolated (assumed)."""
+
+FEW_STALE = 0.2
+"""Up to this share of rows with an old position are dropped; more are interpolated (assumed)."""
+
+_CORE = ("q", "dq", "tau")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mend:
+    """Something that was mended in a log."""
+
+    kind: str
+    """``missing``, ``repeat``, ``frozen``, ``stale``, ``stamp``, ``clock``, ``epoch``, ``run`` or
+    ``gap``."""
+    rows: int
+    """Number of rows it concerns."""
+    text: str
+    """One sentence for the report."""
+
+
+@dataclass(kw_only=True)
+class Rows:
+    """Working copy of a log while it is mended."""
+
+    t: NDArray[np.float64]
+    """Time, (T,), s."""
+    data: dict[str, NDArray[np.float64]]
+    """Channels, (T, n) each."""
+    run: NDArray[np.int64]
+    """Number of the recording of each row, (T,)."""
+
+    def keep(self, mask: NDArray[np.bool_]) -> None:
+        """Drop the rows where ``mask`` is False."""
+        self.t, self.run = self.t[mask], self.run[mask]
+        self.data = {name: array[mask] for name, array in self.data.items()}
+
+    def core(self) -> list[str]:
+        """Names of the channels that are measured with every sample."""
+        return [name for name in _CORE if name in self.data]
+
+
+def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Mend], list[str]]:
+    """Interpolate isolated missing values (NaN) of ``rows``, in place.
+
+    Rows without any value of q, dq and tau are dropped; so are up to :data:`MOST_MISSING_RUN`
+    incomplete rows at either end. Slow extra channels are interpolated over any length, and left
+    out if they have fewer than two values; dq is left out where too much of it is missing.
+
+    Returns:
+        What was mended, and warnings.
+
+    Raises:
+        StictionError: too many values of a q or tau are missing.
+    """
+    core, warnings, mends = rows.core(), [], []
+    index = np.arange(len(rows.t))
+    empty = np.ones(len(index), bool)
+    for name in core:
+        empty &= np.isnan(rows.data[name]).all(axis=1)
+    if empty.all():
+        raise StictionError(f"{place(0)}: no row has values: allowed are numbers")
+    if empty.any():
+        mends.append(_mend("missing", empty.sum(), "{} without any value dropped"))
+    alive = index[~empty]
+    holes = np.zeros(len(index), bool)
+    for name in [*core, *(n for n in rows.data if n not in core)]:
+        array = rows.data[name]
+        for j in range(array.shape[1]):
+            missing = np.isnan(array[alive, j])
+            if not missing.any():
+                continue
+            column = f"{name}{j + 1}"
+            longest = longest_run(missing)
+            many = longest > MOST_MISSING_RUN or missing.mean() > MOST_MISSING
+            if many and name in ("q", "tau"):
+                raise StictionError(
+                    f"{place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
+                    f"{missing.sum()} of {len(alive)} rows, {longest} in a row: allowed are "
+                    f"{MOST_MISSING_RUN} in a row and {MOST_MISSING:.0%} in all"
+                )
+            if missing.all() or (many and name == "dq"):
+                warnings.append(
+                    f"{column} has no value in {missing.sum()} of {len(alive)} rows: "
+                    f"{name} is not used"
+                )
+                del rows.data[name]
+                break
+            if name in core:
+                holes[alive[missing]] = True
+            good = alive[~missing]
+            array[alive[missing], j] = np.interp(
+                rows.t[alive[missing]], rows.t[good], array[good, j]
+            )
+    # Beyond its ends a channel cannot be interpolated.
+    whole = np.flatnonzero(~holes & ~empty)
+    inside = (index >= whole[0]) & (index <= whole[-1])
+    edge = holes & ~inside
+    if edge.any():
+        mends.append(_mend("missing", edge.sum(), "{} with missing values at the ends dropped"))
+    if (holes & inside).any():
+        count = (holes & inside).sum()
+        mends.append(_mend("missing", count, "{} with single missing values interpolated"))
+    if edge.any() or empty.any():
+        rows.keep(~edge & ~empty)
+    return mends, warnings
+
+
+def drop_repeats(rows: Rows) -> list[Mend]:
+    """Drop rows where only the clock moved although the arm did, in place."""
+    fresh, active = _freshness(rows)
+    same = ~np.logical_or.reduce([fresh[name] for name in fresh])
+    if not same.any():
+        return []
+    edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
+    starts, ends = edges[::2], edges[1::2]
+    drop, frozen = np.zeros(len(same), bool), np.zeros(len(same), bool)
+    short = ends - starts <= MOST_REPEATS
+    alive = np.r_[0, np.cumsum(same & np.logical_or.reduce(list(active.values())))]
+    for start, end in zip(starts[short], ends[short], strict=True):
+        if alive[end] > alive[start]:
+            drop[start:end] = True
+    step = np.zeros(len(same))
+    for x in rows.data["q"].T:
+        np.maximum(step[1:], _changes(x, rows.run), out=step[1:])
+    for start, end in zip(starts[~short], ends[~short], strict=True):
+        if end == len(same):
+            continue
+        after = step[end + 1 : end + 4].max(initial=0.0)
+        if step[end] >= JUMP and step[end] > JUMP * after:
+            frozen[start:end] = True
+    mends = []
+    if drop.any():
+        mends.append(
+            _mend("repeat", drop.sum(), "{} repeated the row before, only the clock moved: dropped")
+        )
+    if frozen.any():
+        where = np.flatnonzero(frozen)[0]
+        mends.append(
+            _mend(
+                "frozen",
+                frozen.sum(),
+                "{} dropped: the log stood still and then jumped, "
+                f"first at t = {rows.t[where]:.3f} s",
+            )
+        )
+    rows.keep(~(drop | frozen))
+    return mends
+
+
+def mend_stale(rows: Rows) -> list[Mend]:
+    """Rows where q, dq or tau is still that of the row before, in place.
+
+    Two neighbours that hold one sample between them become one row. What is left: a row with an
+    old q is dropped, or, where these are many, its q interpolated; an old dq or tau is
+    interpolated.
+    """
+    fresh, active = _freshness(rows)
+    names = list(fresh)
+    same = {name: _short(~fresh[name]) for name in names}
+    stale = {name: same[name] & active[name] for name in names}
+    mends: list[Mend] = []
+    any_stale = np.logical_or.reduce([stale[name] for name in names])
+    if not any_stale.any():
+        return mends
+    # Complementary: each channel is new in exactly one of the two rows.
+    pair = np.r_[rows.run[1:] == rows.run[:-1], False]
+    pair &= any_stale | np.r_[any_stale[1:], False]
+    for name in names:
+        pair &= same[name] ^ np.r_[same[name][1:], False]
+    second = np.zeros(len(pair), bool)
+    for i in np.flatnonzero(pair):
+        if not second[i]:
+            second[i + 1] = True
+    for name in names:
+        later = np.flatnonzero(second & fresh[name])
+        rows.data[name][later - 1] = rows.data[name][later]
+        stale[name][later - 1] = False
+    # The row with the new q gives the sample its time.
+    late_q = np.flatnonzero(second & fresh["q"])
+    rows.t[late_q - 1] = rows.t[late_q]
+    drop = second.copy()
+    if second.any():
+        mends.append(
+            _mend("stale", second.sum(), "{} held the other half of a sample: put together")
+        )
+    old_q = stale["q"] & ~second
+    if old_q.mean() <= FEW_STALE:
+        drop |= old_q
+        if old_q.any():
+            mends.append(_mend("stale", old_q.sum(), "{} had new torques but an old q: dropped"))
+    else:
+        _refill(rows, "q", old_q, ~drop)
+        mends.append(_mend("stale", old_q.sum(), "{} had new torques but an old q: q interpolated"))
+    for name in names:
+        old = stale[name] & ~drop
+        if name != "q" and old.any():
+            _refill(rows, name, old, ~drop)
+            mends.append(
+                _mend("stale", old.sum(), f"{{}} had a new q but an old {name}: interpolated")
+            )
+    rows.keep(~drop)
+    return mends
+
+
+def longest_run(flags: NDArray[np.bool_]) -> int:
+    """Longest run of True."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _mend(kind: str, count: int, text: str) -> Mend:
+    count = int(count)
+    return Mend(kind=kind, rows=count, text=text.format(f"{count} row{'s' if count > 1 else ''}"))
+
+
+def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
+    array = rows.data[name]
+    good = kept & ~old
+    for j in range(array.shape[1]):
+        array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
+
+
+def _short(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The flags without runs of more than :data:`MOST_REPEATS`, which are rest."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
+    short = flags.copy()
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - start > MOST_REPEATS:
+            short[start:end] = False
+    return short
+
+
+def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+    """For each channel: rows that differ from the one before; rows where a repeat is no chance.
+
+    If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
+    about once in 1 + 2c rows; the joints together as often as the product. The changes on both
+    sides of a row count, whichever are smaller, so that an arm that has stopped may repeat itself.
+    Channels are judged one by one: when an arm stops, they stop together.
+    """
+    fresh, active = {}, {}
+    begins = np.r_[True, rows.run[1:] != rows.run[:-1]]
+    for name in rows.core():
+        rarity = np.zeros(len(rows.t))
+        for x in rows.data[name].T:
+            rarity[1:] += np.log1p(2 * _changes(x, rows.run))
+        new = rarity > 0
+        fresh[name] = new | begins
+        at = np.flatnonzero(new)
+        total = np.r_[0.0, np.cumsum(rarity[at])]
+        count = np.arange(len(at) + 1)
+        behind, ahead = np.maximum(count - NEAR, 0), np.minimum(count + NEAR, len(at))
+        before = (total - total[behind]) / np.maximum(count - behind, 1)
+        after = (total[ahead] - total) / np.maximum(ahead - count, 1)
+        before[0], after[-1] = after[0], before[-1]
+        active[name] = np.minimum(before, after)[np.cumsum(new)] >= np.log(CHANCE)
+    return fresh, active
+
+
+def _changes(x: NDArray[np.float64], run: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Absolute change of ``x`` (T,) from row to row in its smallest steps, (T-1,); 0 at a run."""
+    change = np.abs(np.diff(x))
+    change[run[1:] != run[:-1]] = 0.0
+    moved = change[change > 0]
+    # Rounded decimals differ by rounding of floats too, far below any sensor's step.
+    return change / max(np.percentile(moved, 1), 1e-7 * np.ptp(x)) if len(moved) else change
