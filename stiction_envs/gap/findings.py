@@ -229,11 +229,13 @@ class Findings:
     # ---- identification --------------------------------------------------------------------------
 
     def identified(self, joint: int) -> list[Identified]:
-        """Return every parameter of a joint with its range over the equally good seeds."""
-        key = next((k for k in ("arm", *reversed(self.chain)) if self._found(k, joint)), None)
-        if key is None:
+        """Return every parameter of a joint with its range over the equally good seeds.
+
+        Of the last of the rungs that were searched from the most seeds.
+        """
+        found = self._searched(joint)
+        if not found:
             return []
-        found = self._found(key, joint)
         best = found[0]
         good = [f for f in found if f["loss"] <= best["loss"] + SAME_LOSS]
         out = []
@@ -252,9 +254,13 @@ class Findings:
         return out
 
     def seeds(self, joint: int) -> int:
-        """Return how many seeds the joint's last search had."""
-        key = next((k for k in ("arm", *reversed(self.chain)) if self._found(k, joint)), None)
-        return 0 if key is None else len(self._found(key, joint))
+        """Return how many seeds that search of the joint had."""
+        return len(self._searched(joint))
+
+    def _searched(self, joint: int) -> list[dict[str, Any]]:
+        # the whole arm is corrected from one place only
+        keys = ("arm", *reversed(self.chain))
+        return max((self._found(k, joint) for k in keys), key=len, default=[])
 
     def _found(self, key: str, joint: int) -> list[dict[str, Any]]:
         return self.rungs[key].found.get(str(joint), []) if key in self.rungs else []

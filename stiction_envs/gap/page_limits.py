@@ -54,6 +54,8 @@ def identification(f: Findings) -> list[str]:
         unit = UNITS[name]
         header.append(SYMBOLS[name] + ("" if "/" in SYMBOLS[name] else f" [{unit}]"))
     lines += [
+        "From the last rung that was searched from several places; the whole arm's values, "
+        "corrected from there, are the Panda's shipped friction (`friction/panda.toml`). "
         "Best seed, and in brackets the range over the seeds that fit equally well (loss within "
         f"{SAME_LOSS:g} of the best). † on its bound. ‡ not identifiable: the range is wider than "
         f"a factor of {SAME_RANGE:g}.",
