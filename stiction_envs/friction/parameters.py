@@ -51,6 +51,9 @@ QUANTITIES: dict[str, Quantity] = {
     "gravity_error": Quantity(unit="1", low=-np.inf, default=0.0),
 }
 
+OTHER_TABLES = {"meta", "provenance", "arm", "cause"}
+"""Tables that are no quantities; the last two are of a `model.toml` of `stiction diagnose`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionParameters:
@@ -203,7 +206,7 @@ def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: 
 def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
     """Build parameters from parsed TOML; ``where`` names the file in errors."""
     values: dict[str, Array] = {}
-    unknown = set(table) - set(QUANTITIES) - {"meta", "provenance"}
+    unknown = set(table) - set(QUANTITIES) - OTHER_TABLES
     if unknown:
         raise StictionError(
             f"{where}: unknown table [{sorted(unknown)[0]}]: allowed are {', '.join(QUANTITIES)}"

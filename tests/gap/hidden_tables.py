@@ -26,8 +26,8 @@ from stiction_envs.gap.cells import Cell
 from stiction_envs.measured import BaseTable, DitheredRow, thesis_base
 from stiction_envs.robots import load_arm
 
-FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
-SCALES = (1.0, 1.2)
+SETTINGS = ((80.0, 1.0), (50.0, 1.0), (30.0, 1.0), (15.0, 1.0), (30.0, 1.2), (15.0, 1.2))
+"""(frequency [Hz], amplitude over base torque): Table 4.6 and part of 4.7."""
 RAMP_RATE = 0.14
 """Twice the protocol's, so that the tests take half the time [N·m/s]."""
 
@@ -92,9 +92,7 @@ def amplitude(where: Configuration, scale: float) -> float:
     return round(scale * abs(float(thesis_base("panda").tau[where.index])), 4)
 
 
-def tables(
-    joints: list[int], *truths: Truth, seed: int, scales: tuple[float, ...] = SCALES
-) -> tuple[BaseTable, list[Cell]]:
+def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[Cell]]:
     """Return the base table and the dithered cells of some joints (1..7), of one truth per joint.
 
     The base torques of the other joints are the thesis's; nothing is said about them.
@@ -103,7 +101,7 @@ def tables(
     cells = []
     for joint in joints:
         mine = next((t.at(joint) for t in truths if t.at(joint) != Truth()), Truth())
-        read = _read(joint, mine, seed, scales)
+        read = _read(joint, mine, seed)
         for where in configurations(7, [joint]):
             tau[where.index] = read[where, 0.0, 0.0]
         for (where, frequency, scale), value in read.items():
@@ -135,21 +133,19 @@ def tables(
 
 
 @lru_cache
-def _read(
-    joint: int, truth: Truth, seed: int, scales: tuple[float, ...]
-) -> dict[tuple[Configuration, float, float], float]:
+def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, float, float], float]:
     """Return the mean torque [N·m] by configuration, frequency and scale; 0, 0 is the base."""
     clean = dataclasses.replace(truth, joint=joint, corrupted=None)
     if truth != clean:
         # the same readings, whatever happened to one of them afterwards
-        return _read(joint, clean, seed, scales)
+        return _read(joint, clean, seed)
     arm = load_arm("panda")
     load = float(SingleJointExperiment.of(arm, friction=nominal()).poses.signed[joint - 1, 0])
     friction = truth.friction(nominal(), joint, load)
     cells: list[tuple[Configuration, float, float]] = []
     for where in configurations(7, [joint]):
         cells += [(where, 0.0, 0.0)]
-        cells += [(where, f, s) for s in scales for f in FREQUENCIES]
+        cells += [(where, f, s) for f, s in SETTINGS]
     # a replica of its own, so that no two cells share their scatter
     jobs = {
         c: Job(c[0], c[1], amplitude(c[0], c[2]) if c[1] else 0.0, replica=k)
@@ -158,7 +154,7 @@ def _read(
     out = {}
     if truth.day != 1.0:
         # all of the other day is as it was
-        out = dict(_read(joint, dataclasses.replace(truth, day=1.0, day_at=()), seed, scales))
+        out = dict(_read(joint, dataclasses.replace(truth, day=1.0, day_at=()), seed))
         friction = friction.replace(
             stiction=friction.stiction * truth.day,
             load_coefficient=friction.load_coefficient * truth.day,

@@ -1,0 +1,53 @@
+"""Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.data import Data
+
+LEAST = 1e-3
+"""Shortest delay that is called one [s]: a robot's cycle; assumed."""
+
+
+class ActuatorDelay(Cause):
+    """A delay or filter between the logged torque and the arm, one for all joints."""
+
+    name: ClassVar[str] = "actuator_delay"
+    what: ClassVar[str] = "torque acts late or filtered"
+    record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
+    arm_wide: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("delay_s", "s", -0.1, 0.1),)
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return [τ(t + T') − τ(t)]/T' of the nominal torque, for a T' near T."""
+        ahead, out = shape[0], np.zeros(len(data.t))
+        torque = data.nominal[:, joint]
+        for run in data.runs():
+            if run.stop - run.start > 2:
+                later = np.interp(data.t[run] + ahead, data.t[run], torque[run])
+                out[run] = (later - torque[run]) / ahead
+        return out[:, None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return T' [s], both ways."""
+        return [(s * x,) for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2)]
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether the delay is below `LEAST`."""
+        return abs(float(coefficients[0])) < LEAST
+
+    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+        """Never: the coefficient holds the delay, T' only straightens its curve."""
+        return False
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return T [s]."""
+        return {"delay_s": float(coefficients[0])}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the arm's torques change too little."""
+        return "" if np.any(data.nominal.std(axis=0) > 5 * data.noise) else "no torque changes"

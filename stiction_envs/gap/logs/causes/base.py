@@ -1,0 +1,124 @@
+"""The face of a cause: what it adds to the torque, what excites it, what its parameters are."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.logs.data import Data
+
+Array = NDArray[np.float64]
+Shape = tuple[float, ...]
+"""Values of a cause's nonlinear parameters; () where it has none."""
+MOVING = 0.02
+"""A joint that is faster moves for certain [rad/s]; assumed, ten times the sign's width."""
+MUCH = 0.02
+"""Least part of the samples in which a cause must act [-]; assumed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a cause, as in ``diagnosis.json``."""
+
+    name: str
+    unit: str
+    low: float = -np.inf
+    high: float = np.inf
+    size: int = 1
+    """Numbers it holds."""
+
+
+class Cause(ABC):
+    """Something that simulations leave out or get wrong.
+
+    It adds columns (T, k) times coefficients (k,) to the residual torque, measured less nominal.
+    """
+
+    name: ClassVar[str]
+    what: ClassVar[str]
+    """What is wrong in the simulation, a clause."""
+    record: ClassVar[str]
+    """The motion that shows it and tells it from others, a clause."""
+    arm_wide: ClassVar[bool] = False
+    """One hypothesis with the same coefficients in all joints."""
+    coupled: ClassVar[bool] = False
+    """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
+    sharpen: ClassVar[bool] = True
+    """Whether its nonlinear parameter is a number that can be refined between those tried."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Causes that are in the model of a joint wherever this one is."""
+    parameters: ClassVar[tuple[Parameter, ...]]
+
+    @abstractmethod
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return (T, k) torque per unit of each coefficient on a joint (from 0)."""
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return (T, n, k) torque on all joints of a `coupled` cause on one joint."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the parameters of coefficients (k,) and nonlinear parameters."""
+
+    def bounds(self, data: Data) -> tuple[Array, Array]:
+        """Return lowest and highest coefficients, (k,) each; by default the parameters'."""
+        low = [p.low for p in self.parameters for _ in range(p.size)]
+        high = [p.high for p in self.parameters for _ in range(p.size)]
+        return np.array(low), np.array(high)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the nonlinear parameters to try.
+
+        Args:
+            data: the logs.
+            joint: from 0.
+            residual: (T,) what is left when the common linear causes are taken out [N·m].
+        """
+        return [()]
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Whether it is too small to be told from how simulations and logs are timed."""
+        return False
+
+    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+        """Whether a nonlinear parameter stands at the end of what was tried."""
+        if len(shapes) < 2 or not shape:
+            return False
+        tried = sorted({s[0] for s in shapes})
+        return shape[0] in (tried[0], tried[-1])
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return why these data cannot show the cause on a joint, or nothing."""
+        return ""
+
+
+def moving(data: Data, joint: int) -> NDArray[np.bool_]:
+    """Return (T,) where a joint moves for certain."""
+    return np.asarray(np.abs(data.dq[:, joint]) > MOVING)
+
+
+def lacks_both_directions(data: Data, joint: int) -> str:
+    """Return why friction cannot be seen, or nothing."""
+    v = data.dq[:, joint]
+    if min((v > MOVING).mean(), (v < -MOVING).mean()) < MUCH:
+        return f"joint {joint + 1} does not move in both directions"
+    return ""
+
+
+def log_grid(low: float, high: float, count: int) -> list[Shape]:
+    """Return values spread evenly in the logarithm."""
+    return [(float(x),) for x in np.geomspace(low, high, count)]
+
+
+def along_runs(data: Data, signal: Array) -> Array:
+    """Return the time derivative of (T, ...) within each segment, per second."""
+    out = np.zeros_like(signal)
+    for run in data.runs():
+        if run.stop - run.start > 2:
+            out[run] = np.gradient(signal[run], data.dt, axis=0)
+    return out

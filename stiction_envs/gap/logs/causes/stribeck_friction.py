@@ -1,0 +1,54 @@
+"""Extra friction near zero speed: τ = ΔF sign(q̇) exp(−(q̇/v_s)²)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.logs.causes.base import (
+    Array,
+    Cause,
+    Parameter,
+    Shape,
+    lacks_both_directions,
+    log_grid,
+    moving,
+)
+from stiction_envs.gap.logs.data import SIGN_SPEED, Data
+
+
+class StribeckFriction(Cause):
+    """Friction that falls from its level at rest to its level in motion."""
+
+    name: ClassVar[str] = "stribeck_friction"
+    what: ClassVar[str] = "extra friction near zero speed"
+    record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
+    needs: ClassVar = ("coulomb_friction",)
+    parameters: ClassVar = (
+        Parameter("stiction_nm", "N·m", 0.0),
+        Parameter("stribeck_velocity", "rad/s", 0.0, size=0),
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the direction, faded out with speed."""
+        fade = np.exp(-np.square(data.dq[:, joint] / shape[0]))
+        return data.smooth(data.direction(joint) * fade)[:, None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return Stribeck velocities above what a filtered log resolves."""
+        return log_grid(3 * SIGN_SPEED, 0.3, 10)
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""
+        return {"stiction_nm": float(coefficients[0]), "stribeck_velocity": shape[0]}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether slow or fast motion is missing."""
+        v = np.abs(data.dq[:, joint])
+        if not (missing := lacks_both_directions(data, joint)):
+            if ((v > SIGN_SPEED) & (v < 0.1)).mean() < 0.01:
+                missing = f"joint {joint + 1} never moves slowly"
+            elif moving(data, joint).mean() < 0.1:
+                missing = f"joint {joint + 1} hardly moves"
+        return missing

@@ -1,0 +1,38 @@
+"""A wrong torque gain: measured = s × true, so that the residual is (s − 1) times the torque."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.data import Data
+
+
+class TorqueScale(Cause):
+    """Gain of a torque sensor, motor constant or gear ratio."""
+
+    name: ClassVar[str] = "torque_scale"
+    what: ClassVar[str] = "torque gain wrong"
+    record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
+    parameters: ClassVar = (Parameter("scale", "1", 0.2, 5.0),)
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the nominal torque."""
+        return data.nominal[:, joint, None]
+
+    def bounds(self, data: Data) -> tuple[Array, Array]:
+        """Return the bounds of s − 1."""
+        return np.array([-0.8]), np.array([4.0])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return s [-]."""
+        return {"scale": 1.0 + float(coefficients[0])}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the joint carries too little torque."""
+        size = float(data.nominal[:, joint].std())
+        if size < 5 * data.noise[joint]:
+            return f"joint {joint + 1} carries no torque that changes"
+        return ""

@@ -1,0 +1,330 @@
+"""Logs beside the nominal model: residual torque, its noise floor, and blocks to hold out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.signals import Signals, lowpass
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+BLOCKS = 12
+"""Blocks of time that are held out in turn, over all logs (assumed: enough to see their spread)."""
+GUARD = 0.25
+"""Time between two blocks that belongs to none [s]; longer than any filter here (assumed)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Data:
+    """Everything a cause may look at; T samples of n joints."""
+
+    arm: Arm
+    dt: float
+    """Sampling time within a segment [s]."""
+    cutoff: float
+    """Cutoff of the filter that all signals passed [Hz]."""
+    t: Array
+    """(T,) time since the start of the log [s]."""
+    q: Array
+    """(T, n) [rad]."""
+    dq: Array
+    """(T, n) [rad/s]."""
+    ddq: Array
+    """(T, n) [rad/s²]."""
+    tau: Array
+    """(T, n) measured [N·m]."""
+    nominal: Array
+    """(T, n) of the nominal model [N·m]."""
+    gravity: Array
+    """(T, n) of the nominal model [N·m]."""
+    noise: Array
+    """(n,) noise floor of the measured torque [N·m]."""
+    segment: NDArray[np.int64]
+    """(T,) number of the segment: time runs on within one."""
+    block: NDArray[np.int64]
+    """(T,) number of the block, −1 in a guard."""
+    link_side: bool
+    """Whether torque was measured behind the gear."""
+    has_friction: bool
+    """Whether the nominal model has friction, which may then be too much too."""
+    rigid: Array
+    """(T, n) of the nominal model without its friction: the torque that is transmitted [N·m]."""
+    pinocchio: pin.Model
+    distance: Array
+    """(n,) presliding distance of plain dry friction [rad]."""
+    rows: dict[str, Array]
+    """Extra channels, (T, n) each."""
+    memory: dict[str, Array] = field(default_factory=dict)
+    """What several joints' columns are cut from."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.block.max()) + 1
+
+    @property
+    def residual(self) -> Array:
+        """(T, n) measured less nominal torque [N·m]."""
+        return self.tau - self.nominal
+
+    def cached(self, name: str, make: Callable[[], Array]) -> Array:
+        """Return an array made once."""
+        if name not in self.memory:
+            self.memory[name] = make()
+        return self.memory[name]
+
+    def smooth(self, x: Array) -> Array:
+        """Return (T, ...) after the filter of the signals, segment by segment.
+
+        What depends on the signals other than linearly must pass it before it is compared.
+        """
+        return filtered(x, self.runs(), self.dt, self.cutoff)
+
+    def direction(self, joint: int) -> Array:
+        """Return (T,) direction of motion in [-1, 1], unfiltered; at rest that of the last motion.
+
+        A joint that stops keeps its friction until it goes back by the `distance`.
+        """
+        return self.cached(
+            "direction", lambda: bristles(self.q, self.runs(), self.distance[:, None])[..., 0]
+        )[:, joint]
+
+    def runs(self) -> list[slice]:
+        """Return the rows of each segment."""
+        return runs_of(self.segment)
+
+
+def runs_of(segment: NDArray[np.int64]) -> list[slice]:
+    """Return the rows of each segment from its number (T,)."""
+    edges = np.flatnonzero(np.diff(segment)) + 1
+    cuts = [0, *edges.tolist(), len(segment)]
+    return [slice(a, b) for a, b in pairwise(cuts)]
+
+
+def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
+    """Return (T, ...) through the filter of the signals, segment by segment; poses as they are."""
+    out = np.array(x, dtype=np.float64)
+    if np.isfinite(dt) and np.isfinite(cutoff):
+        for run in runs:
+            out[run] = lowpass(out[run], 1 / dt, cutoff)
+    return out
+
+
+def bristles(q: Array, runs: list[slice], distance: Array) -> Array:
+    """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
+
+    Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact for a speed
+    that is constant over a sample: LuGre without Stribeck effect and bristle damping.
+
+    Args:
+        q: (T, n) [rad].
+        runs: rows of each segment.
+        distance: (n, k) d [rad].
+    """
+    out = np.zeros((*q.shape, distance.shape[-1]))
+    for run in runs:
+        way = np.diff(q[run], axis=0, prepend=q[run.start][None])[..., None]
+        decay = np.exp(-np.abs(way) / distance)
+        push = np.sign(way) * (1.0 - decay)
+        flat = out[run].reshape(len(way), -1)
+        steps, pushes = decay.reshape(len(way), -1), push.reshape(len(way), -1)
+        for i in range(flat.shape[1]):
+            zeta, track = 0.0, []
+            for keep, add in zip(steps[:, i].tolist(), pushes[:, i].tolist(), strict=True):
+                zeta = zeta * keep + add
+                track.append(zeta)
+            flat[:, i] = track
+        out[run] = flat.reshape(out[run].shape)
+    return out
+
+
+def inverse_dynamics(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return (T, n) torque of M(q)q̈ + C(q, q̇)q̇ + g(q) [N·m] (pinocchio's RNEA)."""
+    data = model.createData()
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        out[k] = pin.rnea(model, data, q[k], dq[k], ddq[k])
+    return out
+
+
+def gravity_torque(model: pin.Model, q: Array) -> Array:
+    """Return (T, n) gravity torque g(q) [N·m]."""
+    data = model.createData()
+    return np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
+
+
+def steady_friction(
+    friction: FrictionParameters, load: Array, direction: Array, dq: Array, ddq: Array
+) -> Array:
+    """Return (T, n) torque of our friction in steady sliding, rotor inertia and offset [N·m].
+
+    Args:
+        friction: of one arm.
+        load: (T, n) signed transmitted torque [N·m].
+        direction: (T, n) of motion, in [-1, 1].
+        dq: (T, n) [rad/s].
+        ddq: (T, n) [rad/s²].
+    """
+    level = friction.stiction_at(np.abs(load))
+    side = (dq < 0).astype(int)
+
+    def pick(x: Array) -> Array:
+        return np.take_along_axis(np.broadcast_to(x, level.shape), side[..., None], axis=-1)[..., 0]
+
+    stiction, ratio = pick(level), pick(friction.coulomb_ratio)
+    stribeck = pick(friction.stribeck_velocity)
+    g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(dq / stribeck)))
+    clipped = np.clip(load, -friction.load_high, friction.load_high)
+    return (
+        direction * g
+        + pick(friction.viscous) * dq
+        + friction.rotor_inertia * ddq
+        + friction.offset
+        + friction.gravity_error * clipped
+    )
+
+
+BITE = 2e-4
+"""Presliding distance of dry friction that is not told otherwise [rad]: 0.5 N·m on 2500 N·m/rad;
+assumed, and below what a filtered log shows."""
+SIGN_SPEED = 2e-3
+"""Speed below which the direction of motion is not certain in a filtered log [rad/s]; assumed."""
+
+
+def assemble(
+    arm: Arm,
+    signals: Signals,
+    *,
+    friction: FrictionParameters | None = None,
+    link_side: bool = False,
+    blocks: int = BLOCKS,
+) -> Data:
+    """Put signals beside the nominal model.
+
+    Args:
+        arm: nominal rigid arm.
+        signals: of its logs.
+        friction: nominal friction; None for a rigid body without any.
+        link_side: whether torque was measured behind the gear.
+        blocks: number of blocks; logs are blocks where there are at least as many of them.
+    """
+    parts = signals.segments
+    model = arm.pinocchio()
+    q, dq, ddq, tau = (
+        np.concatenate([getattr(s, name) for s in parts]) for name in ("q", "dq", "ddq", "tau")
+    )
+    rigid = inverse_dynamics(model, q, dq, ddq)
+    nominal = rigid
+    gravity = gravity_torque(model, q)
+    segment = np.concatenate([np.full(len(s.t), i) for i, s in enumerate(parts)])
+    runs, distance = runs_of(segment), np.full(arm.n, BITE)
+    if friction is not None:
+        distance = friction.stiction.mean(axis=-1) / friction.bristle_stiffness
+        direction = bristles(q, runs, distance[:, None])[..., 0]
+        rotor = friction.rotor_inertia
+        if link_side:
+            friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
+        dry = steady_friction(friction, gravity, direction, dq, ddq)
+        # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
+        stiffness = friction.bristle_stiffness
+        sigma = 2 * friction.bristle_damping_ratio * np.sqrt(stiffness * rotor)
+        for run in runs:
+            if run.stop - run.start > 2:
+                dry[run] += sigma * distance * np.gradient(direction[run], signals.dt, axis=0)
+        nominal = rigid + filtered(dry, runs, signals.dt, signals.cutoff_hz)
+    log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
+    t = np.concatenate([s.t for s in parts])
+    names = set.intersection(*(set(s.extra) for s in parts)) if parts else set()
+    return Data(
+        arm=arm,
+        dt=signals.dt,
+        cutoff=signals.cutoff_hz,
+        t=t,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        nominal=nominal,
+        gravity=gravity,
+        noise=_floor(signals, runs, q, dq, ddq, tau - nominal, distance),
+        segment=segment,
+        block=_blocks(log, segment, signals.dt, blocks),
+        link_side=link_side,
+        has_friction=friction is not None,
+        rigid=rigid,
+        pinocchio=model,
+        distance=distance,
+        rows={name: np.concatenate([s.extra[name] for s in parts]) for name in sorted(names)},
+    )
+
+
+def _floor(
+    signals: Signals,
+    runs: list[slice],
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    residual: Array,
+    distance: Array,
+) -> Array:
+    """Return (n,) noise of the residual [N·m]: that of the torque, and of the acceleration.
+
+    The latter grows with frequency: the upper half of the filter's band holds all of it and half
+    of the torque's. Medians over windows leave out the few that hold a jump of friction.
+    """
+    torque = np.asarray(signals.noise_tau)
+    if not np.all(np.isfinite(torque)):
+        return np.full(q.shape[1], LEAST_NOISE)
+    torque = np.maximum(torque, LEAST_NOISE)
+    direction = filtered(
+        bristles(q, runs, distance[:, None])[..., 0], runs, signals.dt, signals.cutoff_hz
+    )
+    longest = max(runs, key=lambda r: r.stop - r.start)
+    window = int(min(longest.stop - longest.start, max(32, 1.0 / signals.dt)))
+    out = torque.copy()
+    for j in range(q.shape[1]):
+        x = np.stack([direction[:, j], dq[:, j], ddq[:, j], np.ones(len(q))], axis=1)
+        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
+        f, power = welch(left[longest], 1 / signals.dt, nperseg=window, average="median")
+        high = (f > 0.5 * signals.cutoff_hz) & (f < 1.5 * signals.cutoff_hz)
+        upper = float(power[high].sum() * f[1])
+        out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + LEAST_NOISE
+    return out
+
+
+LEAST_NOISE = 1e-4
+"""Noise that is assumed at least [N·m], so that perfect data do not divide by zero; assumed."""
+
+
+def _blocks(
+    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, wanted: int
+) -> NDArray[np.int64]:
+    """Return (T,) block numbers: by log where there are many, else equal spans of each log's time.
+
+    Never rows at random: neighbours share noise, filter and friction state.
+    """
+    logs = np.unique(log)
+    each = max(1, -(-wanted // len(logs)))
+    block = np.empty(len(log), dtype=np.int64)
+    guard = round(GUARD / dt)
+    for i, number in enumerate(logs):
+        rows = np.flatnonzero(log == number)
+        part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)
+        block[rows] = i * each + part
+        for edge in np.flatnonzero(np.diff(part)) + 1:
+            near = slice(max(0, edge - guard // 2), edge + guard // 2)
+            block[rows[near]] = -1
+    return block

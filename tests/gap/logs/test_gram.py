@@ -1,0 +1,67 @@
+"""Sums over blocks against plain least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction_envs.gap.logs.gram import Gram, Pick, Stack, solve
+
+RNG = np.random.default_rng(0)
+X, W = RNG.normal(size=(600, 3)), RNG.uniform(0.5, 1.0, 600)
+R = X @ [1.0, -2.0, 0.5] + 0.1 * RNG.normal(size=600)
+BLOCK = np.repeat(np.arange(6), 100)
+FREE = Pick(((0, 1, 2),), ((0, 1, 2),), (-np.inf,) * 3, (np.inf,) * 3)
+
+
+def stack() -> Stack:
+    return Stack([Gram.of(X, R, BLOCK, W, 6)])
+
+
+def test_the_fit_is_weighted_least_squares() -> None:
+    root = np.sqrt(W)[:, None]
+    expected = np.linalg.lstsq(X * root, R * root[:, 0], rcond=None)[0]
+    assert np.allclose(stack().fit(FREE), expected, atol=1e-6)
+
+
+def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
+    out = stack().held_out(FREE)
+    for b in range(6):
+        rest = b != BLOCK
+        root = np.sqrt(W[rest])[:, None]
+        c = np.linalg.lstsq(X[rest] * root, R[rest] * root[:, 0], rcond=None)[0]
+        e = R[~rest] - X[~rest] @ c
+        assert np.isclose(out[0, b], (W[~rest] * e * e).sum(), rtol=1e-5)
+
+
+def test_rows_between_blocks_count_for_nothing() -> None:
+    block = BLOCK.copy()
+    block[250:350] = -1
+    r = R.copy()
+    r[250:350] = 1e6
+    c = Stack([Gram.of(X, r, block, W, 6)]).fit(FREE)
+    assert np.allclose(c, [1.0, -2.0, 0.5], atol=0.05)
+
+
+def test_bounds_hold_and_the_others_adapt() -> None:
+    xx, xr = X.T @ X, X.T @ R
+    c = solve(xx, xr, np.array([-np.inf, 0.0, -np.inf]), np.full(3, np.inf))
+    assert np.isclose(c[1], 0.0, atol=1e-9)
+    expected = np.linalg.lstsq(X[:, [0, 2]], R, rcond=None)[0]
+    assert np.allclose(c[[0, 2]], expected, atol=1e-6)
+
+
+def test_a_coefficient_that_two_joints_share_fits_both() -> None:
+    grams = [Gram.of(X[:, :1], k * X[:, 0], BLOCK, np.ones(600), 6) for k in (1.0, 3.0)]
+    c = Stack(grams).fit(Pick(((0,), (0,)), ((0,), (0,)), (-np.inf,), (np.inf,)))
+    assert np.isclose(c[0], 2.0)
+
+
+def test_resamples_are_reproducible() -> None:
+    one, two = (stack().resample(FREE, 20, np.random.default_rng(1)) for _ in range(2))
+    assert np.array_equal(one, two)
+    assert np.all(one.std(axis=0) > 0)
+
+
+def test_no_columns_leave_the_residual() -> None:
+    nothing = Pick(((),), ((),), (), ())
+    assert np.allclose(stack().held_out(nothing).sum(), (W * R * R).sum())
