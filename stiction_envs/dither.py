@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -173,6 +174,9 @@ class Dither:
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Floats | None = None
         for code, where, rows, omega, phase, amplitude, tones in self._branches:
+            if own and where is None and code == _SINE:  # every cycle of a controller
+                out = _sine(omega, t, phase, amplitude)
+                continue
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             w = omega * now
             w += phase
@@ -445,3 +449,13 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
     if shown == 0:
         return f"dither of {f} at a {r} controller aliases to a constant offset A·sin φ"
     return f"dither of {f} at a {r} controller aliases to {shown:g} Hz"
+
+
+@numba.njit(cache=True)
+def _sine(omega: Floats, t: Floats, phase: Floats, amplitude: Floats) -> Floats:
+    """Return A sin(ωt + φ), (N, n) N·m, at times t (N,)."""
+    out = np.empty_like(omega)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
+    return out

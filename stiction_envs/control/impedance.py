@@ -19,13 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.cycle import add_nullspace, impedance_torque, saturate
 from stiction_envs.control.operational import (
     dynamic_projector,
     mass_damping,
     operational_space,
     pseudoinverse_projector,
 )
-from stiction_envs.control.rotation import error_matrix, rotation_vector, slerp
+from stiction_envs.control.rotation import error_matrix, slerp
 from stiction_envs.control.settings import ImpedanceSettings, numbers, stiffness_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
@@ -91,11 +92,11 @@ class CartesianImpedance:
         self._blocks = (np.zeros((nsim, 3)), np.zeros((nsim, 3)), np.zeros((nsim, 3, 3)))
         self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): −K beside −D
         self._null_damping = np.zeros((nsim, n))
-        self._null_active = self._external_active = self._all_known = False
+        self._null_active = self._all_known = False
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
         self._root, self._inverse_root, self._modes, self._inertia = np.zeros((4, nsim, 6, 6))
         self._projector = np.zeros((nsim, n, n))
-        self._state, self._wrench = np.zeros((nsim, 12)), np.zeros((nsim, 6))
+        self._state = np.zeros((nsim, 12))
         self._q, self._wanted, self._sent, self._command = np.zeros((4, nsim, n))
         s = settings
         self._write_stiffness(
@@ -153,7 +154,6 @@ class CartesianImpedance:
     def set_wrench(self, wrench: ArrayLike, ids: Ids = None) -> None:
         """Let the end effector push with force and torque (M, 6), base frame [N, N·m]."""
         self._external.put(_rows(ids), wrench)
-        self._external_active = True
 
     def set_stiffness(
         self,
@@ -303,21 +303,29 @@ class CartesianImpedance:
             missing = int(np.argmin(self._known))
             raise StictionError(f"torque of simulation {missing}: update_model has to be called")
         self._advance()
-        # contiguous, so that the sums below run in the same order for every caller
-        jac, dq = np.ascontiguousarray(jacobian), np.ascontiguousarray(dq)
-        state, tau = self._state, self._wanted
-        np.subtract(position, self._position.value, out=state[:, :3])
-        turned = np.einsum("nij,nj->ni", self._error_matrix, quaternion)
-        rotation_vector(turned, out=state[:, 3:6])
-        np.einsum("nij,nj->ni", jac, dq, out=state[:, 6:])
-        wrench = np.einsum("nij,nj->ni", self._gain, state, out=self._wrench)
-        if self._external_active:
-            wrench += self._external.value
-        np.einsum("nij,ni->nj", jac, wrench, out=tau)
+        tau = self._wanted
+        impedance_torque(
+            position,
+            quaternion,
+            jacobian,
+            dq,
+            self._position.value,
+            self._error_matrix,
+            self._gain,
+            self._external.value,
+            self._state,
+            tau,
+        )
         if self._null_active:
-            joint = self._null_stiffness.value * (self._null_q.value - q)
-            joint -= self._null_damping * dq
-            tau += np.einsum("nij,nj->ni", self._projector, joint)
+            add_nullspace(
+                q,
+                dq,
+                self._null_q.value,
+                self._null_stiffness.value,
+                self._null_damping,
+                self._projector,
+                tau,
+            )
         if settings.coriolis:
             if coriolis is None:
                 raise StictionError("torque: the setting coriolis needs the argument coriolis")
@@ -327,11 +335,7 @@ class CartesianImpedance:
         behind = dither if settings.dither_after_saturation else None
         if dither is not None and behind is None:
             tau += dither
-        low, high = self._sent - settings.torque_rate, self._sent + settings.torque_rate
-        np.maximum(low, -self._limit, out=low)
-        np.minimum(high, self._limit, out=high)
-        np.maximum(tau, low, out=low)
-        np.minimum(low, high, out=self._sent)
+        saturate(tau, settings.torque_rate, self._limit, self._sent)
         if behind is not None:
             np.add(self._sent, behind, out=self._command)
             np.maximum(self._command, -self._limit, out=self._command)

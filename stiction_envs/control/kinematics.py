@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.control.cycle import site_kinematics
 from stiction_envs.friction.model import StickingModel
 
 Array = NDArray[np.float64]
@@ -37,13 +38,14 @@ class EndEffector:
 
     def read(self) -> None:
         """Take the present kinematics of all simulations."""
-        self.position[:] = self._xpos[:, self._site]
-        np.einsum("ij,nj->ni", self._turn, self._xquat[:, self._body], out=self.quaternion)
-        axis = self._axis[:, self._joints]
-        arm = self.position[:, None] - self._anchor[:, self._joints]
-        j = self.jacobian
-        # axis × arm, written out: np.cross is several times slower
-        j[:, 0] = axis[..., 1] * arm[..., 2] - axis[..., 2] * arm[..., 1]
-        j[:, 1] = axis[..., 2] * arm[..., 0] - axis[..., 0] * arm[..., 2]
-        j[:, 2] = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]
-        j[:, 3:] = axis.transpose(0, 2, 1)
+        site_kinematics(
+            self._anchor,
+            self._axis,
+            self._xpos[:, self._site],
+            self._xquat[:, self._body],
+            self._joints,
+            self._turn,
+            self.position,
+            self.quaternion,
+            self.jacobian,
+        )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from stiction_envs.control.cycle import pass_torque
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
@@ -82,7 +83,6 @@ class TorquePath:
         self.interface = interface
         self._limited = np.zeros((nsim, n))
         self._filtered = np.zeros((nsim, n))
-        self._work = np.zeros((nsim, n))
         self._rate = np.full((nsim, n), np.inf)
         self._step = self._rate / CONTROL_RATE_HZ
         self._limit = np.full((nsim, n), np.inf)
@@ -135,25 +135,15 @@ class TorquePath:
         Returns:
             (N, n) torque that reaches the joints [N·m].
         """
-        limited = self._limited
-        # np.minimum and np.maximum: np.clip takes twice as long on arrays this small
-        np.subtract(command, limited, out=self._work)
-        if np.all(np.abs(self._work) <= 0.999 * self._step):
-            limited[:] = command
-        else:
-            low, high = limited - self._step, limited + self._step
-            np.maximum(command, low, out=limited)
-            np.minimum(limited, high, out=limited)
-        gain = self.interface.lowpass_gain
-        if gain < 1.0:
-            # as lfilter adds it up, so that a block and its cycles agree bit for bit
-            self._filtered *= 1.0 - gain
-            np.multiply(limited, gain, out=self._work)
-            self._filtered += self._work
-        else:
-            self._filtered[:] = limited
-        out = np.maximum(self._filtered, -self._limit)
-        return np.minimum(out, self._limit, out=out)
+        out: Array = pass_torque(
+            command,
+            self._step,
+            self.interface.lowpass_gain,
+            self._limit,
+            self._limited,
+            self._filtered,
+        )
+        return out
 
     def _limit_rate(self, command: Array, ids: NDArray[np.int64]) -> Array:
         step = self._rate[ids] / CONTROL_RATE_HZ

@@ -1,4 +1,4 @@
-"""The Single Joint Experiment of a lone joint, thousands at once in numpy: fast enough to search.
+"""The Single Joint Experiment of a lone joint, compiled: fast enough to search.
 
 The friction law, step and torque path of the whole arm (`friction.law`, 1 ms, semi-implicit Euler,
 bristle torque from the old deflection) without the other joints, ripple and offset. One column is
@@ -13,16 +13,15 @@ A rigid joint (K = inf) is a rotor that carries the link.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEP = 1e-3
 """Control and physics step [s]."""
-CHUNK = 200
-"""Steps between two looks at which joints have moved."""
 
 
 @dataclass(kw_only=True)
@@ -63,10 +62,6 @@ class LoneJoints:
     """Elasto-plastic: deflection below which presliding is purely elastic, over that of steady
     sliding [-]; 0 is LuGre (Dupont, Hayward, Armstrong, Altpeter 2002)."""
 
-    def pick(self, keep: NDArray[np.bool_]) -> LoneJoints:
-        """Return some columns."""
-        return LoneJoints(**{k: v[keep] for k, v in vars(self).items()})
-
 
 def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int = 1) -> Array:
     """Return (C,) ramp torque at which each joint's link has moved by the threshold [N·m].
@@ -80,124 +75,76 @@ def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int
     Returns:
         Torques; NaN where the joint did not move.
     """
-    c = joints
-    out = np.full(len(c.stiction), np.nan)
-    index = np.arange(len(out))
-    # ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
-    # and a later start would change the reading by up to 17 %
-    # theta, omega, z, q, v, filtered command, rate-limited command
-    state = np.zeros((7, len(out)))
-    for k in range(0, int(longest / STEP), CHUNK):
-        tick = (k + np.arange(CHUNK)) // hold * hold
-        t = tick[:, None] * STEP
-        ramp = c.ramp_rate * t
-        command = ramp + c.amplitude * np.sin(2 * np.pi * c.frequency * t)
-        moved = _chunk(c, state, command, threshold, hold)
-        done = moved.any(axis=0)
-        if done.any():
-            first = moved.argmax(axis=0)
-            out[index[done]] = ramp[first, np.arange(len(first))][done]
-            keep: NDArray[np.bool_] = np.logical_not(done)
-            c, state, index = c.pick(keep), state[:, keep], index[keep]
-            if not len(index):
-                break
+    columns = np.ascontiguousarray(np.stack([getattr(joints, f.name) for f in fields(joints)], 1))
+    out: Array = _breakaway(columns, threshold, round(longest / STEP), hold)
     return out
 
 
-def _chunk(
-    c: LoneJoints, state: Array, command: Array, threshold: float, hold: int
-) -> NDArray[np.bool_]:
-    """Advance all columns by one chunk in place; return (CHUNK, C) whether the link has moved."""
-    theta, w, z, q, v, y, x = state
-    moved = np.empty(command.shape, dtype=bool)
-    gain = STEP / (STEP + 1 / (2 * np.pi * c.lowpass_hz))
-    most = c.torque_rate * STEP
-    # steps of a held sine are at most 2πfA h; where none comes near the limit it is left out
-    steepest = (2 * np.pi * c.frequency * c.amplitude + c.ramp_rate) * hold * STEP
-    limited = bool((steepest > 0.99 * most).any())
-    coulomb = c.stiction * c.coulomb_ratio
-    drop = c.stiction - coulomb
-    elastic = np.isfinite(c.joint_stiffness)
-    some_elastic = bool(elastic.any())
-    k = np.where(elastic, c.joint_stiffness, 0.0)
-    d = np.where(elastic, c.joint_damping, 0.0)
+@numba.njit(cache=True)
+def _breakaway(columns: Array, threshold: float, steps: int, hold: int) -> Array:
+    """Return `breakaway` of (C, fields) parameters, in the order of `LoneJoints`."""
+    out = np.full(len(columns), np.nan)
+    for i in range(len(columns)):
+        out[i] = _ramp(columns[i], threshold, steps, hold)
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
+    """Return the torque at which one joint has moved; NaN if never [N·m]."""
+    stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
+    rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
+    lowpass_hz, torque_rate, breakaway_ratio = c[13:]
+    elastic = np.isfinite(spring)
+    gain = STEP / (STEP + 1 / (2 * np.pi * lowpass_hz))
+    most = torque_rate * STEP
+    coulomb = stiction * coulomb_ratio
+    drop = stiction - coulomb
     # a rigid joint is a rotor that carries the link
-    per_inertia = STEP / np.where(elastic, c.rotor_inertia, c.rotor_inertia + c.link_inertia)
-    per_link = STEP / c.link_inertia
-    plastic = bool(c.breakaway_ratio.any())
-    # what the loop repeats, in units of v_s and of the step
-    per_stribeck, bristle_step = 1.0 / c.stribeck_velocity, c.bristle_stiffness * STEP
-    damping_rate = c.bristle_damping / STEP
-    slope = c.bristle_damping + c.viscous
-    g, a, e, push, term = (np.empty_like(w) for _ in range(5))
-    for i, u in enumerate(command):
-        if limited:
-            np.subtract(u, x, out=term)
-            np.minimum(term, most, out=term)
-            np.maximum(term, -most, out=term)
-            x += term
-            u = x
-        np.subtract(u, y, out=term)
-        term *= gain
-        y += term
+    per_inertia = STEP / (rotor if elastic else rotor + link)
+    per_link = STEP / link
+    # rotor, link: angle and speed; bristle; filtered and rate-limited command
+    theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
+    # and a later start would change the reading by up to 17 %
+    for k in range(steps):
+        if k % hold == 0:
+            t = k * STEP
+            ramp = rate * t
+            u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
+        x += max(-most, min(most, u - x))
+        y += gain * (x - y)
         # g(ω), level of steady sliding
-        np.multiply(w, per_stribeck, out=g)
-        np.multiply(g, g, out=g)
-        np.negative(g, out=g)
-        np.exp(g, out=g)
-        g *= drop
-        g += coulomb
+        g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
         # a: decay rate of the bristle times h; a floor far below any effect keeps 0/0 away
-        np.abs(w, out=a)
-        a *= bristle_step
-        a /= g
-        if plastic:
-            a *= _plasticity(c, z, w, g)
-        np.maximum(a, 1e-15, out=a)
-        # push = y − σ0 z − σ1 dz/dt − σ2 ω
-        np.multiply(damping_rate, a, out=push)
-        push -= c.bristle_stiffness
-        push *= z
-        push += y
-        np.multiply(slope, w, out=term)
-        push -= term
+        a = abs(w) * stiffness * STEP / g
+        if breakaway_ratio > 0.0:
+            a *= _plasticity(breakaway_ratio, stiffness, z, w, g)
+        a = max(a, 1e-15)
+        push = y - stiffness * z + damping * (a / STEP * z - w) - viscous * w
         # exact solution of the bristle equation at constant speed: friction.law.LuGre.advance
-        np.negative(a, out=e)
-        np.expm1(e, out=e)
-        np.divide(e, a, out=a)
-        a *= -STEP
-        a *= w
-        e *= z
-        z += e
-        z += a
-        if some_elastic:
-            np.subtract(theta, q, out=e)
-            e *= k
-            np.subtract(w, v, out=a)
-            a *= d
-            e += a
-            push -= e
-            e *= per_link
-            v += e
-        push *= per_inertia
-        w += push
-        np.multiply(w, STEP, out=term)
-        theta += term
-        if some_elastic:
-            np.multiply(v, STEP, out=term)
-            q += term
-            np.greater_equal(np.where(elastic, q, theta), threshold, out=moved[i])
-        else:
-            np.greater_equal(theta, threshold, out=moved[i])
-    return moved
+        e = np.expm1(-a)
+        z += e * z - e / a * STEP * w
+        if elastic:
+            pull = spring * (theta - q) + spring_damping * (w - v)
+            push -= pull
+            v += per_link * pull
+        w += per_inertia * push
+        theta += STEP * w
+        if elastic:
+            q += STEP * v
+        if (q if elastic else theta) >= threshold:
+            return ramp
+    return np.nan
 
 
-def _plasticity(c: LoneJoints, z: Array, w: Array, g: Array) -> Array:
+@numba.njit(cache=True, error_model="numpy")
+def _plasticity(ratio: float, stiffness: float, z: float, w: float, g: float) -> float:
     """Return the α(z, v) of the elasto-plastic model, eq. 9 of Dupont et al. 2002 [-]."""
-    steady = g / c.bristle_stiffness
-    elastic = c.breakaway_ratio * steady
-    span = np.maximum(steady - elastic, 1e-12)
-    middle = (np.abs(z) - (steady + elastic) / 2) / span
-    alpha = 0.5 * (1.0 + np.sin(np.pi * np.clip(middle, -0.5, 0.5)))
-    lugre = c.breakaway_ratio == 0
-    return np.where(lugre, 1.0, np.where(z * w < 0, 0.0, alpha))
+    if z * w < 0.0:
+        return 0.0
+    steady = g / stiffness
+    elastic = ratio * steady
+    span = max(steady - elastic, 1e-12)
+    middle = (abs(z) - (steady + elastic) / 2) / span
+    return 0.5 * (1.0 + np.sin(np.pi * max(-0.5, min(0.5, middle))))

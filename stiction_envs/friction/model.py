@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,10 +71,12 @@ class StickingModel:
 
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""
-        q = qpos[..., self.motor]
-        elastic = self.spring >= 0
-        q[..., elastic] += qpos[..., self.spring[elastic]]
-        return q
+        if qpos.ndim == 2:  # as in every control cycle
+            out: Array = _link_angles(qpos, self.motor, self.spring)
+            return out
+        rows = qpos.reshape(-1, qpos.shape[-1])
+        out = _link_angles(rows, self.motor, self.spring)
+        return out.reshape(*qpos.shape[:-1], self.n)
 
     def one_link_position(self, qpos: Array, joint: Index) -> Array:
         """Return (M, K) angle [rad] of joint[m] (from 0) from (M, K, nq) MuJoCo positions."""
@@ -235,3 +238,15 @@ def _add_servo(spec: mujoco.MjSpec, joint_name: str, torque_limit: float) -> Non
     servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.forcerange = [-torque_limit, torque_limit]
+
+
+@numba.njit(cache=True)
+def _link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
+    """Return (M, n) motor angle, plus the spring's where there is one, of (M, nq)."""
+    out = np.empty((len(qpos), len(motor)))
+    for i in range(len(qpos)):
+        for j in range(len(motor)):
+            out[i, j] = qpos[i, motor[j]]
+            if spring[j] >= 0:
+                out[i, j] += qpos[i, spring[j]]
+    return out

@@ -9,11 +9,13 @@ import pytest
 
 from stiction_envs.cli import reproduce as command
 from stiction_envs.experiments import reproduce as tables
-from stiction_envs.experiments import reproduce_page
+from stiction_envs.experiments import reproduce_gte, reproduce_page
+from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.protocol import Job, Measurement
 from stiction_envs.experiments.sje import SingleJointExperiment
 from stiction_envs.gap import figures, ladder, page, phase
 from stiction_envs.measured import thesis_base, thesis_dithered
+from tests.experiments.test_reproduce_gte import as_printed
 from tests.gap.made_up import made_up, phase_study
 
 TABLES = ["tables", "--iterations", 2]
@@ -74,6 +76,14 @@ def climbed(monkeypatch):
     for name in ("ladder", "joint", "residuals", "iiwa"):
         monkeypatch.setattr(figures, name, lambda *a: a[-1].write_bytes(b"\x89PNG"))
     return saved
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """Pretend that arms followed paths with the errors that are printed; draw no figure."""
+    monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", as_printed)
+    for name in ("plot_path_xy", "plot_path_3d", "plot_errors"):
+        monkeypatch.setattr(reproduce_gte.gte_plots, name, lambda *_, **__: None)
 
 
 # ---- tables --------------------------------------------------------------------------------------
@@ -216,7 +226,41 @@ def test_interrupted_ladder_goes_on(cli, work, climbed, monkeypatch):
     assert cli(*options, "--seeds", 1).code == 2
 
 
-def test_all_targets_by_default_in_one_order(cli, work, climbed, simulated):
+# ---- gte -----------------------------------------------------------------------------------------
+
+
+def test_gte(cli, work, followed):
+    ran = cli("reproduce", "gte", "--iterations", 2, "--json", "--out", "a")
+    assert ran.code == 0
+    assert {p.name for p in (work / "a" / "gte").iterdir()} == {
+        "table_4_11.csv",
+        "table_4_11.png",
+        "gte.md",
+        "plots",
+    }
+    result = json.loads(ran.out)["targets"]["gte"]
+    assert result["signs_right"] == result["axes"] == 24
+    assert "2 iterations" in (work / "a" / "gte" / "gte.md").read_text("utf-8")
+    shown = cli("reproduce", "gte", "--iterations", 2, "--out", "a").out
+    assert "signs of the dither's effect right 24 of 24" in shown
+    inputs = json.loads((work / "a" / "provenance.json").read_text())["inputs"]
+    assert {"table_4_9", "table_4_11", "gte_protocol", "controller"} <= set(inputs)
+
+
+@pytest.mark.slow
+def test_gte_for_real(cli, work):
+    ran = cli("reproduce", "gte", "--iterations", 1, "--no-scatter", "--out", "a")
+    assert ran.code == 0
+    with open(work / "a" / "gte" / "table_4_11.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        plain, shaken = float(row["simulated_no_dither"]), float(row["simulated_dither"])
+        assert 0.0 < plain < 20.0
+        assert shaken > 0.0
+        assert shaken != plain
+
+
+def test_all_targets_by_default_in_one_order(cli, work, climbed, simulated, followed):
     ran = cli("reproduce", "--json")
     assert ran.code == 0
     assert list(json.loads(ran.out)["targets"]) == list(command.TARGETS)
