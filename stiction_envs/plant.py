@@ -288,10 +288,13 @@ class Plant:
         ids = np.arange(self.nsim)
         control = self._batch.bind("ctrl")
         control[:, self._servo_columns] = self._setpoint
+        wait = 0
         for _ in range(steps):
-            due = self._steps % SLOW_STEPS == 0
-            if due.any():
-                self._write_slow(ids[due])
+            if wait == 0:
+                phase = self._steps % SLOW_STEPS
+                self._write_slow(ids[phase == 0])
+                wait = SLOW_STEPS - int(phase.max())  # no simulation passes its next update
+            wait -= 1
             if self._asymmetric:
                 self._write_direction(ids)
             control[:, self._torque_columns] = law()

@@ -86,6 +86,8 @@ class CartesianImpedance:
         self._null_q = _Filtered((nsim, n), step("nullspace_filter"))
         self._external = _Filtered((nsim, 6), step("wrench_filter"))
         self._position = _Filtered((nsim, 3), step("pose_filter"))
+        filters = ("stiffness_filter", "nullspace_filter", "wrench_filter", "pose_filter")
+        self._filtering = any(step(name) < 1.0 for name in filters)
         self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self._quaternion_target = self._quaternion.copy()
         self._error_matrix = error_matrix(self._quaternion)
@@ -346,6 +348,8 @@ class CartesianImpedance:
         return self._command.copy()
 
     def _advance(self) -> None:
+        if not self._filtering:
+            return
         if self._stiffness.advance():
             np.negative(self._stiffness.value, out=self._gain[:, :, :6])
         if self._null_stiffness.advance():

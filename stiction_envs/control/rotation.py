@@ -7,6 +7,7 @@ could be either, the docstring says which. Formulas: Diebel, *Representing attit
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -138,17 +139,37 @@ def slerp(a: Array, b: Array, fraction: ArrayLike) -> Array:
 
     Exactly a at 0 and exactly b, or −b where that is nearer to a, at 1.
     """
-    s = np.asarray(fraction, dtype=float)[..., None]
-    b = np.where(np.einsum("...i,...i->...", a, b)[..., None] < 0.0, -b, b)
-    d, c = a - b, a + b
-    apart = np.sqrt(np.einsum("...i,...i->...", d, d))
-    along = np.sqrt(np.einsum("...i,...i->...", c, c))
-    arc = 2.0 * np.arctan2(apart, along)[..., None]  # in [0, π/2]
-    # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
-    whole = np.sinc(arc / np.pi)
-    near = (1.0 - s) * (np.sinc((1.0 - s) * arc / np.pi) / whole)
-    far = s * (np.sinc(s * arc / np.pi) / whole)
-    return near * a + far * b
+    s = np.asarray(fraction, dtype=float)
+    shape = np.broadcast_shapes(a.shape[:-1], b.shape[:-1], s.shape)
+    begin, end = (np.broadcast_to(x, (*shape, 4)).reshape(-1, 4) for x in (a, b))
+    out: Array = _slerp(begin, end, np.broadcast_to(s, shape).ravel())
+    return out.reshape(*shape, 4)
+
+
+@numba.njit(cache=True)
+def _slerp(a: Array, b: Array, fraction: Array) -> Array:
+    """`slerp` of rows (M, 4) at fractions (M,); compiled, for a controller asks for few at once."""
+    out = np.empty((len(fraction), 4))
+    for i in range(len(fraction)):
+        s, p, q = fraction[i], a[i], b[i]
+        side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
+        apart, along = 0.0, 0.0
+        for k in range(4):
+            apart += (p[k] - side * q[k]) ** 2
+            along += (p[k] + side * q[k]) ** 2
+        arc = 2.0 * np.arctan2(np.sqrt(apart), np.sqrt(along))  # in [0, π/2]
+        # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
+        near = (1.0 - s) * (_sinc((1.0 - s) * arc) / _sinc(arc))
+        far = s * (_sinc(s * arc) / _sinc(arc))
+        for k in range(4):
+            out[i, k] = near * p[k] + far * (side * q[k])
+    return out
+
+
+@numba.njit(cache=True)
+def _sinc(x: float) -> float:
+    """Return sin(x)/x."""
+    return 1.0 if x == 0.0 else np.sin(x) / x
 
 
 def from_rpy(rpy: ArrayLike) -> Array:
