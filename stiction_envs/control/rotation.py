@@ -72,7 +72,7 @@ def rotation_vector(q: Array, out: Array | None = None) -> Array:
     factor = np.arctan2(length, np.abs(w))
     factor *= 2.0
     factor /= np.maximum(length, _TINY)  # 0 where there is no rotation
-    np.copysign(factor, w, out=factor)
+    factor = np.copysign(factor, w)
     return np.multiply(vector, factor[..., None], out=out)
 
 

@@ -159,7 +159,8 @@ def measure(
     error, period = run.error, sample_period(run)
     absolute, finished = np.abs(error), run.reached[:, -1]
     end = np.where(np.isfinite(finished), finished, np.inf)
-    moving = (run.time < end[:, None])[..., None]
+    # samples are counted: their times and the end may differ by rounding
+    moving = (np.arange(len(run.time)) < np.rint(end / period)[:, None])[..., None]
     count = moving.sum(axis=1)
     last = _before(error, run.accepted[:, 1:], period)
     rest = np.where(np.isfinite(finished)[:, None], error[:, -1], np.nan)

@@ -42,6 +42,7 @@ def test_rotation_error_is_angle_times_axis_in_the_base_frame():
     np.testing.assert_allclose(e, (scipy(q) * scipy(d).inv()).as_rotvec(), atol=1e-13)
     same(rotation.multiply(rotation.from_rotation_vector(e), d), q)
     np.testing.assert_allclose(rotation.angle_between(q, d), np.linalg.norm(e, axis=1), atol=1e-13)
+    np.testing.assert_allclose(rotation.rotation_error(q[3], d[3]), e[3], atol=1e-15)
 
 
 def test_rotation_error_is_the_same_for_q_and_minus_q():

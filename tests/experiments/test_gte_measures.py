@@ -119,6 +119,16 @@ def test_measures_are_over_the_motion():
     np.testing.assert_allclose(m.duration, 6.0)
 
 
+@pytest.mark.parametrize("end", [5.13, 5.28, 6.4, 6.55])
+def test_no_sample_is_counted_twice_by_rounding(end):
+    """A goal reached at the time of a sample: that sample is already past the motion."""
+    error = np.zeros((1, 700, 6))
+    error[:, round(100 * end) :] = 9.0
+    later = np.nextafter(end, 9.0)  # times are sums of control steps: off by rounding
+    run = made_up(error, iterations=1, reached=(2.0, 4.0, later))
+    assert not gte_measures.measure(run).maximum.any()
+
+
 def test_corner_and_settling_errors():
     """Before the reference goes to the measured pose; at the last goal, after the tail."""
     error = np.broadcast_to(np.arange(700.0)[:, None] * 1e-5, (2, 700, 6))
