@@ -6,16 +6,17 @@ plain arithmetic: an arm's result is the same bits in any batch. NaN passes thro
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _TINY = np.finfo(np.float64).tiny
 
 
-@numba.njit(cache=True)
+@compiled
 def site_kinematics(
     anchor: Array,
     axis: Array,
@@ -57,7 +58,7 @@ def site_kinematics(
             jacobian[i, 3, j], jacobian[i, 4, j], jacobian[i, 5, j] = a[0], a[1], a[2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def impedance_torque(
     position: Array,
     quaternion: Array,
@@ -115,7 +116,7 @@ def impedance_torque(
             tau[i, j] = total
 
 
-@numba.njit(cache=True)
+@compiled
 def add_nullspace(
     q: Array,
     dq: Array,
@@ -148,7 +149,7 @@ def add_nullspace(
             tau[i, j] += total
 
 
-@numba.njit(cache=True)
+@compiled
 def saturate(wanted: Array, rate: float, limit: Array, sent: Array) -> None:
     """Follow what is wanted as far as torque rate and torque limits allow.
 
@@ -165,7 +166,7 @@ def saturate(wanted: Array, rate: float, limit: Array, sent: Array) -> None:
             )
 
 
-@numba.njit(cache=True)
+@compiled
 def pass_torque(
     command: Array, step: Array, gain: float, limit: Array, limited: Array, filtered: Array
 ) -> Array:
@@ -194,7 +195,7 @@ def pass_torque(
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _between(x: float, low: float, high: float) -> float:
     """Return x within low and high; NaN stays NaN."""
     if x < low:

@@ -7,9 +7,10 @@ could be either, the docstring says which. Formulas: Diebel, *Representing attit
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -146,7 +147,7 @@ def slerp(a: Array, b: Array, fraction: ArrayLike) -> Array:
     return out.reshape(*shape, 4)
 
 
-@numba.njit(cache=True)
+@compiled
 def _slerp(a: Array, b: Array, fraction: Array) -> Array:
     """`slerp` of rows (M, 4) at fractions (M,); compiled, for a controller asks for few at once."""
     out = np.empty((len(fraction), 4))
@@ -166,7 +167,7 @@ def _slerp(a: Array, b: Array, fraction: Array) -> Array:
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _sinc(x: float) -> float:
     """Return sin(x)/x."""
     return 1.0 if x == 0.0 else np.sin(x) / x

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
 STEP = 1e-3
@@ -80,7 +81,7 @@ def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _breakaway(columns: Array, threshold: float, steps: int, hold: int) -> Array:
     """Return `breakaway` of (C, fields) parameters, in the order of `LoneJoints`."""
     out = np.full(len(columns), np.nan)
@@ -89,7 +90,7 @@ def _breakaway(columns: Array, threshold: float, steps: int, hold: int) -> Array
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
     """Return the torque at which one joint has moved; NaN if never [N·m]."""
     stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
@@ -138,7 +139,7 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
     return np.nan
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _plasticity(ratio: float, stiffness: float, z: float, w: float, g: float) -> float:
     """Return the α(z, v) of the elasto-plastic model, eq. 9 of Dupont et al. 2002 [-]."""
     if z * w < 0.0:

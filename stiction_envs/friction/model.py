@@ -18,10 +18,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.load import bearing_loaded
 from stiction_envs.friction.parameters import (
@@ -240,7 +240,7 @@ def _add_servo(spec: mujoco.MjSpec, joint_name: str, torque_limit: float) -> Non
     servo.forcerange = [-torque_limit, torque_limit]
 
 
-@numba.njit(cache=True)
+@compiled
 def _link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
     """Return (M, n) motor angle, plus the spring's where there is one, of (M, nq)."""
     out = np.empty((len(qpos), len(motor)))

@@ -1,0 +1,25 @@
+"""Functions compiled by numba where numpy would spend its time between calls on small arrays.
+
+Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compile a function on its first call, division by zero as in numpy; a decorator.
+
+    What was compiled is kept beside the source or in the user's cache. Where neither can be
+    written, every process compiles anew.
+    """
+    try:
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # numba: no locator available
+        return cast(F, numba.njit(error_model="numpy")(function))
