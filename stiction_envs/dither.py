@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.control.cycle import sine
 from stiction_envs.errors import StictionError, unknown
 
 WAVEFORMS = ("sine", "square", "triangle", "chirp", "random")
@@ -175,7 +175,7 @@ class Dither:
         out: Floats | None = None
         for code, where, rows, omega, phase, amplitude, tones in self._branches:
             if own and where is None and code == _SINE:  # every cycle of a controller
-                out = _sine(omega, t, phase, amplitude)  # type: ignore[arg-type]
+                out = sine(omega, t, phase, amplitude)  # type: ignore[arg-type]
                 continue
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             w = omega * now
@@ -449,13 +449,3 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
     if shown == 0:
         return f"dither of {f} at a {r} controller aliases to a constant offset A·sin φ"
     return f"dither of {f} at a {r} controller aliases to {shown:g} Hz"
-
-
-@compiled
-def _sine(omega: Floats, t: Floats, phase: Floats, amplitude: Floats) -> Floats:
-    """Return A sin(ωt + φ), (N, n) N·m, at times t (N,)."""
-    out = np.empty_like(omega)
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
-    return out

@@ -196,6 +196,16 @@ def pass_torque(
 
 
 @compiled
+def sine(omega: Array, t: Array, phase: Array, amplitude: Array) -> Array:
+    """Return A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]."""
+    out = np.empty_like(omega)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
+    return out
+
+
+@compiled
 def _between(x: float, low: float, high: float) -> float:
     """Return x within low and high; NaN stays NaN."""
     if x < low:
