@@ -20,11 +20,9 @@ from stiction_envs.errors import StictionError, unknown
 
 WAVEFORMS = ("sine", "square", "triangle", "chirp", "random")
 """Names of the waveforms; their position is the code stored in :attr:`Dither.waveform`."""
-
 CYCLES = 64
 """Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
 (`assumed`: long enough to keep 98 % of the chirp's power in its band; 0.8 s at 80 Hz)."""
-
 TONES = 16
 """Number of sines in the random waveform (`assumed`)."""
 
@@ -174,9 +172,9 @@ class Dither:
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Floats | None = None
         for code, where, rows, omega, phase, amplitude, tones in self._branches:
-            if own and where is None and code == _SINE:  # every cycle of a controller
+            if own and where is None and code == _SINE:  # as in every control cycle
                 out = sine(omega, t, phase, amplitude)  # type: ignore[arg-type]
-                continue
+                break  # there is no other branch
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             w = omega * now
             w += phase
