@@ -117,7 +117,8 @@ def main():
         "impedance controller, trajectories, dither, torque path and all measures included. Speeds "
         "are of this machine at that moment; compare the ratios.",
         "",
-        f"| robot | threads | bare `Batch.rollout` [steps/s] | `env.step` [steps/s] | ratio (target {TARGET}) |",
+        "| robot | threads | bare `Batch.rollout` [steps/s] | `env.step` [steps/s] "
+        f"| ratio (target {TARGET}) |",
         "|---|---|---|---|---|",
         *rows,
         "",

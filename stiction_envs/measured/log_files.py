@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -287,12 +286,7 @@ def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
 
 
 def _read_parquet(where: str) -> dict[str, NDArray[Any]]:
-    if find_spec("pyarrow") is None:
-        raise StictionError(
-            f"{where}: Parquet needs the package pyarrow, which is not installed: "
-            "allowed without it are .csv, .csv.gz and .npz"
-        )
-    parquet: Any = import_module("pyarrow.parquet")
+    parquet: Any = import_module("pyarrow.parquet")  # here: it takes a moment, and has no types
     try:
         with parquet.ParquetFile(where) as file:
             names = file.schema_arrow.names

@@ -100,7 +100,7 @@ def read_logs(
 
     Args:
         paths: files ``.csv``, ``.csv.gz``, ``.npz`` (columns, or matrices ``q``, ``tau``, … beside
-            ``t``) or ``.parquet`` (needs pyarrow), one or more.
+            ``t``) or ``.parquet``, one or more.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
 

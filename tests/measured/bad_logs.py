@@ -412,7 +412,7 @@ BAD_LOGS = (
     ),
     BadLog(
         "no parquet",
-        r"log\.parquet: (damaged or no Parquet|Parquet needs the package pyarrow)",
+        r"log\.parquet: damaged or no Parquet",
         _file("log.parquet", lambda: b"PAR1 no table PAR1"),
     ),
 )

@@ -8,9 +8,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pyarrow import parquet
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import log_files
@@ -155,8 +157,6 @@ def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
 
 
 def test_parquet(tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
     text = text_of(good_values())
     v = np.loadtxt(text.splitlines()[1:], delimiter=",")
     table = pa.table(dict(zip(HEADER.split(","), v.T, strict=True)))
