@@ -1,0 +1,226 @@
+"""What an excitation is made of: settings, a Fourier series at rest once a period, slow sweeps."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+
+from stiction_envs.errors import StictionError
+
+Array = NDArray[np.float64]
+State = tuple[Array, Array, Array]
+"""Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
+
+
+@functools.lru_cache
+def _table() -> dict[str, dict[str, dict[str, Any]]]:
+    path = Path(__file__).parent / "excitation.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _default(name: str, table: str = "default") -> Any:
+    return field(default_factory=lambda: _table()[table][name]["value"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExcitationSettings:
+    """Numbers of a search; ``excitation.toml`` has their sources."""
+
+    base_frequency: float = _default("base_frequency")
+    """Of the Fourier series [Hz]."""
+    harmonics: int = _default("harmonics")
+    """Of the base frequency."""
+    periods: int = _default("periods")
+    """How often the series is run through."""
+    position_margin: float = _default("position_margin")
+    """Kept from each end of a joint's range [rad]."""
+    velocity_part: float = _default("velocity_part")
+    """Of the limit that is used [-]."""
+    acceleration_part: float = _default("acceleration_part")
+    """Of the limit that is used [-]."""
+    acceleration_free: float = _default("acceleration_free")
+    """Limit of joints that have none [rad/s²]."""
+    torque_part: float = _default("torque_part")
+    """Of the limit that the rigid arm may need [-]."""
+    clearance: float = _default("clearance")
+    """Least distance to the floor and between links [m]."""
+    sign_speed: float = _default("sign_speed")
+    """Speed at which dry friction's column is at 0.76 of its level [rad/s]."""
+    samples: int = _default("samples")
+    """Per period in the search."""
+    fine: int = _default("fine")
+    """Per period in the check of the result."""
+    starts: int = _default("starts")
+    """Searches from different random motions."""
+    iterations: int = _default("iterations")
+    """Of each search."""
+    randoms: int = _default("randoms")
+    """Random motions to compare with."""
+
+    def __post_init__(self) -> None:
+        least = {"harmonics": 2, "periods": 1, "samples": 20, "fine": 100, "starts": 1}
+        least |= {"iterations": 1, "randoms": 1}
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            low = least.get(f.name)
+            if low is not None:
+                if not isinstance(value, int) or value < low:
+                    raise StictionError(
+                        f"excitation {f.name} {value!r}: allowed are whole numbers from {low}"
+                    )
+            elif not (np.isfinite(value) and value >= 0):
+                raise StictionError(f"excitation {f.name} {value!r}: allowed are numbers from 0")
+        for name in ("velocity_part", "acceleration_part", "torque_part"):
+            if not 0 < getattr(self, name) <= 1:
+                raise StictionError(f"excitation {name}: allowed are numbers above 0, at most 1")
+        if self.base_frequency <= 0 or self.sign_speed <= 0:
+            raise StictionError(
+                "excitation base_frequency, sign_speed: allowed are numbers above 0"
+            )
+
+    @property
+    def period(self) -> float:
+        """Of the series [s]."""
+        return 1.0 / self.base_frequency
+
+    def replace(self, **changes: Any) -> ExcitationSettings:
+        """Return a copy with some numbers changed."""
+        return dataclasses.replace(self, **changes)
+
+
+@functools.lru_cache
+def rest_basis(harmonics: int) -> Array:
+    """Return (2 N, 2 N − 2) coefficients of series that rest at the start of each period.
+
+    Zero speed is Σ a_k = 0, zero acceleration Σ k b_k = 0.
+    """
+    k = np.arange(1, harmonics + 1)
+    rows = np.zeros((2, 2 * harmonics))
+    rows[0, :harmonics] = 1.0
+    rows[1, harmonics:] = k
+    out = null_space(rows)
+    # the SVD's signs are the library's; the same series everywhere
+    out *= np.sign(out[np.abs(out).argmax(axis=0), np.arange(out.shape[1])])
+    out.flags.writeable = False
+    return np.asarray(out)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FourierSeries:
+    """q(t) = offset + Σ_k a_k/(kω) sin(kωt) − b_k/(kω) cos(kωt) for each joint.
+
+    After J. Swevers et al., "Optimal robot excitation and identification", IEEE Transactions on
+    Robotics and Automation 13(5), 1997.
+    """
+
+    base_frequency: float
+    """ω/2π [Hz]."""
+    offset: Array
+    """(n,) [rad]."""
+    sine: Array
+    """(n, N) a_k [rad/s]."""
+    cosine: Array
+    """(n, N) b_k [rad/s]."""
+
+    def state(self, t: Array) -> State:
+        """Return q, dq, ddq, (T, n) each, at times (T,)."""
+        p, v, a = fourier_basis(t, self.base_frequency, self.sine.shape[1])
+        c = np.hstack([self.sine, self.cosine]).T
+        return self.offset + p @ c, v @ c, a @ c
+
+
+def fourier_basis(t: Array, base_frequency: float, harmonics: int) -> State:
+    """Return (T, 2 N) angle, speed and acceleration per unit of a_1..a_N, b_1..b_N."""
+    w = 2 * np.pi * base_frequency * np.arange(1, harmonics + 1)
+    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    return np.hstack([s / w, -c / w]), np.hstack([c, s]), np.hstack([-w * s, w * c])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweeps:
+    """Slow ways there and back at constant speeds, at rest between them; all joints together."""
+
+    start: Array
+    """(n,) pose at the beginning and the end [rad]."""
+    way: Array
+    """(W, n) signed way of each sweep [rad]."""
+    speed: Array
+    """(W, n) cruising speed, without sign [rad/s]."""
+    rise: float
+    """Time from rest to speed [s]."""
+    pause: float
+    """Time at rest after each [s]."""
+
+    @property
+    def durations(self) -> Array:
+        """(W,) of each sweep with its pause [s]: that of its slowest joint."""
+        own = np.abs(self.way) / self.speed + self.rise
+        return np.asarray(own.max(axis=1) + self.pause)
+
+    @property
+    def duration(self) -> float:
+        """Of all [s]."""
+        return float(self.durations.sum())
+
+    def state(self, t: Array) -> State:
+        """Return q, dq, ddq, (T, n) each, at times (T,)."""
+        q = np.tile(self.start, (len(t), 1))
+        dq, ddq = np.zeros_like(q), np.zeros_like(q)
+        begin = 0.0
+        for way, speed, seconds in zip(self.way, self.speed, self.durations, strict=True):
+            done = np.abs(way) / speed + self.rise  # of each joint
+            x = np.clip(t[:, None] - begin, 0.0, done)
+            up, down = np.minimum(x, self.rise), np.clip(x - (done - self.rise), 0.0, self.rise)
+            v = speed * np.sign(way)
+            # speed rises as 3s² − 2s³, so that the acceleration begins and ends at zero
+            su, sd = up / self.rise, down / self.rise
+            flat = np.clip(x - self.rise, 0.0, None)
+            q += v * (self.rise * (su**3 - su**4 / 2) + flat)
+            q -= v * self.rise * (sd**3 - sd**4 / 2)
+            moving = (x > 0) & (x < done)
+            rate = (su**2 * (3 - 2 * su)) - (sd**2 * (3 - 2 * sd))
+            dq += np.where(moving, v * rate, 0.0)
+            slope = (6 * su * (1 - su) - 6 * sd * (1 - sd)) / self.rise
+            ddq += np.where(moving, v * slope, 0.0)
+            begin += float(seconds)
+        return q, dq, ddq
+
+
+def sweeps_from(
+    start: Array, low: Array, high: Array, *, side: Array | None = None, part: float = 1.0
+) -> Sweeps:
+    """Return there-and-back sweeps of all joints from a pose, towards the middle of their ranges.
+
+    Args:
+        start: (n,) [rad].
+        low: (n,) lowest allowed angle [rad].
+        high: (n,) highest [rad].
+        side: (n,) ±1, direction of the first way; None for towards the middle.
+        part: of the span of ``excitation.toml``.
+    """
+    table = {k: v["value"] for k, v in _table()["sweeps"].items()}
+    v = np.array(table["speeds"], dtype=np.float64)
+    if side is None:
+        side = np.where(start > (low + high) / 2, -1.0, 1.0)
+    room = np.where(side > 0, high - start, start - low)
+    ways, rates = [], []
+    for speed in v:
+        span = np.minimum(part * min(table["span"], speed * table["seconds"]), room)
+        least = np.maximum(span, speed * table["rise"])  # shorter ways never reach the speed
+        ways += [side * least, -side * least]
+        rates += [np.full_like(start, speed)] * 2
+    return Sweeps(
+        start=start,
+        way=np.array(ways),
+        speed=np.array(rates),
+        rise=table["rise"],
+        pause=table["pause"],
+    )

@@ -1,0 +1,163 @@
+"""Inverse dynamics as a linear map of link parameters, and the parameters that torques can show.
+
+τ = W(q, q̇, q̈) φ with ten numbers per link, φ = (m, m c, I) about the joint's origin in the link's
+axes (C. Atkeson, C. An, J. Hollerbach, "Estimation of inertial parameters of manipulator loads and
+links", 1986). W has not full rank: only sums of parameters act on the torques, the base parameters
+(M. Gautier, "Numerical calculation of the base inertial parameters of robots", 1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import qr, solve_triangular
+
+Array = NDArray[np.float64]
+PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Of one link, in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
+RANK = 1e-8
+"""Singular values over the largest under which a sum of parameters acts on nothing [-]."""
+_LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
+"""What is kept only if nothing else will do: of joints that turn about z these go into others (M.
+Gautier, W. Khalil, "Direct calculation of minimum set of inertial parameters of serial robots",
+1990), and the sums stay short."""
+LEAST = 1e-6
+"""Coefficients of a grouping that are taken for zero [-]."""
+
+
+def inertial_names(n: int) -> tuple[str, ...]:
+    """Return the names of the 10 n link parameters: ``m1``, ``mx1``, …, ``Izz7``."""
+    return tuple(f"{name}{link}" for link in range(1, n + 1) for name in PARAMETERS)
+
+
+def inertial_parameters(model: pin.Model) -> Array:
+    """Return (n, 10) parameters of the links, what is fixed to them included."""
+    return np.array([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
+
+
+def torque_regressor(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return (T, n, 10 n): W with W @ φ = τ [N·m] (pinocchio's joint torque regressor).
+
+    Args:
+        model: the arm.
+        q: (T, n) [rad].
+        dq: (T, n) [rad/s].
+        ddq: (T, n) [rad/s²].
+    """
+    data = model.createData()
+    out = np.empty((len(q), model.nv, 10 * model.nv))
+    for k in range(len(q)):
+        out[k] = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
+    return out
+
+
+def pseudo_inertia(phi: ArrayLike) -> Array:
+    """Return (..., 4, 4) pseudo-inertia J = ∫ρ (x, 1)(x, 1)ᵀ dV of parameters (..., 10).
+
+    A body with mass somewhere exists if and only if J is positive definite (P. Wensing, S. Kim,
+    J.-J. Slotine, "Linear matrix inequalities for physically consistent inertial parameter
+    identification", IEEE RA-L 2018).
+    """
+    p = np.asarray(phi, dtype=np.float64)
+    m, x, y, z, xx, xy, yy, xz, yz, zz = np.moveaxis(p, -1, 0)
+    half = (xx + yy + zz) / 2
+    rows = [[half - xx, -xy, -xz, x], [-xy, half - yy, -yz, y], [-xz, -yz, half - zz, z]]
+    return np.moveaxis(np.array([*rows, [x, y, z, m]]), (0, 1), (-2, -1))
+
+
+def from_pseudo_inertia(j: ArrayLike) -> Array:
+    """Return parameters (..., 10) of pseudo-inertias (..., 4, 4)."""
+    a = np.asarray(j, dtype=np.float64)
+    trace = a[..., 0, 0] + a[..., 1, 1] + a[..., 2, 2]
+    columns = [a[..., 3, 3], a[..., 0, 3], a[..., 1, 3], a[..., 2, 3]]
+    columns += [trace - a[..., 0, 0], -a[..., 0, 1], trace - a[..., 1, 1]]
+    columns += [-a[..., 0, 2], -a[..., 1, 2], trace - a[..., 2, 2]]
+    return np.stack(columns, axis=-1)
+
+
+def consistent(phi: ArrayLike) -> NDArray[np.bool_]:
+    """Return (...,) whether bodies of parameters (..., 10) can exist."""
+    return np.asarray(np.linalg.eigvalsh(pseudo_inertia(phi))[..., 0] > 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BaseSet:
+    """Which of p parameters act on the torques, in which sums: β = φ[kept] + K φ[dropped]."""
+
+    names: tuple[str, ...]
+    """(p,) of all parameters."""
+    kept: NDArray[np.int64]
+    """(r,) parameters whose columns are independent, in order."""
+    dropped: NDArray[np.int64]
+    """(p − r,) parameters whose columns are sums of the kept ones, or zero."""
+    grouping: Array
+    """(r, p − r) K."""
+
+    @property
+    def size(self) -> int:
+        """Number r of base parameters."""
+        return len(self.kept)
+
+    def values(self, phi: ArrayLike) -> Array:
+        """Return (..., r) base parameters of all parameters (..., p)."""
+        x = np.asarray(phi, dtype=np.float64)
+        return np.asarray(x[..., self.kept] + x[..., self.dropped] @ self.grouping.T)
+
+    def matrix(self) -> Array:
+        """Return (r, p) B with β = B φ."""
+        out = np.zeros((self.size, len(self.names)))
+        out[np.arange(self.size), self.kept] = 1.0
+        out[:, self.dropped] = self.grouping
+        return out
+
+    def expressions(self) -> tuple[str, ...]:
+        """Return the sums in words: ``Izz1 + Iyy2 - 0.316 my2``."""
+        dropped = [self.names[d] for d in self.dropped]
+        return tuple(
+            self.names[k] + "".join(_term(c, d) for c, d in zip(row, dropped, strict=True))
+            for k, row in zip(self.kept, self.grouping.tolist(), strict=True)
+        )
+
+    def unseen(self) -> tuple[str, ...]:
+        """Return the parameters that act on no torque at all."""
+        none = ~(np.abs(self.grouping) > 0).any(axis=0)
+        return tuple(self.names[d] for d in self.dropped[none])
+
+
+def _term(coefficient: float, name: str) -> str:
+    if coefficient == 0:
+        return ""
+    size = abs(coefficient)
+    factor = "" if abs(size - 1) < LEAST else f"{size:.4g} "
+    return f" {'+' if coefficient > 0 else '-'} {factor}{name}"
+
+
+def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
+    """Return the base parameters of a regressor, by QR with column pivoting.
+
+    Args:
+        columns: (R, p) of motions that excite everything; rows of all joints below one another.
+        names: (p,) of the parameters.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    acts = np.flatnonzero(size > RANK * size.max())
+    triangle = np.linalg.qr(columns[:, acts] / size[acts], mode="r")
+    _, values, vectors = np.linalg.svd(triangle, full_matrices=False)
+    rank = int((values > RANK * values[0]).sum())
+    # sums depend on the row space alone; pivots of its orthonormal basis keep K small
+    rows = np.linalg.qr((vectors[:rank] * size[acts]).T)[0].T
+    liking = np.array([_LAST.get(names[i].rstrip("0123456789"), 1.0) for i in acts.tolist()])
+    r, order = qr(rows * liking, mode="r", pivoting=True)
+    first, later = acts[order[:rank]], acts[order[rank:]]
+    mix = solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    mix = mix * liking[order[:rank], None] / liking[order[rank:]]
+    mix[np.abs(mix) < LEAST] = 0.0
+    sort = np.argsort(first)
+    dropped = np.setdiff1d(np.arange(len(names)), first)
+    grouping = np.zeros((rank, len(dropped)))
+    grouping[:, np.searchsorted(dropped, later)] = mix[sort]
+    return BaseSet(names=tuple(names), kept=first[sort], dropped=dropped, grouping=grouping)

@@ -1,0 +1,96 @@
+"""The regressor is inverse dynamics; base parameters are what torques can show; pseudo-inertias."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.robots import BUILTIN, load_arm
+from stiction_envs.robots.regressor import (
+    PARAMETERS,
+    base_set,
+    consistent,
+    from_pseudo_inertia,
+    inertial_names,
+    inertial_parameters,
+    pseudo_inertia,
+    torque_regressor,
+)
+
+
+def states(arm, count=60, seed=0):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(*arm.limits.position.T, (count, arm.n))
+    dq, ddq = rng.uniform(-3, 3, (2, count, arm.n))
+    return q, dq, ddq
+
+
+@pytest.mark.parametrize("options", [{}, {"payload": (1.2, 0.01, 0.02, 0.06), "tilt": (0.2, -0.3)}])
+@pytest.mark.parametrize("name", BUILTIN)
+def test_regressor_times_parameters_is_mujocos_inverse_dynamics(name, options):
+    arm = load_arm(name, **options)
+    q, dq, ddq = states(arm)
+    pinocchio = arm.pinocchio()
+    tau = torque_regressor(pinocchio, q, dq, ddq) @ inertial_parameters(pinocchio).ravel()
+    model = arm.model()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(tau[k], data.qfrc_inverse, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_base_parameters_give_all_torque(name):
+    """43 of an upright seven-joint arm's 70 (Gaz et al. 2019), whatever the other 27 are."""
+    arm = load_arm(name)
+    model = arm.pinocchio()
+    w = torque_regressor(model, *states(arm, 200)).reshape(-1, 70)
+    base = base_set(w, inertial_names(7))
+    assert base.size == 43
+    other = torque_regressor(model, *states(arm, 50, seed=9)).reshape(-1, 70)
+    rng = np.random.default_rng(1)
+    for phi in rng.normal(size=(3, 70)):
+        np.testing.assert_allclose(other[:, base.kept] @ base.values(phi), other @ phi, atol=1e-8)
+        np.testing.assert_allclose(base.matrix() @ phi, base.values(phi), atol=1e-12)
+
+
+def test_grouping_of_the_panda_is_the_textbooks():
+    """Denavit-Hartenberg rules: masses behind link 3 hang on its elbow offset of 82.5 mm."""
+    arm = load_arm("panda")
+    w = torque_regressor(arm.pinocchio(), *states(arm, 200)).reshape(-1, 70)
+    base = base_set(w, inertial_names(7))
+    said = base.expressions()
+    assert "mx3 + 0.0825 m4 + 0.0825 m5 + 0.0825 m6 + 0.0825 m7" in said
+    assert "mx6 + 0.088 m7" in said
+    assert "Izz7" in said
+    assert {"m1", "mx1", "my1", "mz1", "Ixx1"} <= set(base.unseen())
+    assert len(inertial_names(7)) == 7 * len(PARAMETERS)
+
+
+def test_point_masses_give_the_pseudo_inertia():
+    """J = Σ m (x, 1)(x, 1)ᵀ, and φ from the definition of mass, moment and inertia."""
+    rng = np.random.default_rng(0)
+    masses, points = rng.uniform(0.1, 1, 6), rng.normal(size=(6, 3))
+    homogeneous = np.hstack([points, np.ones((6, 1))])
+    j = np.einsum("k,ka,kb->ab", masses, homogeneous, homogeneous)
+    inertia = sum(
+        m * (x @ x * np.eye(3) - np.outer(x, x)) for m, x in zip(masses, points, strict=True)
+    )
+    first = masses @ points
+    rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+    phi = np.concatenate([[masses.sum()], first, inertia[rows, columns]])
+    np.testing.assert_allclose(pseudo_inertia(phi), j, atol=1e-12)
+    np.testing.assert_allclose(from_pseudo_inertia(j), phi, atol=1e-12)
+    assert consistent(phi)
+
+
+def test_what_no_body_can_be_is_not_consistent():
+    body = np.array([1.0, 0, 0, 0, 0.01, 0, 0.01, 0, 0, 0.01])
+    assert consistent(body)
+    negative, thin = -body, body.copy()
+    thin[9] = 0.03  # I_zz > I_xx + I_yy
+    far = body.copy()
+    far[1] = 1.0  # centre of mass outside what the inertia allows
+    assert not consistent(np.array([negative, thin, far])).any()
+    assert consistent(inertial_parameters(load_arm("panda").pinocchio())).all()
