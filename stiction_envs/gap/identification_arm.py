@@ -1,0 +1,70 @@
+"""Identified inertias put into an arm, so that plant, experiments and exports use them."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import Arm, mjcf
+from stiction_envs.robots.regressor import consistent, inertial_parameters
+
+Array = NDArray[np.float64]
+EXACT = 1e-9
+"""Relative difference at which the new model's parameters count as those that were asked for."""
+
+
+def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
+    """Return an arm with other inertias; bodies fixed to a link become part of it.
+
+    Args:
+        arm: the arm.
+        phi: (n, 10) parameters of the links about their joints, as `inertial_parameters`.
+
+    Raises:
+        StictionError: parameters of another number of links, or of bodies that cannot exist.
+    """
+    p = np.asarray(phi, dtype=np.float64)
+    if p.shape != (arm.n, 10) or not np.isfinite(p).all():
+        raise StictionError(
+            f"inertias of shape {p.shape}: allowed are ({arm.n}, 10) finite numbers"
+        )
+    impossible = np.flatnonzero(~consistent(p))
+    if len(impossible):
+        names = ", ".join(arm.link_names[i] for i in impossible)
+        raise StictionError(
+            f"inertias of {names}: no body has them: allowed are a positive mass and a "
+            "positive-definite pseudo-inertia"
+        )
+    root = ET.fromstring(arm.xml)
+    bodies = {b.get("name"): b for b in root.iter("body")}
+    for name, own in zip(arm.link_names, p, strict=True):
+        body = bodies[name]
+        _strip(body)
+        joint = body.find("joint")
+        at = np.zeros(3) if joint is None else mjcf.read_numbers(joint, "pos", (0.0, 0.0, 0.0))
+        mass, com = own[0], own[1:4] / own[0]
+        xx, xy, yy, xz, yz, zz = own[4:]
+        about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        i = about - mass * (com @ com * np.eye(3) - np.outer(com, com))
+        element = ET.Element("inertial", pos=mjcf.numbers(com + at), mass=repr(float(mass)))
+        full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+        element.set("fullinertia", mjcf.numbers(full))
+        body.insert(0, element)
+    new = dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
+    got = inertial_parameters(new.pinocchio())
+    if np.abs(got - p).max() > EXACT * max(1.0, np.abs(p).max()):
+        raise StictionError(f"{arm.name}: the model does not take the inertias as they are")
+    return new
+
+
+def _strip(body: ET.Element) -> None:
+    """Take the inertia off a body and all that is fixed to it."""
+    for old in body.findall("inertial"):
+        body.remove(old)
+    for child in body.findall("body"):
+        if child.find("joint") is None:
+            _strip(child)
