@@ -30,10 +30,18 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "logs",
-        nargs="+",
+        nargs="*",
         type=Path,
         metavar="LOG",
         help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
+    )
+    parser.add_argument(
+        "--poses",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="poses at rest without time: q1..qn,tau1..taun, a pose in a row; with logs or alone",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.ROBOT_HELP)
     parser.add_argument(
@@ -81,10 +89,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
     arm, nominal = _models(args)
-    for log in args.logs:
+    files = [*args.logs, *args.poses]
+    if not files:
+        raise StictionError("no log given: allowed are one or more logs, or --poses")
+    for log in files:
         if not log.is_file():
             raise StictionError(f"{log}: no such file")
-    inputs = {f"log{k}": log for k, log in enumerate(args.logs, 1)}
+    inputs = {f"log{k}": log for k, log in enumerate(files, 1)}
     inputs["robot"] = common.robot_file(arm, args.robot)
     inputs["robot_table"] = inputs["robot"].with_suffix(".toml")
     if args.nominal not in ("rigid", "shipped"):
@@ -93,6 +104,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     folder = OutputFolder(args.out or default_folder("diagnose", arm.name), found, force=args.force)
 
     from stiction_envs.gap.logs.diagnosis import diagnose
+    from stiction_envs.measured.logs import read_logs, read_poses
 
     with Progress("per cent") as progress:
 
@@ -100,8 +112,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             progress.set(stage, 100 * part, 100)
 
         # an error up to here is one of the logs: bad input
+        read = read_logs(args.logs, arm.n, limits=arm.limits) if args.logs else []
+        read += [read_poses(x, arm.n, limits=arm.limits) for x in args.poses]
         diagnosis = diagnose(
-            args.logs,
+            read,
             arm,
             nominal=nominal,
             link_side=args.torque == "link",
@@ -166,7 +180,9 @@ def _write(
             },
         }
     answer = common.plain(answer)
-    logs = {f"log {k}": found["inputs"][f"log{k}"] for k in range(1, len(args.logs) + 1)}
+    logs = {
+        f"log {k}": found["inputs"][f"log{k}"] for k in range(1, len(args.logs + args.poses) + 1)
+    }
     text = json.dumps(answer, indent=2, ensure_ascii=False, allow_nan=False)
     write_text_atomic(folder / "diagnosis.json", text + "\n")
     write_text_atomic(folder / "model.xml", extension.xml)

@@ -25,6 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.signal_path import way
 from stiction_envs.gap.signal_spectra import ORDER, PERIODS, Spectra, nominal_step, resample
 from stiction_envs.measured.logs import JointLog
 
@@ -64,13 +65,16 @@ class Segment:
     """Accelerations, (K, n), rad/s²."""
     tau: NDArray[np.float64]
     """Torques, (K, n), N·m."""
+    way: NDArray[np.float64]
+    """Angles without overshoot or the turns that noise makes, (K, n), rad: for friction's turns
+    (:mod:`stiction_envs.gap.signal_path`)."""
     extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Further channels through the same filter, (K, n) each."""
     static: bool = False
     """At rest throughout: poses without time, or never faster than :data:`STATIC_SPEED`."""
 
     def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.dq, self.ddq, self.tau, *self.extra.values()):
+        for array in (self.t, self.q, self.dq, self.ddq, self.tau, self.way, *self.extra.values()):
             array.flags.writeable = False
 
 
@@ -225,15 +229,17 @@ def _segment(
     def taken(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return x[pick] if pick is not None else CubicSpline(t, x)(at)
 
-    out = {name: np.empty((len(at), log.n)) for name in (*values, "dq", "ddq")}
+    out = {name: np.empty((len(at), log.n)) for name in (*values, "dq", "ddq", "way")}
     for name, array in values.items():
         for j in range(log.n):
             smooth = lowpass(array[:, j], 1 / step, cutoff)
             out[name][:, j] = taken(smooth)
             if name == "q":
+                gone = way(array[:, j], 1 / step, cutoff, lowpass)
+                out["way"][:, j] = gone[pick] if pick is not None else np.interp(at, t, gone)
                 out["dq"][:, j] = taken(np.convolve(smooth, _FIRST[::-1], "same") / step)
                 out["ddq"][:, j] = taken(np.convolve(smooth, _SECOND[::-1], "same") / step**2)
-    core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau")}
+    core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "way")}
     static = bool(np.abs(core["dq"]).max() < STATIC_SPEED)
     return Segment(log=number, t=at, **core, extra=out, static=static)
 
@@ -248,6 +254,7 @@ def _poses(number: int, log: JointLog) -> Segment:
         dq=zero,
         ddq=zero.copy(),
         tau=log.tau.copy(),
+        way=log.q.copy(),
         extra=extra,
         static=True,
     )

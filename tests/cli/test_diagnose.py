@@ -10,6 +10,7 @@ import pytest
 
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.logs.causes import CAUSES
+from stiction_envs.gap.logs.data import gravity_torque
 from stiction_envs.robots import load_arm
 from tests.gap.logs.small_logs import hidden, sliding, write_csv
 
@@ -169,6 +170,61 @@ def test_bad_input_is_one_line_and_writes_nothing(cli, work, two, inputs, text, 
     assert len(done.lines) == 1
     assert says in done.lines[0]
     assert {p.name for p in work.iterdir()} == {"taken.txt"}
+
+
+def test_poses_at_rest_without_time(cli, work, two, inputs):
+    """Gravity torques with an offset of 0.7 N·m on joint 1, and no log beside them."""
+    arm = load_arm(two)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (120, 2))
+    tau = gravity_torque(arm.pinocchio(), q) + [0.7, 0] + 0.02 * rng.normal(size=(120, 2))
+    path = inputs / "poses.csv"
+    np.savetxt(
+        path, np.hstack([q, tau]), fmt="%.6f", delimiter=",", header="q1,q2,tau1,tau2", comments=""
+    )
+    done = cli("diagnose", "--poses", path, "--robot", two, "--out", "p", "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    check_schema(found, 2)
+    assert {p.name for p in (work / "p").iterdir()} == FILES
+    by = {c["name"]: c for c in found["causes"]}
+    assert by["torque_offset"]["joints"] == [1]
+    assert by["torque_offset"]["parameters"]["offset_nm"]["value"] == pytest.approx(0.7, abs=0.05)
+    assert "120 poses at rest" in (work / "p/report.md").read_text("utf-8")
+    assert "poses.csv" in (work / "p/provenance.json").read_text("utf-8")
+    # as a log it lacks a time, and the line says what it may be
+    done = cli("diagnose", path, "--robot", two)
+    assert done.code == 2
+    assert "missing column 't'" in done.lines[0]
+
+
+def test_no_log_at_all(cli, two, work):
+    done = cli("diagnose", "--robot", two)
+    assert done.code == 2
+    assert done.lines == ["error: no log given: allowed are one or more logs, or --poses"]
+    assert list(work.iterdir()) == []
+
+
+def test_a_page_is_small(ran, work):
+    """Pictures travel inside the page, which must still go into a mail."""
+    pictures = len(list((work / "a/plots").iterdir()))
+    assert (work / "a/report.html").stat().st_size < 120_000 * pictures
+
+
+def test_several_logs_are_held_out_one_by_one(cli, work, two, inputs):
+    """Three logs in one call; the same one twice is refused."""
+    arm = load_arm(two)
+    paths = [inputs / f"log{k}.csv" for k in range(3)]
+    for k, path in enumerate(paths):
+        write_csv(path, hidden(arm, sticky, seed=k + 1))
+    done = cli("diagnose", *paths, "--robot", two, "--out", "s", "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    check_schema(found, 2)
+    assert {c["name"] for c in found["causes"]} >= {"coulomb_friction", "viscous_friction"}
+    text = (work / "s/report.md").read_text("utf-8")
+    assert all(f"`{path.name}`: 3000 rows" in text for path in paths)
+    assert cli("diagnose", paths[0], paths[0], "--robot", two).code == 2
 
 
 def test_robot_must_be_named(cli, inputs):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.logs.causes import Cause, Shape
-from stiction_envs.gap.logs.data import Data
+from stiction_envs.gap.logs.data import SIGN_SPEED, Data, rate
 from stiction_envs.gap.logs.gram import Gram, Pick, Stack
 
 Array = NDArray[np.float64]
@@ -17,8 +17,25 @@ HUBER = 3.0
 """Residuals beyond this many robust standard deviations weigh less [-]."""
 COMMON = ("coulomb_friction", "viscous_friction", "torque_offset", "link_inertia")
 """Linear causes that are taken out before nonlinear ones look for their parameters."""
+UNCERTAIN, SURE = 0.05, 0.9
+"""Weight of rows in which a joint rests off its steady level of friction, and that level [-]: how
+far it sprang back is hardly seen, so that its torque is known to some 0.2 of its friction only,
+five times the noise of a good log (assumed)."""
+MOSTLY = 0.8
+"""Part of the rows at rest from which on they count as the others do [-]; assumed."""
+GIVEN, DIAGNOSED = 0.03, 0.1
+"""Part of the nominal model's friction that it may be off [-], where it is given and where it is
+of an earlier diagnosis; assumed."""
 ARM = -1
 """Stands for all joints in a `Term`."""
+
+
+def certain(data: Data, joint: int) -> Array:
+    """Return (T,) weights: `UNCERTAIN` where a joint rests between two directions, else one."""
+    speed = np.abs(rate(data.way[:, joint], data.runs(), data.dt))
+    off = (speed < SIGN_SPEED) & (np.abs(data.direction(joint)) < SURE)
+    # a joint that hardly ever moves has nothing else to tell
+    return np.where(off, UNCERTAIN, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
 
 
 @dataclass(frozen=True, order=True)
@@ -44,6 +61,10 @@ class Library:
         self._blocks: list[list[Array]] = [[] for _ in range(data.n)]
         self._width = [0] * data.n
         self.residual = data.residual
+        share = DIAGNOSED if data.diagnosed else GIVEN
+        extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
+        self.known = share * extra / data.noise
+        """(n,) root mean square over the noise of what the nominal model's friction may be off."""
         for j in range(data.n):
             left = self._cleaned(j)
             for cause in causes:
@@ -53,7 +74,9 @@ class Library:
         for cause in causes:
             if cause.arm_wide:
                 self._offer_arm(cause)
-        self.weight = np.ones_like(data.q)
+        self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
+        """(T, n) weight of what friction does at rest."""
+        self.weight = self.certain.copy()
         self.stack = self._sum()
         self._reweigh()
 
@@ -86,6 +109,10 @@ class Library:
         for shape in cause.shapes(self.data, 0, self.residual[:, 0]):
             self._add_all(Term(cause.name, ARM, shape))
 
+    def tried(self, term: Term) -> list[Shape]:
+        """Return the nonlinear parameters of a cause that are tried on its joint."""
+        return [t.shape for t in self.terms if (t.cause, t.joint) == (term.cause, term.joint)]
+
     def reach(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
         if term.joint == ARM or self.causes[term.cause].coupled:
@@ -107,7 +134,14 @@ class Library:
 
     def complexity(self, terms: Sequence[Term]) -> int:
         """Return the number of parameters of some terms, linear and not."""
-        return sum(len(self.causes[t.cause].bounds(self.data)[0]) + len(t.shape) for t in terms)
+        have = {t.cause for t in terms}
+        return sum(
+            len(self.causes[t.cause].bounds(self.data)[0])
+            + len(t.shape)
+            # what usually does not come alone is the less simple name
+            + sum(name not in have for name in self.needs(t.cause))
+            for t in terms
+        )
 
     def _add(self, term: Term, joint: int, columns: Array) -> None:
         start = self._width[joint]
@@ -141,7 +175,9 @@ class Library:
         for j in range(self.data.n):
             e = self.residual[:, j] - self.torque(linear, c, j)
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
-            self.weight[:, j] = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(e), 1e-300))
+            self.weight[:, j] = self.certain[:, j] * np.minimum(
+                1.0, HUBER * scale / np.maximum(np.abs(e), 1e-300)
+            )
         self.stack = self._sum()
 
     # ---- models ------------------------------------------------------------------------------
@@ -160,6 +196,11 @@ class Library:
             low += lowest.tolist()
             high += highest.tolist()
         return Pick(tuple(map(tuple, columns)), tuple(map(tuple, where)), tuple(low), tuple(high))
+
+    def own(self, terms: Sequence[Term], some: Sequence[Term]) -> NDArray[np.bool_]:
+        """Return (P,) which coefficients of a model are those of some of its terms."""
+        sizes = [len(self.causes[t.cause].bounds(self.data)[0]) for t in terms]
+        return np.repeat(np.array([t in some for t in terms], dtype=bool), sizes)
 
     def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
         """Return the coefficients of each term."""

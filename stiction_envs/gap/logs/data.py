@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.logs.bristle import bristles, grown
+from stiction_envs.gap.logs.poses import scatter, segment_numbers, wander
 from stiction_envs.gap.signals import Signals, lowpass
 from stiction_envs.robots import Arm
 
@@ -60,8 +62,14 @@ class Data:
     pinocchio: pin.Model
     distance: Array
     """(n,) presliding distance of plain dry friction [rad]."""
+    way: Array
+    """(T, n) angles without overshoot and noise, for friction's turns [rad]."""
+    lead: Array
+    """(n,) σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
     rows: dict[str, Array]
     """Extra channels, (T, n) each."""
+    diagnosed: bool = False
+    """Whether causes of an earlier diagnosis are in the nominal model."""
     memory: dict[str, Array] = field(default_factory=dict)
     """What several joints' columns are cut from."""
 
@@ -99,8 +107,40 @@ class Data:
         A joint that stops keeps its friction until it goes back by the `distance`.
         """
         return self.cached(
-            "direction", lambda: bristles(self.q, self.runs(), self.distance[:, None])[..., 0]
+            "direction", lambda: bristles(self.way, self.runs(), self.distance[:, None])[..., 0]
         )[:, joint]
+
+    def grip(self, joint: int) -> Array:
+        """Return (T,) dry friction over its steady level, unfiltered: ζ + (σ1/σ0) dζ/dt [-]."""
+        zeta = self.direction(joint)
+        if self.lead[joint] == 0:
+            return zeta
+        return zeta + self.lead[joint] * rate(zeta, self.runs(), self.dt)
+
+    def side(self, joint: int) -> Array:
+        """Return (T,) sign of the motion by which each row was reached; at rest of the last."""
+        out = np.zeros(len(self.t))
+        for run in self.runs():
+            step = np.sign(np.diff(self.way[run, joint], prepend=self.way[run.start, joint]))
+            last = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
+            out[run] = step[last]
+        return out
+
+    def growth(self, joint: int, weight: Array) -> Array:
+        """Return (T,) dry friction per unit of a level that grows by ``weight`` (T,), unfiltered.
+
+        In steady sliding it is the weight in the direction of motion.
+        """
+        eta = grown(
+            self.way[:, joint],
+            self.runs(),
+            float(self.distance[joint]),
+            self.direction(joint),
+            weight,
+        )
+        if self.lead[joint] == 0:
+            return eta
+        return eta + self.lead[joint] * rate(eta, self.runs(), self.dt)
 
     def runs(self) -> list[slice]:
         """Return the rows of each segment."""
@@ -114,40 +154,21 @@ def runs_of(segment: NDArray[np.int64]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(cuts)]
 
 
+def rate(x: Array, runs: list[slice], dt: float) -> Array:
+    """Return the time derivative of (T, ...) within each segment, per second."""
+    out = np.zeros_like(x)
+    for run in runs:
+        if run.stop - run.start > 2:
+            out[run] = np.gradient(x[run], dt, axis=0)
+    return out
+
+
 def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
     """Return (T, ...) through the filter of the signals, segment by segment; poses as they are."""
     out = np.array(x, dtype=np.float64)
     if np.isfinite(dt) and np.isfinite(cutoff):
         for run in runs:
             out[run] = lowpass(out[run], 1 / dt, cutoff)
-    return out
-
-
-def bristles(q: Array, runs: list[slice], distance: Array) -> Array:
-    """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
-
-    Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact for a speed
-    that is constant over a sample: LuGre without Stribeck effect and bristle damping.
-
-    Args:
-        q: (T, n) [rad].
-        runs: rows of each segment.
-        distance: (n, k) d [rad].
-    """
-    out = np.zeros((*q.shape, distance.shape[-1]))
-    for run in runs:
-        way = np.diff(q[run], axis=0, prepend=q[run.start][None])[..., None]
-        decay = np.exp(-np.abs(way) / distance)
-        push = np.sign(way) * (1.0 - decay)
-        flat = out[run].reshape(len(way), -1)
-        steps, pushes = decay.reshape(len(way), -1), push.reshape(len(way), -1)
-        for i in range(flat.shape[1]):
-            zeta, track = 0.0, []
-            for keep, add in zip(steps[:, i].tolist(), pushes[:, i].tolist(), strict=True):
-                zeta = zeta * keep + add
-                track.append(zeta)
-            flat[:, i] = track
-        out[run] = flat.reshape(out[run].shape)
     return out
 
 
@@ -174,7 +195,7 @@ def steady_friction(
     Args:
         friction: of one arm.
         load: (T, n) signed transmitted torque [N·m].
-        direction: (T, n) of motion, in [-1, 1].
+        direction: (T, n) of motion, in [-1, 1] but for what bristle damping adds.
         dq: (T, n) [rad/s].
         ddq: (T, n) [rad/s²].
     """
@@ -198,8 +219,9 @@ def steady_friction(
 
 
 BITE = 2e-4
-"""Presliding distance of dry friction that is not told otherwise [rad]: 0.5 N·m on 2500 N·m/rad;
-assumed, and below what a filtered log shows."""
+"""Presliding distance of dry friction [rad]: 0.5 N·m on 2500 N·m/rad; assumed."""
+BITES = (2e-5, 6e-5, BITE, 6e-4)
+"""Distances of which each joint takes the one that its torque at reversals asks for [rad]."""
 SIGN_SPEED = 2e-3
 """Speed below which the direction of motion is not certain in a filtered log [rad/s]; assumed."""
 
@@ -223,28 +245,28 @@ def assemble(
     """
     parts = signals.segments
     model = arm.pinocchio()
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(s, name) for s in parts]) for name in ("q", "dq", "ddq", "tau")
+    q, dq, ddq, tau, way = (
+        np.concatenate([getattr(s, x) for s in parts]) for x in ("q", "dq", "ddq", "tau", "way")
     )
     rigid = inverse_dynamics(model, q, dq, ddq)
     nominal = rigid
     gravity = gravity_torque(model, q)
-    segment = np.concatenate([np.full(len(s.t), i) for i, s in enumerate(parts)])
+    segment = segment_numbers(parts, signals.dt)
     runs, distance = runs_of(segment), np.full(arm.n, BITE)
+    lead = np.zeros(arm.n)
     if friction is not None:
         distance = friction.stiction.mean(axis=-1) / friction.bristle_stiffness
-        direction = bristles(q, runs, distance[:, None])[..., 0]
-        rotor = friction.rotor_inertia
+        direction = bristles(way, runs, distance[:, None])[..., 0]
+        rotor, stiffness = friction.rotor_inertia, friction.bristle_stiffness
+        # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
+        lead = 2 * friction.bristle_damping_ratio * np.sqrt(rotor / stiffness)
         if link_side:
             friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
-        dry = steady_friction(friction, gravity, direction, dq, ddq)
-        # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
-        stiffness = friction.bristle_stiffness
-        sigma = 2 * friction.bristle_damping_ratio * np.sqrt(stiffness * rotor)
-        for run in runs:
-            if run.stop - run.start > 2:
-                dry[run] += sigma * distance * np.gradient(direction[run], signals.dt, axis=0)
+        grip = direction + lead * rate(direction, runs, signals.dt)
+        dry = steady_friction(friction, gravity, grip, dq, ddq)
         nominal = rigid + filtered(dry, runs, signals.dt, signals.cutoff_hz)
+    if friction is None:
+        distance = _bite(rigid - tau, way, dq, ddq, runs, signals)
     log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
     t = np.concatenate([s.t for s in parts])
     names = set.intersection(*(set(s.extra) for s in parts)) if parts else set()
@@ -259,7 +281,9 @@ def assemble(
         tau=tau,
         nominal=nominal,
         gravity=gravity,
-        noise=_floor(signals, runs, q, dq, ddq, tau - nominal, distance),
+        noise=np.maximum(
+            _floor(signals, runs, q, dq, ddq, tau - nominal, way), wander(q, tau - nominal, rigid)
+        ),
         segment=segment,
         block=_blocks(log, segment, signals.dt, blocks),
         link_side=link_side,
@@ -267,8 +291,36 @@ def assemble(
         rigid=rigid,
         pinocchio=model,
         distance=distance,
+        way=way,
+        lead=lead,
         rows={name: np.concatenate([s.extra[name] for s in parts]) for name in sorted(names)},
     )
+
+
+def _bite(
+    residual: Array, way: Array, dq: Array, ddq: Array, runs: list[slice], signals: Signals
+) -> Array:
+    """Return (n,) the distance of `BITES` with which friction explains most of the residual [rad].
+
+    It turns the sign of friction some milliseconds later, which moves what is found beside it.
+    """
+    zeta = bristles(way, runs, np.tile(BITES, (way.shape[1], 1)))
+    zeta = filtered(zeta, runs, signals.dt, signals.cutoff_hz)
+    out = np.full(way.shape[1], BITE)
+    for j in range(way.shape[1]):
+        common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
+        left = []
+        for k in range(len(BITES)):
+            # what friction falls by with speed may tell itself from when it turns
+            x = np.column_stack(
+                [common, zeta[:, j, k], zeta[:, j, k] * np.exp(-np.abs(dq[:, j]) / 0.1)]
+            )
+            r = residual[:, j]
+            xx = x.T @ x
+            c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]
+            left.append(float(np.sum(np.square(r - x @ c))))
+        out[j] = BITES[int(np.argmin(left))]
+    return out
 
 
 def _floor(
@@ -278,7 +330,7 @@ def _floor(
     dq: Array,
     ddq: Array,
     residual: Array,
-    distance: Array,
+    way: Array,
 ) -> Array:
     """Return (n,) noise of the residual [N·m]: that of the torque, and of the acceleration.
 
@@ -287,10 +339,14 @@ def _floor(
     """
     torque = np.asarray(signals.noise_tau)
     if not np.all(np.isfinite(torque)):
-        return np.full(q.shape[1], LEAST_NOISE)
+        poses = scatter(q, residual)
+        return np.full(q.shape[1], LEAST_NOISE) if poses is None else poses + LEAST_NOISE
     torque = np.maximum(torque, LEAST_NOISE)
     direction = filtered(
-        bristles(q, runs, distance[:, None])[..., 0], runs, signals.dt, signals.cutoff_hz
+        bristles(way, runs, np.full((q.shape[1], 1), BITE))[..., 0],
+        runs,
+        signals.dt,
+        signals.cutoff_hz,
     )
     longest = max(runs, key=lambda r: r.stop - r.start)
     window = int(min(longest.stop - longest.start, max(32, 1.0 / signals.dt)))
@@ -319,12 +375,14 @@ def _blocks(
     logs = np.unique(log)
     each = max(1, -(-wanted // len(logs)))
     block = np.empty(len(log), dtype=np.int64)
-    guard = round(GUARD / dt)
+    guard = round(GUARD / dt) if np.isfinite(dt) else 0
     for i, number in enumerate(logs):
         rows = np.flatnonzero(log == number)
         part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)
         block[rows] = i * each + part
         for edge in np.flatnonzero(np.diff(part)) + 1:
+            if segment[rows[edge]] != segment[rows[edge - 1]]:
+                continue  # another recording, or another pose: no neighbours in time
             near = slice(max(0, edge - guard // 2), edge + guard // 2)
             block[rows[near]] = -1
     return block

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.logs.causes import CAUSES, Cause
-from stiction_envs.gap.logs.choose import Chooser, gain
+from stiction_envs.gap.logs.choose import Chooser, Gain, gain
 from stiction_envs.gap.logs.columns import ARM, Library, Term
 from stiction_envs.gap.logs.data import Data, assemble
 from stiction_envs.gap.logs.estimates import Estimate, draw, estimates, sharpen
+from stiction_envs.gap.logs.poses import AT_REST
 from stiction_envs.gap.logs.record import Nominal, resolve
+from stiction_envs.gap.logs.torque_late import mend_torques
 from stiction_envs.gap.signals import Signals, prepare
 from stiction_envs.measured.logs import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
@@ -174,11 +176,15 @@ def diagnose(
             read += read_logs([log], arm.n, limits=arm.limits)
         say("reading", len(read) / len(logs))
     stood_on = resolve(nominal, arm)
-    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS)
+    read, signals = mend_torques(
+        read, arm, lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS)
+    )
     say("inverse dynamics", 0.0)
     base = assemble(arm, signals, friction=stood_on.friction, link_side=link_side)
     data = stood_on.extend(base)
     say("columns of all causes", 0.0)
+    if not np.isfinite(data.dt):  # poses without any motion
+        causes = [c for c in causes if c.name in AT_REST]
     library = Library(data, causes)
     chooser = Chooser(library, lambda k: say("choosing causes", k / (k + 3)))
     terms = sharpen(library, chooser.choose())
@@ -211,21 +217,27 @@ def _conclude(
         mine = [t for t in terms if t.cause == name]
         rest = [t for t in terms if t.cause != name]
         without_sq = stack.held_out(library.pick(rest))
-        if not gain(without_sq, full).stands:
+        stands = gain(library, terms, mine)
+        if not stands.stands:
             continue
         without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
         lost = float(100 * np.mean((without - extended_rms) / nominal_rms))
-        joints = _joints(library, name, mine, rest, full)
-        if not joints:
-            continue
-        confused = _confused(library, name, mine, rest, full)
+        joints = tuple(sorted(t.joint + 1 for t in mine))
+        if mine[0].joint == ARM:
+            joints = tuple(int(j) + 1 for j in np.flatnonzero(stands.sure))
+        confused = _confused(library, terms, mine, joints, stands, c)
         named.append(
             NamedCause(
                 name=name,
                 joints=joints,
                 gain_percent=lost,
                 parameters=estimates(library, terms, mine, c, draws),
-                evidence=_evidence(library, name, joints, without, extended_rms),
+                evidence=_evidence(
+                    library.causes[name].said(library.split(terms, c)[terms.index(mine[0])]),
+                    joints,
+                    without,
+                    extended_rms,
+                ),
                 confused_with=confused,
                 tell_apart="; ".join(library.causes[x].record for x in confused),
             )
@@ -249,42 +261,62 @@ def _conclude(
         coefficients=c,
         base=base,
         stood_on=stood_on,
-        notes=(*signals.notes, *(m.text for log in logs for m in log.mends)),
+        notes=(*signals.notes, *_told(logs)),
     )
 
 
-def _joints(
-    library: Library, name: str, mine: list[Term], rest: list[Term], full: Array
-) -> tuple[int, ...]:
-    """Return the joints (from 1) where a cause stands."""
-    if mine[0].joint != ARM:
-        return tuple(sorted(t.joint + 1 for t in mine))
-    without = library.stack.held_out(library.pick(rest))
-    return tuple(
-        j + 1 for j in range(library.data.n) if gain(without[j : j + 1], full[j : j + 1]).stands
-    )
+def _told(logs: list[JointLog]) -> list[str]:
+    """Return what was mended in logs and what was found and not mended, each with its log."""
+    said = [(log, x) for log in logs for x in (*(m.text for m in log.mends), *log.warnings)]
+    return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
 
 
 def _confused(
-    library: Library, name: str, mine: list[Term], rest: list[Term], full: Array
+    library: Library,
+    terms: list[Term],
+    mine: list[Term],
+    joints: tuple[int, ...],
+    own: Gain,
+    c: Array,
 ) -> tuple[str, ...]:
     """Return the causes that explain the same part: held-out gain of one once the other is in."""
-    without = library.stack.held_out(library.pick(rest))
-    own = gain(without, full)
     out = []
+    name, rest = mine[0].cause, [t for t in terms if t not in mine]
     taken = {t.cause for t in rest} | {name}
     for other in library.causes:
         if other in taken or name in library.needs(other):
             continue
-        joints = {t.joint for t in mine}
-        swap = _best_swap(library, other, joints, rest)
+        swap = _best_swap(library, other, {j - 1 for j in joints}, rest)
         if swap is None:
+            if _looks_the_same(library, other, terms, mine, c):
+                out.append(other)
             continue
-        swapped = library.stack.held_out(library.pick([*rest, *swap]))
-        still = gain(swapped, library.stack.held_out(library.pick([*rest, *swap, *mine])))
+        still = gain(library, [*rest, *swap, *mine], mine)
         if not still.stands or still.total < ALIKE * own.total:
             out.append(other)
     return tuple(out)
+
+
+def _looks_the_same(
+    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+) -> bool:
+    """Whether a cause that these data cannot show would look like the one that was found."""
+    data, cause = library.data, library.causes[other]
+    if cause.arm_wide or cause.coupled:
+        return False
+    parts = dict(zip(terms, library.split(terms, c), strict=True))
+    for term in mine:
+        j = term.joint
+        if (other, j) not in library.lacking or not cause.plain:
+            return False
+        weight = np.sqrt(library.weight[:, j] * (data.block >= 0))
+        beside = [library.columns(t, j) for t in terms if t not in mine and j in library.reach(t)]
+        x = np.concatenate([cause.columns(data, j, ()), *beside], axis=1) * weight[:, None]
+        target = (library.columns(term, j) @ parts[term]) * weight
+        left = target - x @ np.linalg.lstsq(x, target, rcond=None)[0]
+        if float(left @ left) > ALIKE * float(target @ target):
+            return False
+    return True
 
 
 def _best_swap(
@@ -293,7 +325,7 @@ def _best_swap(
     """Return the terms of another cause, with its best parameters, on the same joints."""
     swap: list[Term] = []
     arm_wide = library.causes[other].arm_wide
-    for joint in [ARM] if arm_wide else sorted(joints - {ARM}):
+    for joint in [ARM] if arm_wide else sorted(joints):
         options = [t for t in library.terms if t.cause == other and t.joint == joint]
         if not options:
             return None
@@ -305,15 +337,13 @@ def _best_swap(
     return swap or None
 
 
-def _evidence(
-    library: Library, name: str, joints: tuple[int, ...], without: Array, full: Array
-) -> str:
+def _evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) -> str:
     """Return one sentence that can be checked against a plot."""
     if not joints:
-        return f"{library.causes[name].what}, on the arm as a whole"
+        return f"{what}, on the arm as a whole"
     j = max(joints, key=lambda k: (without[k - 1] - full[k - 1]) / without[k - 1]) - 1
     return (
-        f"{library.causes[name].what}: without it joint {j + 1} is off by {without[j]:.3g} N·m "
+        f"{what}: without it joint {j + 1} is off by {without[j]:.3g} N·m "
         f"(held out, root mean square), with it by {full[j]:.3g} N·m"
     )
 

@@ -41,11 +41,8 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
         if not term.shape or term.joint == ARM or not library.causes[term.cause].sharpen:
             continue
         j = term.joint
-        tried = sorted(
-            t.shape[0] for t in library.terms if (t.cause, t.joint) == (term.cause, term.joint)
-        )
-        at = tried.index(term.shape[0])
-        ends = np.log([tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]])
+        cause, rest = library.causes[term.cause], term.shape[1:]
+        ends = np.log(cause.between(term.shape, library.tried(term)))
         local = [k for k, t in enumerate(out) if library.reach(t) == [j] and k != i]
         arm = [k for k, t in enumerate(out) if j in library.reach(t) and k not in (i, *local)]
         left = data.residual[:, j].copy()
@@ -59,13 +56,16 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
         def loss(
             log: float,
             term: Term = term,
+            rest: tuple[float, ...] = rest,
             fixed: list[Array] = fixed,
             left: Array = left,
             weight: Array = weight,
             low: Array = low,
             high: Array = high,
         ) -> float:
-            own = library.columns(Term(term.cause, term.joint, (float(np.exp(log)),)), term.joint)
+            own = library.columns(
+                Term(term.cause, term.joint, (float(np.exp(log)), *rest)), term.joint
+            )
             x = np.concatenate([*fixed, own], axis=1)
             xx, xr = x.T @ (x * weight[:, None]), x.T @ (left * weight)
             best = solve(xx, xr, low, high)
@@ -75,7 +75,7 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
             loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.005, "maxiter": 20}
         )
         if found.fun < loss(float(np.log(term.shape[0]))):
-            out[i] = Term(term.cause, j, (float(np.exp(found.x)),))
+            out[i] = Term(term.cause, j, (float(np.exp(found.x)), *rest))
     library.refine(t for t in out if t not in terms)
     return out
 
@@ -92,9 +92,8 @@ def estimates(
         values = cause.values(best, term.shape)
         drawn = draws[i] if draws is not None else [(best, term.shape)]
         samples = [cause.values(x, shape) for x, shape in drawn]
-        tried = [t.shape for t in library.terms if (t.cause, t.joint) == (term.cause, term.joint)]
-        low, high = cause.bounds(library.data)
-        bound = bool(np.any((best <= low) | (best >= high))) or cause.at_edge(term.shape, tried)
+        tried = library.tried(term)
+        bound = cause.bounded(best, library.data) or cause.at_edge(term.shape, tried)
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
@@ -138,8 +137,10 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
             stacked.append(library.columns(term, j))
             at += range(start[i], start[i + 1])
             if i in where:
-                up = Term(term.cause, term.joint, (term.shape[0] * np.exp(TANGENT),))
-                down = Term(term.cause, term.joint, (term.shape[0] * np.exp(-TANGENT),))
+                up, down = (
+                    Term(term.cause, term.joint, (term.shape[0] * np.exp(s), *term.shape[1:]))
+                    for s in (TANGENT, -TANGENT)
+                )
                 slope = (library.columns(up, j) - library.columns(down, j)) / (2 * TANGENT)
                 stacked.append((slope @ parts[i])[:, None])
                 at.append(where[i])
@@ -161,6 +162,6 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
         shapes = [term.shape] * len(own)
         if i in where:
             moved = np.clip(draws[:, where[i]] - np.median(draws[:, where[i]]), -1, 1)
-            shapes = [(float(term.shape[0] * np.exp(m)),) for m in moved]
+            shapes = [(float(term.shape[0] * np.exp(m)), *term.shape[1:]) for m in moved]
         out.append(list(zip(own, shapes, strict=True)))
     return out

@@ -38,6 +38,8 @@ STRIBECK = 0.05
 """Stribeck velocity where none was found; it does nothing there [rad/s]; assumed."""
 LEAST_BRISTLE = 1.0
 """Softest bristle that is assumed [N·m/rad]."""
+MOST_DAMPED = 1.0
+"""Largest damping ratio of a bristle that is carried over [-]; assumed."""
 STIFFEST = 0.1
 """Bristle stiffness over inertia/timestep² at most [-]: a twentieth of what chatters."""
 LEAST_ROTOR = 0.01
@@ -61,6 +63,8 @@ class _Work:
     load: Array
     """Of what was found only: Coulomb friction per N·m."""
     bristle: Array
+    damping: Array
+    """σ1 that was found [N·m·s/rad]; NaN where none was."""
     rotor: Array
     spring: Array
     offset: Array
@@ -204,6 +208,7 @@ def _start(data: Data, base: FrictionParameters | None) -> _Work:
         viscous=none.copy() if base is None else base.viscous.copy(),
         load=np.zeros(n),
         bristle=np.full(n, np.nan) if base is None else base.bristle_stiffness.copy(),
+        damping=np.full(n, np.nan),
         rotor=np.zeros(n) if base is None else base.rotor_inertia.copy(),
         spring=np.full(n, np.inf) if base is None else base.joint_stiffness.copy(),
         offset=np.zeros(n) if base is None else base.offset.copy(),
@@ -256,7 +261,8 @@ def _arm_wide(w: _Work, part: Part) -> None:
                 f"{PAYLOAD_RADIUS:g} m stands in (assumed)"
             )
     elif part.cause == "actuator_delay":
-        _leave(w, part, f"send torques {part.values()['delay_s']:.4g} s earlier")
+        what = "send torques" if part.coefficients[0] >= 0 else "take measured torques as of"
+        _leave(w, part, f"{what} {part.values()['delay_s']:.4g} s earlier")
     else:
         _leave(w, part, "not a body or a gravity that MuJoCo allows")
 
@@ -305,6 +311,7 @@ def _of_joint(w: _Work, part: Part, data: Data) -> None:
             _leave(w, part, "the level at the logs' mean load stands", tables=False)
         case "presliding_hysteresis":
             w.bristle[j] = v["bristle_stiffness"]
+            w.damping[j] = part.coefficients[1] or np.nan
         case "torque_offset":
             w.offset[j] += v["offset_nm"]
         case "link_inertia":
@@ -318,7 +325,9 @@ def _of_joint(w: _Work, part: Part, data: Data) -> None:
             else:
                 _leave(w, part, "no rotor inertia is known that could swing on the spring")
         case "position_dependent_friction":
-            if w.ripple[j, 0] > 0:
+            if len(part.shape) > 1:
+                _leave(w, part, "MuJoCo's ripple does not turn with the motion")
+            elif w.ripple[j, 0] > 0:
                 _leave(w, part, "MuJoCo has room for one ripple per joint, a stronger one stands")
             else:  # MuJoCo's cogging drives the joint; ours is what the motor must overcome
                 w.ripple[j] = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
@@ -382,6 +391,9 @@ def _friction(
         "gravity_error": zero,
     }
     values = {**defaults, **values}
+    # ours is a ratio to the critical damping of what the bristle carries
+    critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * carried)
+    damping = np.where(np.isnan(w.damping), values["bristle_damping_ratio"], w.damping / critical)
     values |= {
         "stiction": stiction,
         "coulomb_ratio": ratio,
@@ -390,6 +402,7 @@ def _friction(
         # ours grows stiction, of which Coulomb friction is a part; the cause is of Coulomb's
         "load_coefficient": values.get("load_coefficient", zero) + w.load / ratio.mean(axis=1),
         "bristle_stiffness": np.clip(bristle, 1e-3, most),
+        "bristle_damping_ratio": np.clip(damping, 0.0, MOST_DAMPED),
         "rotor_inertia": np.maximum(w.rotor, 0.0),
         "joint_stiffness": w.spring,
         "ripple_amplitude": w.ripple[:, 0],

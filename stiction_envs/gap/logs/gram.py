@@ -30,7 +30,7 @@ class Gram:
     rr: Array
     """(B,)."""
     count: Array
-    """(B,) weight of each block in samples."""
+    """(B,) samples of each block, by their weights."""
 
     @classmethod
     def of(
@@ -53,24 +53,51 @@ class Gram:
             x, r, w = columns[rows], residual[rows], weight[rows]
             weighted = x * w[:, None]
             xx[b], xr[b] = weighted.T @ x, weighted.T @ r
-            rr[b], count[b] = float((w * r * r).sum()), float(rows.sum())
-        return cls(xx, xr, rr, count)
+            rr[b], count[b] = float((w * r * r).sum()), float(w.sum())
+        # in samples of full weight
+        return cls(xx, xr, rr, count / max(float(weight.max(initial=0.0)), 1e-300))
 
 
 def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
     """Return the coefficients (P,) that minimise cᵀxx c − 2 cᵀxr within bounds."""
-    if not len(xr):
-        return np.zeros(0)
-    scale = np.sqrt(np.maximum(np.diag(xx), 1e-300))
-    normal = xx / np.outer(scale, scale) + RIDGE * np.eye(len(xr))
+    return np.asarray(solve_all(xx[None], xr[None], low, high)[0])
+
+
+def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
+    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as `solve` does."""
+    if not xr.shape[1]:
+        return np.zeros_like(xr)
+    scale = np.sqrt(np.maximum(np.diagonal(xx, axis1=1, axis2=2), 1e-300))
+    normal = xx / (scale[:, :, None] * scale[:, None, :]) + RIDGE * np.eye(xr.shape[1])
     target = xr / scale
-    free = np.linalg.solve(normal, target) / scale
-    if np.all((free >= low) & (free <= high)):
-        return np.asarray(free)
+    out = np.linalg.solve(normal, target[..., None])[..., 0]
+    lows, highs = low * scale, high * scale
+    for b in np.flatnonzero(((out < lows) | (out > highs)).any(axis=1)):
+        out[b] = _bounded(normal[b], target[b], lows[b], highs[b], out[b])
+    return np.asarray(out / scale)
+
+
+def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
+    """Return the minimum within bounds by an active set; Lawson and Hanson's if that goes round."""
+    c, held = np.clip(free, low, high), (free < low) | (free > high)
+    for _ in range(3 * len(free)):
+        loose = ~held
+        if loose.any():
+            rest = target[loose] - normal[np.ix_(loose, held)] @ c[held]
+            c[loose] = np.linalg.solve(normal[np.ix_(loose, loose)], rest)
+        out = loose & ((c < low) | (c > high))
+        if out.any():
+            c[out], held = np.clip(c[out], low[out], high[out]), held | out
+            continue
+        slope = normal @ c - target
+        inward = held & (((c <= low) & (slope < -1e-12)) | ((c >= high) & (slope > 1e-12)))
+        if not inward.any():
+            return c
+        held[np.argmax(np.where(inward, np.abs(slope), -1.0))] = False
     root = np.linalg.cholesky(normal).T
+    bounds = (np.minimum(low, high - 1e-12), high)
     right = np.linalg.solve(root.T, target)
-    bounds = (np.minimum(low * scale, high * scale - 1e-12), high * scale)
-    return np.asarray(lsq_linear(root, right, bounds=bounds, method="bvls").x / scale)
+    return np.asarray(lsq_linear(root, right, bounds=bounds, method="bvls").x)
 
 
 def error(xx: Array, xr: Array, rr: Array, c: Array) -> Array:
@@ -99,6 +126,7 @@ class Stack:
     def __init__(self, grams: Sequence[Gram]) -> None:
         self.grams = list(grams)
         self.blocks = len(grams[0].rr)
+        self._apart: dict[Pick, Array] = {}
 
     def system(self, pick: Pick, weight: Array) -> tuple[Array, Array]:
         """Return (xx, xr) of a model over blocks with multiplicities ``weight`` (B,)."""
@@ -130,27 +158,89 @@ class Stack:
             out[j] = error(gram.xx[:, cols[:, None], cols], gram.xr[:, cols], gram.rr, mine)
         return np.maximum(out, 0.0)
 
-    def held_out(self, pick: Pick) -> Array:
-        """Return (joints, B) squared errors of each block under the fit of all others."""
+    def apart(self, pick: Pick) -> Array:
+        """Return (B, P) the fit to all blocks but each."""
+        if pick in self._apart:
+            return self._apart[pick]
         p = len(pick.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
-        used = []
         for gram, columns, where in zip(self.grams, pick.columns, pick.coefficients, strict=True):
-            cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
-            part_xx, part_xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
-            used.append((part_xx, part_xr, at))
-            if len(cols):
-                xx[:, at[:, None], at] += part_xx
-                xr[:, at] += part_xr
-        out = np.empty((len(self.grams), self.blocks))
+            if columns:
+                cols, at = np.array(columns), np.array(where)
+                xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
+                xr[:, at] += gram.xr[:, cols]
         low, high = np.array(pick.low), np.array(pick.high)
-        for b in range(self.blocks):
-            c = solve(xx.sum(axis=0) - xx[b], xr.sum(axis=0) - xr[b], low, high)
-            for j, (part_xx, part_xr, at) in enumerate(used):
-                out[j, b] = error(part_xx[b], part_xr[b], self.grams[j].rr[b], c[at])
+        out = solve_all(xx.sum(axis=0) - xx, xr.sum(axis=0) - xr, low, high)
+        self._apart[pick] = out
+        return out
+
+    def held_out(self, pick: Pick) -> Array:
+        """Return (joints, B) squared errors of each block under the fit of all others."""
+        c = self.apart(pick)
+        out = np.empty((len(self.grams), self.blocks))
+        for j, (gram, columns, where) in enumerate(
+            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+        ):
+            cols, mine = np.array(columns, dtype=int), c[:, np.array(where, dtype=int)]
+            xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
+            out[j] = gram.rr - 2 * (xr * mine).sum(axis=1)
+            out[j] += np.einsum("bpq,bp,bq->b", xx, mine, mine)
         return np.maximum(out, 0.0)
+
+    def foretold(self, pick: Pick, rest: Pick, own: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return pᵀe and pᵀp (joints, B) of what a model foretells beyond a smaller one.
+
+        Both are fitted to all blocks but the one they foretell; p is the difference of their
+        torques there, e is what the smaller one leaves. Where what is more is real, pᵀe = pᵀp but
+        for noise; where it is not, pᵀe is about zero.
+
+        Args:
+            pick: model.
+            rest: the smaller one.
+            own: (P,) the coefficients that are in the former only.
+        """
+        before = np.zeros((self.blocks, len(own)))
+        before[:, ~own] = self.apart(rest)
+        more = self.apart(pick) - before
+        pe, pp = np.zeros((2, len(self.grams), self.blocks))
+        for j, (gram, columns, where) in enumerate(
+            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+        ):
+            if not columns:
+                continue
+            cols, at = np.array(columns), np.array(where)
+            a, c = more[:, at], before[:, at]
+            force = np.einsum("bpq,bp->bq", gram.xx[:, cols[:, None], cols], a)
+            pp[j] = (force * a).sum(axis=1)
+            pe[j] = (gram.xr[:, cols] * a).sum(axis=1) - (force * c).sum(axis=1)
+        return pe, pp
+
+    def gained(self, pick: Pick, rest: Pick) -> Array:
+        """Return (joints,) torque of a model that a smaller one has not, over the noise.
+
+        Root mean square, by what the fit to all blocks gains.
+        """
+        less = sum(
+            sign * self.errors(x, self.fit(x)).sum(axis=1) for x, sign in ((rest, 1), (pick, -1))
+        )
+        count = np.array([max(g.count.sum(), 1.0) for g in self.grams])
+        return np.asarray(np.sqrt(np.maximum(less, 0.0) / count))
+
+    def sizes(self, pick: Pick, own: NDArray[np.bool_]) -> Array:
+        """Return (joints,) root mean square torque of some coefficients over the noise."""
+        c = self.fit(pick) * own
+        out = np.zeros(len(self.grams))
+        for j, (gram, columns, where) in enumerate(
+            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+        ):
+            cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
+            xx = gram.xx[:, cols[:, None], cols].sum(axis=0) / max(gram.count.sum(), 1.0)
+            out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
+        return out
 
     def resample(self, pick: Pick, times: int, rng: np.random.Generator) -> Array:
         """Return (times, P) coefficients of bootstrap resamples of the blocks."""
         draws = rng.multinomial(self.blocks, np.full(self.blocks, 1 / self.blocks), size=times)
-        return np.array([self.fit(pick, w.astype(float)) for w in draws])
+        systems = [self.system(pick, w) for w in draws.astype(float)]
+        xx, xr = (np.array(x) for x in zip(*systems, strict=True))
+        return solve_all(xx, xr, np.array(pick.low), np.array(pick.high))

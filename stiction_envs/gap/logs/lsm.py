@@ -135,11 +135,12 @@ def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
 
 def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
     """Return (N, n) raw speeds and friction torques; accelerations are plain differences."""
-    step = max(1, sum(len(x.t) for x in logs) // MOST_ROWS)
+    step = max(1, sum(len(x.t) for x in logs if not x.static) // MOST_ROWS)
     speeds, torques = [], []
     for log in logs:
         for part in log.segments:
-            if part.stop - part.start < 3:
+            # poses have no speeds
+            if part.stop - part.start < 3 or log.static:
                 continue
             t, q = log.t[part], log.q[part]
             dq = np.gradient(q, t, axis=0) if log.dq is None else log.dq[part]
@@ -148,7 +149,8 @@ def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
             rigid = inverse_dynamics(data.pinocchio, q[thin], dq[thin], ddq[thin])
             speeds.append(dq[thin])
             torques.append(log.tau[part][thin] - rigid)
-    return np.concatenate(speeds), np.concatenate(torques)
+    none = np.zeros((0, data.n))
+    return np.concatenate([none, *speeds]), np.concatenate([none, *torques])
 
 
 def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> list[str]:
@@ -160,7 +162,7 @@ def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> 
     poor = [x for x in lines if x.r2 < POOR]
     if poor:
         worst = min(x.r2 for x in poor)
-        out.append(f"R² is {worst:.2g}: the line explains nothing of the scatter")
+        out.append(f"R² is {worst:.2g}: scatter hides the slope; the intercept may hold")
     if plus.intercept < 0 or minus.intercept > 0:
         out.append(
             f"stiction bands of the wrong sign ({plus.intercept:+.3g}, {minus.intercept:+.3g} N·m)"

@@ -131,6 +131,7 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
             data,
             nominal=data.nominal + added,
             rigid=data.rigid + carried,
+            diagnosed=True,
             has_friction=data.has_friction or any(p.cause in FRICTION for p in mine),
             memory={},
         )

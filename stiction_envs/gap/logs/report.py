@@ -323,11 +323,12 @@ def _logs(d: Diagnosis) -> list[str]:
         what = (
             f"{len(log.t)} poses at rest" if log.static else f"{len(log.t)} rows, {seconds:.1f} s"
         )
-        lines.append(f"- `{Path(log.source).name}`: {what}")
-    for note in dict.fromkeys(d.notes):
-        lines.append(f"- {note}")
-    for log in d.logs:
-        lines += [f"- `{Path(log.source).name}`: not mended: {text}" for text in log.warnings]
+        name = Path(log.source).name
+        lines.append(f"- `{name}`: {what}")
+        lines += [f"- `{name}`: {m.text}" for m in log.mends]
+        lines += [f"- `{name}`: not mended: {text}" for text in log.warnings]
+    own = [x for log in d.logs for x in (*(m.text for m in log.mends), *log.warnings)]
+    lines += [f"- {x}" for x in dict.fromkeys(d.notes) if not x.endswith(tuple(own))]
     return [*lines, ""]
 
 

@@ -15,10 +15,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from stiction_envs.experiments.plots import save
 from stiction_envs.gap.logs.columns import ARM, Term
 from stiction_envs.gap.logs.data import Data
 from stiction_envs.gap.logs.diagnosis import Diagnosis, NamedCause
+from stiction_envs.gap.logs.report_png import save
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
@@ -281,14 +281,15 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     _trace(top, clock, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
     _trace(top, clock, data.nominal[:, joint] + d.torque(joint), data, AFTER, "extended", 0.9)
     top.set_ylabel("torque [N·m]")
-    top.set_xlabel("time, segments one after another [s]")
+    still = not np.isfinite(data.dt)
+    top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
     top.legend(fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
     _spectrum(under, data, before, after, float(data.noise[joint]))
     time = figure.add_subplot(grid[1, 0])
     for y, colour in ((before, BEFORE), (after, AFTER)):
         _trace(time, clock, y, data, colour, "", 0.8)
     _limits(time, before)
-    time.set_xlabel("time [s]")
+    time.set_xlabel("number of the pose" if still else "time [s]")
     views: list[tuple[str, Array]] = [
         ("angle [rad]", data.q[:, joint]),
         ("speed [rad/s]", data.dq[:, joint]),
@@ -331,7 +332,9 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
 
 
 def _clock(data: Data) -> Array:
-    """Return (T,) time with the segments put one after another [s]."""
+    """Return (T,) time with the segments put one after another [s]; numbers of poses."""
+    if not np.isfinite(data.dt):
+        return np.arange(float(len(data.t)))
     step = np.diff(data.t, prepend=data.t[0])
     new = np.diff(data.segment, prepend=data.segment[0]) != 0
     return np.cumsum(np.where(new | (step < 0), 0.0, step))
@@ -341,6 +344,9 @@ def _trace(
     axes: Axes, x: Array, y: Array, data: Data, colour: str, label: str, width: float
 ) -> None:
     at = _thin(len(x), LONG)
+    if not np.isfinite(data.dt):
+        axes.plot(x[at], y[at], ".", ms=3, mew=0, color=colour, label=label)
+        return
     y = y[at].copy()
     y[np.flatnonzero(np.diff(data.segment[at]))] = np.nan
     axes.plot(x[at], y, color=colour, lw=width, label=label)
@@ -352,6 +358,9 @@ def _limits(axes: Axes, y: Array) -> None:
 
 
 def _spectrum(axes: Axes, data: Data, before: Array, after: Array, noise: float) -> None:
+    if not np.isfinite(data.dt):
+        _sizes(axes, before, after)
+        return
     run = max(data.runs(), key=lambda r: r.stop - r.start)
     length = min(run.stop - run.start, 4096)
     for y, colour in ((before, BEFORE), (after, AFTER)):
@@ -365,6 +374,16 @@ def _spectrum(axes: Axes, data: Data, before: Array, after: Array, noise: float)
     axes.set_xlabel("frequency [Hz] (dotted: filter)")
     axes.set_ylabel("residual [N·m/√Hz]")
     axes.grid(alpha=0.25, lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _sizes(axes: Axes, before: Array, after: Array) -> None:
+    """Draw how residuals of poses are spread, which have no spectrum."""
+    ends = np.percentile(np.concatenate([before, after]), [0.5, 99.5])
+    for y, colour in ((before, BEFORE), (after, AFTER)):
+        axes.hist(y, bins=40, range=tuple(ends), color=colour, histtype="step", lw=1.4)
+    axes.set_xlabel("residual [N·m]")
+    axes.set_ylabel("poses")
     axes.spines[["top", "right"]].set_visible(False)
 
 

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from stiction_envs.experiments.plots import save
 from stiction_envs.gap.logs.diagnosis import Diagnosis
 from stiction_envs.gap.logs.forward import REPLAY, Proof
 from stiction_envs.gap.logs.report_figures import AFTER, BEFORE, Drawn
+from stiction_envs.gap.logs.report_png import save
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from stiction_envs.friction.law import LuGre
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured.logs import JointLog, read_logs
 from stiction_envs.robots import load_arm
-from tests.gap.logs.hidden_motions import MOTIONS
+from tests.gap.logs.hidden_motions import BLIND_MOTIONS, MOTIONS
 
 Array = NDArray[np.float64]
 STEP = 1e-3
@@ -54,6 +54,13 @@ EXCITED_BY: dict[str, tuple[str, ...]] = {
     "actuator_delay": ("fast", "chirp"),
     "external_spring": ("fourier", "poses", "sweeps"),
 }
+JOINTS: dict[str, tuple[int, ...]] = {
+    "backlash": (1, 3, 5),
+    "torque_scale": (2, 4),
+    "load_dependent_friction": (2, 4),
+    "joint_elasticity": (1, 2, 3, 4),
+}
+"""Joints on which some causes can be seen at all; others on all."""
 ARM_WIDE = ("payload", "base_tilt", "actuator_delay")
 FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
 ROTOR = np.array([0.3, 0.4, 0.3, 0.3, 0.12, 0.12, 0.1])
@@ -132,7 +139,7 @@ def make_case(
     Args:
         seed: of everything.
         causes: their names.
-        motion: of `MOTIONS`; by default one that excites all of them.
+        motion: of `MOTIONS` or `BLIND_MOTIONS`; by default one that excites all of them.
         seconds: length of the log [s].
         known: whether the robot has known friction and rotors; by default as the causes need, or
             at random.
@@ -141,7 +148,7 @@ def make_case(
     """
     rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
     if motion is None:
-        options = list(MOTIONS)[:-1]
+        options = list(MOTIONS)
         for name in causes:
             options = [m for m in options if m in EXCITED_BY[name]] or list(EXCITED_BY[name])
         motion = str(rng.choice(options))
@@ -157,7 +164,7 @@ def make_case(
         for name in causes
     )
     t = np.arange(0, seconds, STEP)
-    q, tau, effect = _simulate(world, t, MOTIONS[motion](rng, t))
+    q, tau, effect = _simulate(world, t, {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t))
     log = _log(q, tau, t, rng, f"case_{seed}")
     nominal: FrictionParameters | str = "rigid"
     if known:
@@ -199,9 +206,7 @@ def _hide(
     def between(low: float, high: float) -> float:
         return float(low * (high / low) ** size)
 
-    allowed = {"backlash": (1, 3, 5), "torque_scale": (2, 4), "load_dependent_friction": (2, 4)}
-    allowed |= {"joint_elasticity": (1, 2, 3, 4)}
-    number = joint or int(rng.choice(allowed.get(name, (1, 2, 3, 4, 5, 6, 7))))
+    number = joint or int(rng.choice(JOINTS.get(name, (1, 2, 3, 4, 5, 6, 7))))
     j, sign = number - 1, float(rng.choice([-1.0, 1.0]))
     big = FRICTION[j]
     values: dict[str, float | list[float]]
@@ -326,15 +331,13 @@ def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     stiff = np.where(coulomb > 0, coulomb, 1.0) / w.distance
     damping = 2 * 0.4 * np.sqrt(stiff * inertia)
     on = coulomb > 0
-    # what the makers know: the same joints without what is hidden
-    basic = LuGre(
-        stiction=np.maximum(w.coulomb, 1e-9),
-        coulomb=np.maximum(w.coulomb, 1e-9),
-        stribeck_velocity=w.stribeck_velocity,
-        bristle_stiffness=np.maximum(w.coulomb, 1e-9) / BITE,
-        bristle_damping=2 * 0.4 * np.sqrt(w.coulomb / BITE * np.maximum(w.rotor, 0.02)),
-    )
-    z, z_plain = np.zeros(7), np.zeros(7)
+    # two laws in one: the true joints, and what the makers know of them
+    on = np.stack([on, w.coulomb > 0])
+    known_level = np.maximum(w.coulomb, 1e-9)
+    stiff = np.stack([stiff, known_level / BITE])
+    plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / BITE * np.maximum(w.rotor, 0.02))
+    damping = np.stack([damping, plain_damping])
+    z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
     mass, load = np.empty((7, 7)), np.zeros(7)
     force = np.zeros(model.nv)
@@ -356,16 +359,15 @@ def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
             level = level + w.asymmetry * np.sign(v)
             top = np.maximum(level + w.stribeck, 1e-9)
             law = LuGre(
-                stiction=top,
-                coulomb=np.maximum(level, 1e-9),
+                stiction=np.array([top, known_level]),
+                coulomb=np.array([np.maximum(level, 1e-9), known_level]),
                 stribeck_velocity=w.stribeck_velocity,
                 bristle_stiffness=stiff,
                 bristle_damping=damping,
             )
-            friction = friction + np.where(on, law.torque(z, v), 0.0)
+            both = np.where(on, law.torque(z, v), 0.0)
+            friction, known = friction + both[0], known + both[1]
             z = np.where(on, law.advance(z, v, STEP), 0.0)
-            known = known + np.where(w.coulomb > 0, basic.torque(z_plain, v), 0.0)
-            z_plain = basic.advance(z_plain, v, STEP)
         extra = w.spring * (x - w.spring_rest)
         if w.ripple.any():
             extra = extra + w.ripple * np.sin(w.periods * x + w.phase)

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stiction_envs.gap.logs.data import BITE, Data, assemble, bristles, inverse_dynamics
+from stiction_envs.gap.logs.bristle import bristles
+from stiction_envs.gap.logs.data import BITE, Data, assemble, inverse_dynamics
 from stiction_envs.gap.signals import prepare
 from stiction_envs.measured.logs import JointLog
 from stiction_envs.robots import Arm, load_arm

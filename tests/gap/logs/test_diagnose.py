@@ -25,7 +25,7 @@ CASES = [
     ("payload", 3, 0, "fourier", False),
     ("base_tilt", 1, 0, "poses", False),
     ("link_inertia", 1, 4, "fast", False),
-    ("backlash", 1, 5, "fourier", True),
+    ("backlash", 6, 3, "fourier", True),
     ("joint_elasticity", 1, 1, "chirp", True),
     ("actuator_delay", 1, 0, "fast", False),
     ("external_spring", 1, 7, "sweeps", False),

@@ -237,3 +237,19 @@ def test_extended_model_follows_the_log_forward():
     assert isinstance(proof, Proof)
     assert proof.torque_gain.min() > 50
     assert proof.position_gain.mean() > 50
+
+
+def test_damping_of_a_bristle_is_carried_over(data):
+    """σ1 = 2ζ√(σ0 J): as a ratio to what the bristle carries; none that was found is assumed."""
+
+    def ratio(sigma: float) -> float:
+        part = Part(
+            cause="presliding_hysteresis", joint=4, shape=(0.01,), coefficients=(0.6, sigma)
+        )
+        level = Part(cause="coulomb_friction", joint=4, shape=(), coefficients=(0.6,))
+        made = extend(data, Nominal(robot="panda", parts=(level, part)))
+        return float(made.friction.bristle_damping_ratio[3])
+
+    assert ratio(0.0) == 0.4
+    assert np.isclose(ratio(2.0), 2 * ratio(1.0))
+    assert np.isclose(ratio(2.0), 2.0 / (2 * np.sqrt(60.0 * 0.5)), rtol=0.7)

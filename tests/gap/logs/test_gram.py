@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from stiction_envs.gap.logs.gram import Gram, Pick, Stack, solve
 
@@ -54,6 +55,28 @@ def test_a_coefficient_that_two_joints_share_fits_both() -> None:
     grams = [Gram.of(X[:, :1], k * X[:, 0], BLOCK, np.ones(600), 6) for k in (1.0, 3.0)]
     c = Stack(grams).fit(Pick(((0,), (0,)), ((0,), (0,)), (-np.inf,), (np.inf,)))
     assert np.isclose(c[0], 2.0)
+
+
+def test_bounded_fits_are_those_of_a_general_solver() -> None:
+    """The active set against scipy's bounded least squares, on many random problems."""
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        x, r = rng.normal(size=(30, 6)) @ rng.normal(size=(6, 6)), rng.normal(size=30)
+        low, high = -rng.uniform(0, 0.2, 6), rng.uniform(0, 0.2, 6)
+        c = solve(x.T @ x, x.T @ r, low, high)
+        best = lsq_linear(x, r, bounds=(low, high), method="bvls").x
+        assert np.sum((r - x @ c) ** 2) <= np.sum((r - x @ best) ** 2) + 1e-6
+
+
+def test_what_is_foretold_comes_true_for_what_is_real_only() -> None:
+    """Σpᵀe/Σpᵀp is one for the columns that are in the data, and pᵀe sums up to the gain."""
+    own = np.array([False, True, False])
+    rest = Pick(((0, 2),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
+    pe, pp = stack().foretold(FREE, rest, own)
+    assert np.isclose(pe.sum() / pp.sum(), 1.0, atol=0.03)
+    gained = stack().held_out(rest) - stack().held_out(FREE)
+    assert np.allclose(gained, 2 * pe - pp)
+    assert np.isclose(stack().gained(FREE, rest)[0], 2.0, rtol=0.1)
 
 
 def test_resamples_are_reproducible() -> None:

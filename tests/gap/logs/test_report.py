@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 
 from stiction_envs.gap.logs.causes import CAUSES
 from stiction_envs.gap.logs.lsm import least_squares, line
 from stiction_envs.gap.logs.report import UNITS
 from stiction_envs.gap.logs.report_figures import VIEWS
 from stiction_envs.gap.logs.report_html import to_html
+from stiction_envs.gap.logs.report_png import COLOURS, save
 from tests.gap.logs.small_logs import data_of, hidden, panda
+from tests.gap.logs.test_poses import poses
 
 
 def test_line_is_that_of_polyfit():
@@ -45,6 +49,32 @@ def test_least_squares_is_right_on_clean_signals_and_says_where_not():
     assert min(x.r2 for x in bad.lines) < 0.1
     assert any("R²" in why for why in bad.breaks[2])
     assert any("raw differentiation" in why for why in bad.breaks[2])
+
+
+def test_least_squares_of_poses_has_no_lines():
+    """Poses have no speeds: no line, and it says why."""
+    log = poses(count=30)
+    found = least_squares([log], data_of(panda(), log))
+    assert all(np.isnan(x.slope) and x.rows == 0 for x in found.lines)
+    assert found.breaks[1] == ("it does not move in both directions",)
+
+
+def test_pictures_are_small_and_the_same_twice(tmp_path):
+    """A palette of few colours; white stays white and a line keeps its colour."""
+    for name in ("a.png", "b.png"):
+        figure = Figure(figsize=(4, 3))
+        axes = figure.subplots()
+        axes.plot(np.random.default_rng(0).normal(size=3000), ".", color="#c2590c", ms=2)
+        axes.plot([0, 3000], [0, 0], color="#1f5fa8", lw=6)
+        save(figure, tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
+    picture = Image.open(tmp_path / "a.png")
+    assert picture.mode == "P"
+    colours = [c for _, c in picture.convert("RGB").getcolors()]
+    assert len(colours) <= COLOURS
+    for wanted in ((255, 255, 255), (0xC2, 0x59, 0x0C), (0x1F, 0x5F, 0xA8)):
+        assert min(max(abs(a - b) for a, b in zip(wanted, c, strict=True)) for c in colours) < 6
 
 
 def test_every_cause_has_a_view_and_every_parameter_a_unit():

@@ -1,4 +1,8 @@
-"""Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t)."""
+"""Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t).
+
+A log whose torque was measured late, or behind a filter, shows the same with T < 0: what is told is
+|T| in both cases, and in words which it is.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,7 @@ class ActuatorDelay(Cause):
 
     name: ClassVar[str] = "actuator_delay"
     what: ClassVar[str] = "torque acts late or filtered"
+    plain: ClassVar[bool] = False
     record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
     arm_wide: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("delay_s", "s", -0.1, 0.1),)
@@ -45,9 +50,15 @@ class ActuatorDelay(Cause):
         return False
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return T [s]."""
-        return {"delay_s": float(coefficients[0])}
+        """Return |T| [s]."""
+        return {"delay_s": abs(float(coefficients[0]))}
+
+    def said(self, coefficients: Array) -> str:
+        """Return whether torque acts after it was logged, or was logged after it acted."""
+        if coefficients[0] >= 0:
+            return self.what
+        return "torque is late in the log (measured late, or behind a filter)"
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether the arm's torques change too little."""
-        return "" if np.any(data.nominal.std(axis=0) > 5 * data.noise) else "no torque changes"
+        return "" if np.any(data.rigid.std(axis=0) > 5 * data.noise) else "no torque changes"

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.logs.data import Data
+from stiction_envs.gap.logs.data import Data, rate
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -49,6 +49,14 @@ class Cause(ABC):
     """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
     sharpen: ClassVar[bool] = True
     """Whether its nonlinear parameter is a number that can be refined between those tried."""
+    plain: ClassVar[bool] = True
+    """Whether it has no nonlinear parameter."""
+    alone: ClassVar[bool] = True
+    """Whether it may stand without what it `needs`, where that is found not to be there."""
+    rough: ClassVar[bool] = False
+    """Whether its law is only a likeness, so that little things beside it mean nothing."""
+    law: ClassVar[bool] = False
+    """Whether it belongs to the common law of friction, and is no refinement of it."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Causes that are in the model of a joint wherever this one is."""
     parameters: ClassVar[tuple[Parameter, ...]]
@@ -64,6 +72,10 @@ class Cause(ABC):
     @abstractmethod
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the parameters of coefficients (k,) and nonlinear parameters."""
+
+    def said(self, coefficients: Array) -> str:
+        """Return `what`, for these coefficients."""
+        return self.what
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         """Return lowest and highest coefficients, (k,) each; by default the parameters'."""
@@ -81,9 +93,20 @@ class Cause(ABC):
         """
         return [()]
 
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours of a nonlinear parameter, between which it is refined."""
+        tried = sorted(s[0] for s in shapes)
+        at = tried.index(shape[0])
+        return tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]
+
     def small(self, coefficients: Array, shape: Shape) -> bool:
         """Whether it is too small to be told from how simulations and logs are timed."""
         return False
+
+    def bounded(self, coefficients: Array, data: Data) -> bool:
+        """Whether what it is about stands on a bound: then it is something else, or nothing."""
+        low, high = self.bounds(data)
+        return bool(np.any((coefficients <= low) | (coefficients >= high)))
 
     def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
         """Whether a nonlinear parameter stands at the end of what was tried."""
@@ -110,6 +133,14 @@ def lacks_both_directions(data: Data, joint: int) -> str:
     return ""
 
 
+def changes(data: Data, torque: Array) -> NDArray[np.bool_]:
+    """Return (n,) where a torque (T, n) changes by more than noise hides; a constant is an offset.
+
+    Three times the noise floor, as for what a blind study calls visible (assumed).
+    """
+    return np.asarray(torque[data.block >= 0].std(axis=0) > 3 * data.noise)
+
+
 def log_grid(low: float, high: float, count: int) -> list[Shape]:
     """Return values spread evenly in the logarithm."""
     return [(float(x),) for x in np.geomspace(low, high, count)]
@@ -117,8 +148,4 @@ def log_grid(low: float, high: float, count: int) -> list[Shape]:
 
 def along_runs(data: Data, signal: Array) -> Array:
     """Return the time derivative of (T, ...) within each segment, per second."""
-    out = np.zeros_like(signal)
-    for run in data.runs():
-        if run.stop - run.start > 2:
-            out[run] = np.gradient(signal[run], data.dt, axis=0)
-    return out
+    return rate(signal, data.runs(), data.dt)

@@ -6,8 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape, changes
 from stiction_envs.gap.logs.data import Data, gravity_torque
+
+LEAN = 0.05
+"""A lean that must be seen to change torques [rad]; assumed."""
 
 
 class BaseTilt(Cause):
@@ -34,10 +37,18 @@ class BaseTilt(Cause):
             "azimuth_rad": float(np.arctan2(coefficients[1], coefficients[0])),
         }
 
+    def bounded(self, coefficients: Array, data: Data) -> bool:
+        """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
+        return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
+
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"
+        for k in range(2):
+            sideways = data.cached("base_tilt", lambda: _sideways(data))[..., k]
+            if not changes(data, LEAN * sideways).any():
+                return "a lean of the base hardly changes any torque along this motion"
         return ""
 
 

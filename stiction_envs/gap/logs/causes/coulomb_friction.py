@@ -21,12 +21,14 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
+    law: ClassVar[bool] = True
+    rough: ClassVar[bool] = True
     record: ClassVar[str] = "constant speed in both directions, at several speeds"
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
-        return data.smooth(data.direction(joint))[:, None]
+        return data.smooth(data.grip(joint))[:, None]
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         """Return non-negative, or any where the nominal model has friction to be corrected."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
 from stiction_envs.gap.logs.causes.base import (
     Array,
     Cause,
@@ -22,13 +20,15 @@ class DirectionAsymmetry(Cause):
 
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
+    rough: ClassVar[bool] = True
     record: ClassVar[str] = "slow motion in both directions with long rests, against an offset"
+    alone: ClassVar[bool] = False
     needs: ClassVar = ("coulomb_friction",)
     parameters: ClassVar = (Parameter("asymmetry_nm", "N·m"),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one while the joint moves."""
-        return data.smooth(np.abs(data.direction(joint)))[:, None]
+        return data.smooth(data.growth(joint, data.side(joint)))[:, None]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return (F_+ − F_−)/2 [N·m]."""

@@ -21,13 +21,14 @@ class LoadDependentFriction(Cause):
 
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
+    rough: ClassVar[bool] = True
     record: ClassVar[str] = "the same slow motion in poses of small and of large gravity torque"
     needs: ClassVar = ("coulomb_friction",)
     parameters: ClassVar = (Parameter("load_coefficient", "1", 0.0, 1.0),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
-        return data.smooth(np.abs(data.rigid[:, joint]) * data.direction(joint))[:, None]
+        return data.smooth(data.growth(joint, np.abs(data.rigid[:, joint])))[:, None]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return k [-]."""

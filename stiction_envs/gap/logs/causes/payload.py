@@ -7,9 +7,11 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape, changes
 from stiction_envs.gap.logs.data import Data
 
+HEAVY = 1.0
+"""A payload whose weight must be seen to change [kg]; assumed."""
 SMALL = 0.02
 """Mass under which a centre of mass means nothing [kg]; assumed."""
 
@@ -37,10 +39,21 @@ class Payload(Cause):
         com = coefficients[1:4] / mass if mass > SMALL else np.zeros(3)
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
+    def bounded(self, coefficients: Array, data: Data) -> bool:
+        """Return whether there is no mass."""
+        return bool(coefficients[0] <= 0)
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether its mass is none."""
+        return bool(coefficients[0] <= SMALL)
+
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"
+        weight = data.cached("payload", lambda: _regressor(data))[..., 0]
+        if not changes(data, HEAVY * weight).any():
+            return "a payload's weight hardly changes any torque along this motion"
         return ""
 
 

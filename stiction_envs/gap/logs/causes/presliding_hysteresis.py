@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from stiction_envs.gap.logs.bristle import bristles
 from stiction_envs.gap.logs.causes.base import (
     Array,
     Cause,
@@ -15,7 +16,7 @@ from stiction_envs.gap.logs.causes.base import (
     lacks_both_directions,
     log_grid,
 )
-from stiction_envs.gap.logs.data import Data, bristles
+from stiction_envs.gap.logs.data import Data
 
 SHORTEST, LONGEST, COUNT = 1e-3, 5e-2, 9
 """Presliding distances that are tried [rad]: a filtered log sees a sign under the shortest."""
@@ -26,6 +27,8 @@ class PreslidingHysteresis(Cause):
 
     name: ClassVar[str] = "presliding_hysteresis"
     what: ClassVar[str] = "friction lags reversals (bristle)"
+    rough: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
     record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
     needs: ClassVar = ("coulomb_friction",)
     parameters: ClassVar = (
@@ -35,8 +38,8 @@ class PreslidingHysteresis(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m, and its rate [rad/s]."""
-        zeta = bristles(data.q[:, [joint]], data.runs(), np.array([[shape[0]]]))[:, 0, 0]
-        lag = zeta - data.direction(joint)
+        zeta = bristles(data.way[:, [joint]], data.runs(), np.array([[shape[0]]]))[:, 0, 0]
+        lag = zeta - data.grip(joint)
         return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
@@ -46,6 +49,10 @@ class PreslidingHysteresis(Cause):
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""
         return {"bristle_stiffness": float(coefficients[0]) / shape[0]}
+
+    def bounded(self, coefficients: Array, data: Data) -> bool:
+        """Return whether nothing lags: without damping it may well be."""
+        return bool(coefficients[0] <= 0)
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether reversals are missing."""

@@ -11,6 +11,7 @@ from stiction_envs.gap.logs.causes.base import (
     Cause,
     Parameter,
     Shape,
+    along_runs,
     lacks_both_directions,
     log_grid,
     moving,
@@ -23,6 +24,8 @@ class StribeckFriction(Cause):
 
     name: ClassVar[str] = "stribeck_friction"
     what: ClassVar[str] = "extra friction near zero speed"
+    rough: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
     record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
     needs: ClassVar = ("coulomb_friction",)
     parameters: ClassVar = (
@@ -32,8 +35,10 @@ class StribeckFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
-        fade = np.exp(-np.square(data.dq[:, joint] / shape[0]))
-        return data.smooth(data.direction(joint) * fade)[:, None]
+        # of the way, whose filter is wider: the speed falls fast where a joint stops
+        speed = along_runs(data, data.way[:, joint])
+        fade = np.exp(-np.square(speed / shape[0]))
+        return data.smooth(data.growth(joint, fade))[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return Stribeck velocities above what a filtered log resolves."""

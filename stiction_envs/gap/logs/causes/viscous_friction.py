@@ -22,6 +22,7 @@ class ViscousFriction(Cause):
 
     name: ClassVar[str] = "viscous_friction"
     what: ClassVar[str] = "slope of friction with speed"
+    law: ClassVar[bool] = True
     record: ClassVar[str] = "constant speed in both directions, slow to fast"
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
 

@@ -24,14 +24,14 @@ class WarmUpDrift(Cause):
 
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
+    rough: ClassVar[bool] = True
     record: ClassVar[str] = "the same motion repeated for tens of minutes, from cold"
     needs: ClassVar = ("coulomb_friction",)
     parameters: ClassVar = (Parameter("drift_nm_per_s", "N·m/s"),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return time in the direction of motion, counted from the start of the record."""
-        t = data.t - data.t.min()
-        return data.smooth(t * data.direction(joint))[:, None]
+        """Return time in the direction of motion, on the clock of the log."""
+        return data.smooth(data.growth(joint, data.t))[:, None]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return r [N·m/s]."""

@@ -1,0 +1,95 @@
+"""Dahl's bristle along the way of a joint: dry friction that lags its reversals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+START, CLEARLY = 10, 5e-4
+"""A joint that turns this far [rad] in so many first samples moves from the start; assumed."""
+
+
+def bristles(way: Array, runs: list[slice], distance: Array) -> Array:
+    """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
+
+    Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
+    turns ζ goes to the sign of the motion by e^(−x/d) over the way x. LuGre without Stribeck effect
+    and bristle damping. How a bristle stood before a segment began is not known: a joint that moves
+    then has come a long way, one that rests may hold any torque, on average none.
+
+    Args:
+        way: (T, n) [rad].
+        runs: rows of each segment.
+        distance: (n, k) d [rad].
+    """
+    out = np.zeros((*way.shape, distance.shape[-1]))
+    for run in runs:
+        if run.stop - run.start < 2:
+            continue
+        for j in range(way.shape[1]):
+            out[run, j] = _bristle(way[run, j], distance[j])
+    return out
+
+
+def _bristle(x: Array, distance: Array) -> Array:
+    """Return (K, k) along one segment of one joint."""
+    out = np.zeros((len(x), len(distance)))
+    side = np.sign(np.diff(x))
+    moves = np.flatnonzero(side)
+    if not len(moves):
+        return out
+    turns = moves[1:][side[moves[1:]] != side[moves[:-1]]].tolist()
+    starts = [int(moves[0]), *turns]
+    ends = [*turns, len(x) - 1]
+    begun = abs(x[min(START, len(x) - 1)] - x[0]) > CLEARLY
+    zeta = np.full(len(distance), side[moves[0]] if begun else 0.0)
+    out[: starts[0] + 1] = zeta
+    for a, b in zip(starts, ends, strict=True):
+        gone = np.abs(x[a + 1 : b + 1] - x[a])[:, None]
+        out[a + 1 : b + 1] = side[a] + (zeta - side[a]) * np.exp(-gone / distance)
+        zeta = out[b]
+    return out
+
+
+def grown(way: Array, runs: list[slice], distance: float, zeta: Array, growth: Array) -> Array:
+    """Return (T,) what a bristle adds per unit of a level that grows by ``growth``.
+
+    A bristle σ0 z of level g + εw, z' = q̇ − σ0 |q̇| z/(g + εw), is to first order in ε
+    gζ + εη with d = g/σ0 and η' = |q̇| (wζ − η)/d: η goes to wζ, but later than ζ turns, since the
+    stiffness is what it was. Exact for w that is constant over a sample.
+
+    Args:
+        way: (T,) [rad].
+        runs: rows of each segment.
+        distance: d [rad].
+        zeta: (T,) of `bristles` with that distance [-].
+        growth: (T,) w, any unit; at turns that of the new direction.
+    """
+    out = np.array(growth * zeta)
+    for run in runs:
+        x = way[run]
+        step = np.diff(x)
+        side = np.sign(step)
+        decay = np.abs(step) / distance
+        # ζ stands after some distances: η is there too, and need not be followed
+        lags = np.abs(zeta[run]) < SETTLED
+        lags[1:] |= lags[:-1]
+        eta = out[run]
+        w, z = growth[run], zeta[run]
+        # rows in a stretch that lags, one after the other; elsewhere η = wζ
+        rows = np.flatnonzero(lags[1:]).tolist()
+        keep = np.exp(-decay)
+        for k in rows:
+            s, wk = side[k], w[k + 1]
+            if s == 0:
+                eta[k + 1] = eta[k]
+            else:
+                eta[k + 1] = wk * s + (eta[k] - wk * s + wk * (z[k] - s) * decay[k]) * keep[k]
+        out[run] = eta
+    return out
+
+
+SETTLED = 1.0 - 1e-4
+"""ζ from which a bristle stands on its level [-]."""
