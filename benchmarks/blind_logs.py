@@ -13,6 +13,7 @@ import argparse
 import json
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +25,31 @@ import numpy as np
 from tqdm import tqdm
 
 from stiction_envs.gap.logs.diagnosis import Diagnosis, diagnose
-from tests.gap.logs.hidden_logs import EXCITED_BY, Case, make_case
+from tests.gap.logs.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
 
 VISIBLE = 3.0
 TARGETS = {"strongest": 0.95, "interval": 0.85, "false": 0.02, "pairs": 0.85}
-PAIRS = (
-    ("coulomb_friction", "payload"),
-    ("torque_offset", "viscous_friction"),
-    ("external_spring", "coulomb_friction"),
-    ("base_tilt", "viscous_friction"),
-    ("position_dependent_friction", "link_inertia"),
-    ("torque_scale", "coulomb_friction"),
+FIRST = 30000
+"""Seeds of the study begin here; those below 100 are for development."""
+NOTHING, PAIRS, UNCLEAR = 3, 2, 1
+"""Cases per round in which nothing, two causes, or something that cannot be told is hidden."""
+SAME = {"torque_offset", "external_spring"}
+"""On one joint these are one: an offset is a spring's rest that is elsewhere."""
+AMBIGUOUS: tuple[tuple[str, str, int, set[str]], ...] = (
+    # hidden, motion, joint (0: any), what else it may be
+    ("coulomb_friction", "one_way", 0, {"torque_offset", "direction_asymmetry"}),
+    ("torque_offset", "one_way", 0, {"coulomb_friction", "direction_asymmetry"}),
+    ("coulomb_friction", "one_speed", 0, {"viscous_friction"}),
+    ("viscous_friction", "one_speed", 0, {"coulomb_friction"}),
+    ("direction_asymmetry", "fourier", 0, {"torque_offset"}),
+    ("load_dependent_friction", "reversals", 2, {"coulomb_friction"}),
+    ("torque_offset", "fourier", 0, {"direction_asymmetry", "external_spring"}),
+    ("payload", "still", 0, {"torque_offset", "base_tilt"}),
 )
 Row = dict[str, Any]
 
 
-def judge(case: Case, found: Diagnosis) -> Row:
+def judge(case: Case, found: Diagnosis, unclear: int = -1) -> Row:
     """Return what was hidden, what was named, and how well."""
     ratio = case.effect / found.noise
     row: Row = {
@@ -53,6 +63,7 @@ def judge(case: Case, found: Diagnosis) -> Row:
         "joints": [list(c.joints) for c in found.causes],
         "gain_percent": [c.gain_percent for c in found.causes],
         "confused_with": [list(c.confused_with) for c in found.causes],
+        "unclear": unclear,
         "right_joint": [],
         "inside": {},
     }
@@ -72,35 +83,86 @@ def judge(case: Case, found: Diagnosis) -> Row:
     return row
 
 
-def plan(cases: int) -> list[tuple[int, tuple[str, ...]]]:
-    """Return (seed, causes), round after round, so that a part of a study says something too."""
-    kinds: list[tuple[str, ...]] = [(name,) for name in EXCITED_BY]
-    out: list[tuple[int, tuple[str, ...]]] = []
+@dataclass(frozen=True)
+class Job:
+    """One case: seed and kind say everything."""
+
+    seed: int
+    causes: tuple[str, ...]
+    unclear: int = -1
+    """Number in `AMBIGUOUS`, if it is one of those."""
+
+    def case(self) -> Case:
+        """Simulate it."""
+        rng = np.random.default_rng([self.seed, 77])
+        if self.unclear >= 0:
+            name, motion, joint, _ = AMBIGUOUS[self.unclear]
+            known = None if name not in ("coulomb_friction", "viscous_friction") else False
+            size = float(rng.uniform(0.4, 1.0))
+            return make_case(
+                self.seed, (name,), motion=motion, joint=joint or None, known=known, size=size
+            )
+        if len(self.causes) == 2:
+            joint = int(rng.choice(common_joints(*self.causes))) if self.seed % 2 else None
+            size = float(rng.uniform(0.4, 1.0))
+            return make_case(self.seed, self.causes, joint=joint, size=size)
+        return make_case(self.seed, self.causes)
+
+
+def common_joints(one: str, two: str) -> list[int]:
+    """Return the joints on which two causes can be seen."""
+    every = range(1, 8)
+    return [j for j in every if j in JOINTS.get(one, every) and j in JOINTS.get(two, every)]
+
+
+def pair(seed: int) -> tuple[str, str]:
+    """Two causes that one motion excites, that the generator can hold, and that are not one."""
+    rng = np.random.default_rng([seed, 78])
+    while True:
+        one, two = (str(x) for x in rng.choice(list(EXCITED_BY), 2, replace=False))
+        together = set(EXCITED_BY[one]) & set(EXCITED_BY[two])
+        both_loose = {one, two} == {"backlash", "joint_elasticity"}
+        if together and not both_loose and {one, two} != SAME and common_joints(one, two):
+            return one, two
+
+
+def plan(cases: int) -> list[Job]:
+    """Return cases round after round, so that a part of a study says something too."""
+    out = []
     for k in range(cases):
-        seed = 1000 + k
-        out += [(seed, kind) for kind in kinds]
-        out += [(seed, ()), (seed, PAIRS[k % len(PAIRS)])]
+        seed = FIRST + k
+        out += [Job(seed, (name,)) for name in EXCITED_BY]
+        out += [Job(FIRST + 1000 + NOTHING * k + i, ()) for i in range(NOTHING)]
+        for i in range(PAIRS):
+            number = FIRST + 2000 + PAIRS * k + i
+            out.append(Job(number, pair(number)))
+        for i in range(UNCLEAR):
+            number = (UNCLEAR * k + i) % len(AMBIGUOUS)
+            out.append(Job(FIRST + 3000 + k, (AMBIGUOUS[number][0],), number))
     return out
 
 
-def study(cases: int, work: Path) -> list[Row]:
-    """Run what is not yet on disk."""
+def study(cases: int, work: Path, minutes: float) -> list[Row]:
+    """Run what is not yet on disk, for so many minutes at most."""
     path = work / "blind_logs.jsonl"
     rows: list[Row] = []
     if path.exists():
         rows = [json.loads(line) for line in path.read_text().splitlines() if line.endswith("}")]
     done = {(r["seed"], tuple(r["hidden"])) for r in rows}
-    todo = [job for job in plan(cases) if job not in done]
+    todo = [job for job in plan(cases) if (job.seed, job.causes) not in done]
+    end = time.monotonic() + 60 * minutes
     with path.open("a") as file:
-        for seed, causes in tqdm(todo, desc="blind logs"):
-            case = make_case(seed, causes)
+        for job in tqdm(todo, desc="blind logs"):
+            if time.monotonic() > end:
+                break
+            case = job.case()
             start = time.perf_counter()
             found = diagnose(case.logs, "panda", nominal=case.nominal)
-            row = judge(case, found) | {"seconds": time.perf_counter() - start}
+            row = judge(case, found, job.unclear) | {"seconds": time.perf_counter() - start}
             file.write(json.dumps(row) + "\n")
             file.flush()
             rows.append(row)
-    wanted = set(plan(cases))
+    wanted = {(job.seed, job.causes) for job in plan(cases)}
     return [r for r in rows if (r["seed"], tuple(r["hidden"])) in wanted]
 
 
@@ -115,9 +177,9 @@ def _rate(hits: int, of: int, target: float, most: bool = False) -> str:
     )
 
 
-def report(rows: list[Row]) -> str:
+def report(rows: list[Row], planned: int) -> str:
     """Return the page."""
-    single = [r for r in rows if len(r["hidden"]) == 1]
+    single = [r for r in rows if len(r["hidden"]) == 1 and r["unclear"] < 0]
     seen = [r for r in single if r["effect_over_noise"] > VISIBLE]
     first = [r for r in seen if r["named"][:1] == r["hidden"]]
     inside = [ok for r in seen for ok in r["inside"].values()]
@@ -132,12 +194,16 @@ def report(rows: list[Row]) -> str:
         if r not in first
         and (r["verdict"] == "cannot tell" or any(r["hidden"][0] in c for c in r["confused_with"]))
     ]
+    unclear = [r for r in rows if r["unclear"] >= 0]
+    told = [r for r in unclear if is_told(r)]
     lines = [
         "# Blind logs: is the hidden cause named?",
         "",
         "Made by `python -m benchmarks.blind_logs`; simulated Panda logs of 26 s at 500 Hz, one "
         "cause of random size, joint and sign each, noise, rounding and jitter. "
-        f"{len(rows)} cases, {np.median([r['seconds'] for r in rows]):.1f} s each (median).",
+        f"Seeds from {FIRST} up, which were never looked at while the tool was written; "
+        f"development used seeds below 100. {len(rows)} of {planned} cases, "
+        f"{np.median([r['seconds'] for r in rows]):.1f} s each (median).",
         "",
         f"- Strongest listed cause is the hidden one, effect above {VISIBLE:g} times the noise "
         f"floor: {_rate(len(first), len(seen), TARGETS['strongest'])}; of the others "
@@ -146,7 +212,10 @@ def report(rows: list[Row]) -> str:
         f"{_rate(sum(inside), len(inside), TARGETS['interval'])}",
         f"- Nothing hidden, yet a cause named: "
         f"{_rate(len(false), len(none), TARGETS['false'], most=True)}",
-        f"- Two hidden, both named: {_rate(len(both), len(pairs), TARGETS['pairs'])}",
+        f"- Two hidden, random pairs, on the same joint in half of the cases, sizes from 0.4 of "
+        f"the range up; both named: {_rate(len(both), len(pairs), TARGETS['pairs'])}",
+        f'- Motion that cannot tell: the right partner in `confused_with`, or "cannot tell": '
+        f"{len(told)}/{len(unclear)}",
         "",
         "| hidden | cases | visible | strongest | right joint | in interval | others named first |",
         "|---|---|---|---|---|---|---|",
@@ -162,7 +231,36 @@ def report(rows: list[Row]) -> str:
             f"{sum(all(r['right_joint']) for r in good)} | {sum(ci)}/{len(ci)} | "
             f"{', '.join(sorted(other))} |"
         )
+    lines += ["", "| two hidden | motion | named |", "|---|---|---|"]
+    for r in pairs:
+        mark = "" if r in both else " **missed**"
+        named = ", ".join(r["named"]) or "nothing"
+        lines.append(f"| {' + '.join(r['hidden'])} | {r['motion']} | {named}{mark} |")
+    lines += [
+        "",
+        "| cannot be told | motion | verdict | named (may also be) |",
+        "|---|---|---|---|",
+    ]
+    for r in unclear:
+        named = "; ".join(
+            f"{n} ({', '.join(c) or '–'})"
+            for n, c in zip(r["named"], r["confused_with"], strict=True)
+        )
+        mark = "" if r in told else " **wrong**"
+        lines.append(f"| {r['hidden'][0]} | {r['motion']} | {r['verdict']} | {named}{mark} |")
     return "\n".join(lines) + "\n"
+
+
+def is_told(row: Row) -> bool:
+    """Whether a case that cannot be told was told honestly."""
+    if row["verdict"] == "cannot tell":
+        return True
+    hidden, partners = row["hidden"][0], AMBIGUOUS[row["unclear"]][3]
+    return any(
+        (name == hidden and not partners.isdisjoint(others))
+        or (name in partners and hidden in others)
+        for name, others in zip(row["named"], row["confused_with"], strict=True)
+    )
 
 
 def picture(rows: list[Row], path: Path) -> None:
@@ -170,7 +268,11 @@ def picture(rows: list[Row], path: Path) -> None:
     names = [*EXCITED_BY, "nothing"]
     table = np.zeros((len(names), len(names)))
     for r in rows:
-        if len(r["hidden"]) > 1 or (r["hidden"] and r["effect_over_noise"] <= VISIBLE):
+        if (
+            len(r["hidden"]) > 1
+            or r["unclear"] >= 0
+            or (r["hidden"] and r["effect_over_noise"] <= VISIBLE)
+        ):
             continue
         hidden = (r["hidden"] or ["nothing"])[0]
         table[names.index(hidden), names.index((r["named"] or ["nothing"])[0])] += 1
@@ -195,10 +297,11 @@ def main() -> None:
     parser.add_argument(
         "--work", type=Path, default=Path(tempfile.gettempdir()) / "blind_logs", help="case lines"
     )
+    parser.add_argument("--minutes", type=float, default=np.inf, help="stop after this long")
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
-    rows = study(args.cases, args.work)
-    page = report(rows)
+    rows = study(args.cases, args.work, args.minutes)
+    page = report(rows, len(plan(args.cases)))
     (args.out / "blind_logs.md").write_text(page)
     picture(rows, args.out / "blind_logs.png")
     print(page)
