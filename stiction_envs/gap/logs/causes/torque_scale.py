@@ -9,6 +9,10 @@ import numpy as np
 from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.logs.data import Data
 
+LOW, HIGH = 0.5, 2.0
+"""Gains beyond which no sensor or ratio would have gone unnoticed: it is another mass, or friction
+[-]; assumed."""
+
 
 class TorqueScale(Cause):
     """Gain of a torque sensor, motor constant or gear ratio."""
@@ -16,7 +20,7 @@ class TorqueScale(Cause):
     name: ClassVar[str] = "torque_scale"
     what: ClassVar[str] = "torque gain wrong"
     record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
-    parameters: ClassVar = (Parameter("scale", "1", 0.2, 5.0),)
+    parameters: ClassVar = (Parameter("scale", "1", LOW, HIGH),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque."""
@@ -24,7 +28,7 @@ class TorqueScale(Cause):
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         """Return the bounds of s − 1."""
-        return np.array([-0.8]), np.array([4.0])
+        return np.array([LOW - 1.0]), np.array([HIGH - 1.0])
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return s [-]."""
