@@ -1,6 +1,8 @@
 # Needs Python >= 3.11 with its venv module, and make; everything else goes into .venv.
 PYTHON ?= python3
 BIN := .venv/bin
+# one process of pytest per core: threads of linear algebra would only be in each other's way
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet -c constraints.txt
 
 .NOTPARALLEL:
@@ -16,7 +18,7 @@ test: .venv/.stamp-dev ## linter, formatter, types, then pytest
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/pytest
+	$(ONE_THREAD) $(BIN)/pytest
 
 env: .venv/.stamp-dev ## .venv with everything: rl, video and dev extras
 

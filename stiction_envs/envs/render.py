@@ -37,6 +37,7 @@ MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
 GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
 """Colour of an arm without geometry."""
 _RING = 36  # segments
+_FARTHER, _ASIDE = 1.3, 0.2  # of the window: its panel is drawn over the scene
 
 
 def check_render_mode(mode: str | None, *, batch: bool = False) -> None:
@@ -189,7 +190,9 @@ class Renderer(ABC):
             camera = self._camera(i)
             heading = np.deg2rad(camera.azimuth)
             right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-            camera.lookat -= 0.25 * camera.distance * right  # room for the panel on the left
+            # room for the panel on the left
+            camera.distance *= _FARTHER
+            camera.lookat -= _ASIDE * camera.distance * right
             with self._viewer.lock():
                 self._viewer.cam.lookat[:] = camera.lookat
                 self._viewer.cam.distance = camera.distance

@@ -7,7 +7,8 @@ sensor error) that dither cannot remove (physics.md 1.6). Both are known in two 
     offset(G)   = o_0 + e G          from the offset there, G the signed load
 
 The table's torques hold the slide to the 0.15 rad threshold too, so that F_0 is not read off but
-found: simulate the experiment, compare half-sums and half-differences, correct, repeat.
+found: simulate the experiment, compare half-sums and half-differences, correct, repeat. It begins
+with the friction the arm has, or with the table's where that is far off.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ SAME_LOAD_NM = 1e-6
 """Loads of the two poses that differ by less cannot explain different friction [N·m]."""
 ROUNDS = 10
 """Most rounds of simulate and correct."""
+FAR = 0.5
+"""Relative error past which the table is a better start than the arm's friction [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +115,7 @@ def calibrate(
     if (table.friction <= 0).any():
         raise StictionError("base table: friction (half-difference of + and −) must be positive")
     poses = experiment.poses
-    friction, offset = table.friction.copy(), table.offset.copy()
+    friction, offset = _levels(experiment)
     best: Calibration | None = None
     for round_ in range(1, ROUNDS + 1):
         parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
@@ -136,6 +139,9 @@ def calibrate(
             progress(round_, worst)
         if best.error <= tolerance:
             break
+        if round_ == 1 and worst > FAR:
+            friction, offset = table.friction.copy(), table.offset.copy()
+            continue
         half_width = (simulated[..., 0] - simulated[..., 1]) / 2
         middle = (simulated[..., 0] + simulated[..., 1]) / 2
         # the slide to the threshold adds to the reading, whatever the friction
@@ -152,6 +158,13 @@ def calibrate(
             f"{best.simulated[cell]:.4f} N·m, measured {table.tau[cell]:.4f} N·m"
         )
     return best
+
+
+def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
+    """Return friction and offset (n, 2) an arm has in its load and no-load pose [N·m]."""
+    own, poses = experiment.sticking.parameters, experiment.poses
+    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
+    return friction, own.offset[:, None] + own.gravity_error[:, None] * poses.signed
 
 
 def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text: bytes) -> str:

@@ -13,6 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import compiled
+
 Array = NDArray[np.float64]
 
 WIDER = 3.0
@@ -39,16 +41,20 @@ def angle_noise(q: Array) -> float:
 
 def play(x: Array, half: float) -> Array:
     """Return (K,) a pen that is dragged along by a slot of half width ``half``."""
-    if half <= 0 or not len(x):
-        return x
-    out, pen = [], float(x[0])
-    for value in x.tolist():
-        if value - half > pen:
-            pen = value - half
-        elif value + half < pen:
-            pen = value + half
-        out.append(pen)
-    return np.array(out)
+    return _dragged(x, half) if half > 0 and len(x) else x
+
+
+@compiled
+def _dragged(x: Array, half: float) -> Array:
+    """Return `play` of a slot that is not closed."""
+    out, pen = np.empty(len(x)), x[0]
+    for i in range(len(x)):
+        if x[i] - half > pen:
+            pen = x[i] - half
+        elif x[i] + half < pen:
+            pen = x[i] + half
+        out[i] = pen
+    return out
 
 
 def way(

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,9 +110,14 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float6
     x = np.asarray(x, np.float64)
     if 2 * cutoff_hz >= rate_hz or len(x) < 2:
         return x.copy()
-    sos = butter(ORDER, cutoff_hz, fs=rate_hz, output="sos")
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    return np.asarray(sosfiltfilt(sos, x, axis=0, padlen=pad))
+    return np.asarray(sosfiltfilt(_sections(rate_hz, cutoff_hz), x, axis=0, padlen=pad))
+
+
+@lru_cache
+def _sections(rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
+    """Return the second-order sections of `lowpass`."""
+    return np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 def prepare(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import compiled
+
 Array = NDArray[np.float64]
 
 START, CLEARLY = 10, 5e-4
@@ -53,12 +55,15 @@ def _bristle(x: Array, distance: Array) -> Array:
     return out
 
 
-def grown(way: Array, runs: list[slice], distance: float, zeta: Array, growth: Array) -> Array:
+def grown(
+    way: Array, runs: list[slice], distance: float, zeta: Array, growth: Array, ratio: float = 0.0
+) -> Array:
     """Return (T,) what a bristle adds per unit of a level that grows by ``growth``.
 
     A bristle σ0 z of level g + εw, z' = q̇ − σ0 |q̇| z/(g + εw), is to first order in ε
     gζ + εη with d = g/σ0 and η' = |q̇| (wζ − η)/d: η goes to wζ, but later than ζ turns, since the
-    stiffness is what it was. Exact for w that is constant over a sample.
+    stiffness is what it was. For larger ε, with r = ε/g, it is (y − ζ)/r of
+    y' = (q̇ − |q̇| y/(1 + rw))/d. Both exact for w that is constant over a sample.
 
     Args:
         way: (T,) [rad].
@@ -66,30 +71,49 @@ def grown(way: Array, runs: list[slice], distance: float, zeta: Array, growth: A
         distance: d [rad].
         zeta: (T,) of `bristles` with that distance [-].
         growth: (T,) w, any unit; at turns that of the new direction.
+        ratio: r, per unit of w; 0 for the first order.
     """
-    out = np.array(growth * zeta)
+    out = np.empty(len(way))
     for run in runs:
-        x = way[run]
-        step = np.diff(x)
-        side = np.sign(step)
-        decay = np.abs(step) / distance
-        # ζ stands after some distances: η is there too, and need not be followed
-        lags = np.abs(zeta[run]) < SETTLED
-        lags[1:] |= lags[:-1]
-        eta = out[run]
-        w, z = growth[run], zeta[run]
-        # rows in a stretch that lags, one after the other; elsewhere η = wζ
-        rows = np.flatnonzero(lags[1:]).tolist()
-        keep = np.exp(-decay)
-        for k in rows:
-            s, wk = side[k], w[k + 1]
-            if s == 0:
-                eta[k + 1] = eta[k]
-            else:
-                eta[k + 1] = wk * s + (eta[k] - wk * s + wk * (z[k] - s) * decay[k]) * keep[k]
-        out[run] = eta
+        if ratio == 0.0:
+            out[run] = _first_order(way[run], distance, zeta[run], growth[run])
+        else:
+            y = _taller(way[run], distance, float(zeta[run.start]), 1.0 + ratio * growth[run])
+            out[run] = (y - zeta[run]) / ratio
     return out
 
 
+@compiled
+def _first_order(way: Array, distance: float, zeta: Array, growth: Array) -> Array:
+    """Return (K,) η of `grown` along one segment."""
+    out = growth * zeta
+    for k in range(len(way) - 1):
+        if abs(zeta[k]) >= SETTLED and abs(zeta[k + 1]) >= SETTLED:
+            continue  # ζ stands after some distances: η is there too, and need not be followed
+        step = way[k + 1] - way[k]
+        side, w, decay = np.sign(step), growth[k + 1], abs(step) / distance
+        if side == 0:
+            out[k + 1] = out[k]
+        else:
+            left = out[k] - w * side + w * (zeta[k] - side) * decay
+            out[k + 1] = w * side + left * np.exp(-decay)
+    return out
+
+
+@compiled
+def _taller(way: Array, distance: float, zeta: float, level: Array) -> Array:
+    """Return (K,) a bristle that goes to the sign of the motion times a level (K,) [-]."""
+    out = np.empty(len(way))
+    out[0] = zeta * level[0]
+    for k in range(len(way) - 1):
+        step = way[k + 1] - way[k]
+        top = max(level[k + 1], LOWEST)
+        end = np.sign(step) * top
+        out[k + 1] = end + (out[k] - end) * np.exp(-abs(step) / (distance * top))
+    return out
+
+
+LOWEST = 1e-3
+"""Least level of a bristle over that of plain dry friction [-]."""
 SETTLED = 1.0 - 1e-4
 """ζ from which a bristle stands on its level [-]."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from stiction_envs.gap.logs.causes import Shape
 from stiction_envs.gap.logs.columns import ARM, Library, Term
 
 Array = NDArray[np.float64]
@@ -156,10 +157,13 @@ class Chooser:
         A cause of single joints may be at work on all of them, so that it is by the sum over
         joints that it is held against causes of the whole arm.
         """
-        total: dict[str, float] = {}
+        each: dict[tuple[str, int], float] = {}
         for x in offers:
-            cause = x.added[-1].cause
-            total[cause] = total.get(cause, 0.0) + x.found.total
+            key = x.added[-1].cause, x.added[-1].joint
+            each[key] = max(each.get(key, 0.0), x.found.total)
+        total: dict[str, float] = {}
+        for (cause, _), size in each.items():
+            total[cause] = total.get(cause, 0.0) + size
         arm = [x for x in offers if x.added[-1].joint == ARM]
         if not arm:
             return offers
@@ -215,6 +219,8 @@ class Chooser:
             return []
         out = []
         for (_, one), (_, two) in combinations(self._offers(joint), 2):
+            if one[-1].cause == two[-1].cause:
+                continue
             added = list(dict.fromkeys([*one, *two]))
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
@@ -224,7 +230,11 @@ class Chooser:
         return out
 
     def _offers(self, joint: int) -> list[tuple[float, list[Term]]]:
-        """Return the best term of each cause on a joint by its in-sample gain, best first."""
+        """Return the best term of each cause on a joint by its in-sample gain, best first.
+
+        All terms of causes whose nonlinear parameters foretell differently from step to step: the
+        best in the sample is then often not the one that foretells.
+        """
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
         weight = np.ones(lib.stack.blocks)
@@ -238,7 +248,7 @@ class Chooser:
         tied = [t for t in self.terms if joint in lib.reach(t)]
         now = {1: loss(tied, [joint]) if joint != ARM else 0.0}
         now[lib.data.n] = loss(self.terms, everywhere)
-        best: dict[str, tuple[float, list[Term]]] = {}
+        best: dict[tuple[str, Shape], tuple[float, list[Term]]] = {}
         for term in lib.terms:
             if term.joint != joint or (term.cause, joint) in have:
                 continue
@@ -252,9 +262,12 @@ class Chooser:
             beside = tied if len(joints) == 1 else self.terms
             added = [*parents, term]
             value = now[len(joints)] - loss([*beside, *added], joints)
-            if value > best.get(term.cause, (0.0, []))[0]:
-                best[term.cause] = (value, added)
-        return sorted(best.values(), key=lambda x: -x[0])[:SHORTLIST]
+            key = (term.cause, term.shape if lib.causes[term.cause].fickle else ())
+            if value > best.get(key, (0.0, []))[0]:
+                best[key] = (value, added)
+        ranked = sorted(best.values(), key=lambda x: -x[0])
+        short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[:SHORTLIST]
+        return [x for x in ranked if x[1][-1].cause in short]
 
     def _small(self, terms: list[Term], added: list[Term]) -> bool:
         """Whether a value is so small, or so far out, that its cause means nothing."""

@@ -64,6 +64,8 @@ class Data:
     """(n,) presliding distance of plain dry friction [rad]."""
     way: Array
     """(T, n) angles without overshoot and noise, for friction's turns [rad]."""
+    level: Array
+    """(n,) dry friction of the nominal model in motion, mean of the directions [N·m]."""
     lead: Array
     """(n,) σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
     rows: dict[str, Array]
@@ -126,10 +128,11 @@ class Data:
             out[run] = step[last]
         return out
 
-    def growth(self, joint: int, weight: Array) -> Array:
+    def growth(self, joint: int, weight: Array, ratio: float = 0.0) -> Array:
         """Return (T,) dry friction per unit of a level that grows by ``weight`` (T,), unfiltered.
 
-        In steady sliding it is the weight in the direction of motion.
+        In steady sliding it is the weight in the direction of motion. ``ratio`` is the growth per
+        unit of weight over the level (`grown`).
         """
         eta = grown(
             self.way[:, joint],
@@ -137,6 +140,7 @@ class Data:
             float(self.distance[joint]),
             self.direction(joint),
             weight,
+            ratio,
         )
         if self.lead[joint] == 0:
             return eta
@@ -253,8 +257,9 @@ def assemble(
     gravity = gravity_torque(model, q)
     segment = segment_numbers(parts, signals.dt)
     runs, distance = runs_of(segment), np.full(arm.n, BITE)
-    lead = np.zeros(arm.n)
+    level, lead = np.zeros((2, arm.n))
     if friction is not None:
+        level = (friction.stiction * friction.coulomb_ratio).mean(axis=-1)
         distance = friction.stiction.mean(axis=-1) / friction.bristle_stiffness
         direction = bristles(way, runs, distance[:, None])[..., 0]
         rotor, stiffness = friction.rotor_inertia, friction.bristle_stiffness
@@ -292,6 +297,7 @@ def assemble(
         pinocchio=model,
         distance=distance,
         way=way,
+        level=level,
         lead=lead,
         rows={name: np.concatenate([s.extra[name] for s in parts]) for name in sorted(names)},
     )

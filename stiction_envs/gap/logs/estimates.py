@@ -16,8 +16,12 @@ Array = NDArray[np.float64]
 RESAMPLES = 200
 WIDER = 2.2
 """Standard deviations of the resamples in an interval: Student's t of 11 degrees of freedom."""
+FAR = 5.0
+"""Robust standard deviations at which resamples are cut off [-]; assumed."""
 MODEL = 0.03
 """Part of a value to which any model is true at best [-]; assumed."""
+GROWN, NEAR = 2, 0.15
+"""Rounds in which shapes follow sizes, and how far the logarithm of a parameter then moves [-]."""
 TANGENT = 0.1
 """Step in the logarithm of a nonlinear parameter for its tangent [-]."""
 
@@ -33,7 +37,30 @@ class Estimate:
 
 
 def sharpen(library: Library, terms: list[Term]) -> list[Term]:
-    """Refine nonlinear parameters between the grid's neighbours, one after the other."""
+    """Refine nonlinear parameters between the grid's neighbours, and by the sizes that are found.
+
+    What hangs on a size is worked out anew with it, as often as `GROWN`.
+    """
+    out = _refined(library, terms)
+    for _ in range(GROWN):
+        c = library.split(out, library.stack.fit(library.pick(out)))
+        level = library.data.level.copy()
+        for term, mine in zip(out, c, strict=True):
+            if term.cause == "coulomb_friction":
+                level[term.joint] += float(mine[0])
+        larger = [
+            Term(t.cause, t.joint, library.causes[t.cause].grown(t.shape, x, float(level[t.joint])))
+            for t, x in zip(out, c, strict=True)
+        ]
+        if larger == out:
+            break
+        library.refine(larger)
+        out = _refined(library, larger, NEAR)
+    return out
+
+
+def _refined(library: Library, terms: list[Term], near: float | None = None) -> list[Term]:
+    """Refine nonlinear parameters one after the other, within ``near`` or the grid's neighbours."""
     out = list(terms)
     data = library.data
     c = library.split(out, library.stack.fit(library.pick(out)))
@@ -42,7 +69,10 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
             continue
         j = term.joint
         cause, rest = library.causes[term.cause], term.shape[1:]
-        ends = np.log(cause.between(term.shape, library.tried(term)))
+        if near is None:
+            ends = np.log(cause.between(term.shape, library.tried(term)))
+        else:
+            ends = np.log(term.shape[0]) + np.array([-near, near])
         local = [k for k, t in enumerate(out) if library.reach(t) == [j] and k != i]
         arm = [k for k, t in enumerate(out) if j in library.reach(t) and k not in (i, *local)]
         left = data.residual[:, j].copy()
@@ -109,9 +139,13 @@ def _interval(samples: Array, value: Array) -> Any:
     """Return [low, high] about a value, or one pair per number.
 
     Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
-    for (`MODEL`): the percentiles of 12 blocks are too narrow.
+    for (`MODEL`): the percentiles of 12 blocks are too narrow. Samples far out, such as a quotient
+    whose divisor came near zero, count as if they were `FAR` deviations out.
     """
-    spread = WIDER * samples.std(axis=0) + MODEL * np.max(np.abs(value))
+    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
+    far = FAR * (high - low) / 2
+    near = np.clip(samples, middle - far, middle + far)
+    spread = WIDER * near.std(axis=0) + MODEL * np.max(np.abs(value))
     return np.stack([value - spread, value + spread], axis=-1).tolist()
 
 

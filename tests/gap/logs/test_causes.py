@@ -9,7 +9,7 @@ import pytest
 
 from stiction_envs.gap.logs.bristle import bristles, grown
 from stiction_envs.gap.logs.causes import CAUSES
-from stiction_envs.gap.logs.causes.backlash import FLANK, all_crossings, crossings, dragged
+from stiction_envs.gap.logs.causes.backlash import FLANK, crossings, dragged, lost
 from stiction_envs.gap.logs.causes.deflection import mass_matrix
 from stiction_envs.gap.logs.causes.joint_elasticity import deflection
 from stiction_envs.gap.logs.columns import certain
@@ -122,7 +122,17 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     yields = 5 * np.abs(data.rigid[:, 2]).max() / FLANK
     assert 0.01 <= delta.max() < 0.01 + yields
     assert -0.01 >= delta.min() > -0.01 - yields
-    assert np.allclose(delta, all_crossings(data, 2, np.array([0.01, 0.02]), 0.3)[:, 1])
+
+
+def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
+    q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
+    one = SimpleNamespace(way=q, q=q, runs=lambda: [slice(0, len(q))])
+    behind = lost(one, 0, 0.02)
+    forth, back = np.arange(201) < 101, np.arange(201) >= 120
+    assert np.allclose(behind[forth][11:], -0.01)
+    assert np.allclose(behind[back], 0.01)
+    still = (np.arange(201) >= 101) & ~back
+    assert np.allclose((behind + q[:, 0])[still], 0.09)
 
 
 def test_a_dragged_link_carries_nothing_until_the_gap_is_crossed() -> None:

@@ -32,6 +32,10 @@ class Parameter:
     """Numbers it holds."""
 
 
+EDGE = 1.02
+"""Nonlinear parameters within this factor of the last that were tried stand at the end [-]."""
+
+
 class Cause(ABC):
     """Something that simulations leave out or get wrong.
 
@@ -45,6 +49,8 @@ class Cause(ABC):
     """The motion that shows it and tells it from others, a clause."""
     arm_wide: ClassVar[bool] = False
     """One hypothesis with the same coefficients in all joints."""
+    fickle: ClassVar[bool] = False
+    """Whether neighbours among its nonlinear parameters foretell quite different torques."""
     coupled: ClassVar[bool] = False
     """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
     sharpen: ClassVar[bool] = True
@@ -99,6 +105,10 @@ class Cause(ABC):
         at = tried.index(shape[0])
         return tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]
 
+    def grown(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return the nonlinear parameters of a cause of this size on that dry friction [N·m]."""
+        return shape
+
     def small(self, coefficients: Array, shape: Shape) -> bool:
         """Whether it is too small to be told from how simulations and logs are timed."""
         return False
@@ -113,7 +123,10 @@ class Cause(ABC):
         if len(shapes) < 2 or not shape:
             return False
         tried = sorted({s[0] for s in shapes})
-        return shape[0] in (tried[0], tried[-1])
+        if tried[0] <= 0:
+            return shape[0] in (tried[0], tried[-1])
+        # refined ones come close to the end without reaching it
+        return not tried[0] * EDGE < shape[0] < tried[-1] / EDGE
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return why these data cannot show the cause on a joint, or nothing."""

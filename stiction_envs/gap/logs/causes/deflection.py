@@ -41,3 +41,10 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
     bend = along_runs(data, along_runs(data, deflection))
     own, slope = mass_matrix(data)[:, :, joint], gravity_slope(data)[:, :, joint]
     return own * bend[:, None] + slope * deflection[:, None]
+
+
+def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
+    """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
+    bend = along_runs(data, along_runs(data, deflections))
+    own, slope = mass_matrix(data)[:, joint, joint], gravity_slope(data)[:, joint, joint]
+    return np.asarray(own[:, None] * bend + slope[:, None] * deflections)

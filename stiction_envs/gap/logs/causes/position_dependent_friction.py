@@ -48,7 +48,8 @@ class PositionDependentFriction(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the periods per turn, whole numbers, that the residual shows best.
 
-        From `LEAST` periods within the joint's range to what its speed and the sampling resolve.
+        From `LEAST` periods within the joint's range to what its speed and the sampling resolve;
+        peaks only, since what explains ever more towards fewer periods is none.
         """
         q = data.q[:, joint]
         span = float(np.ptp(q))
@@ -57,9 +58,9 @@ class PositionDependentFriction(Cause):
         step = float(np.percentile(np.abs(data.dq[:, joint]), 75)) * data.dt
         low = max(1, int(np.ceil(LEAST * 2 * np.pi / span)))
         high = min(400, int(2 * np.pi / max(8 * step, 1e-6)))
-        count = np.arange(low, high + 1)
-        if not len(count):
+        if low > high:
             return []
+        count = np.arange(1, high + 1)
         # each angle weighs the same, however long the joint stays there
         thin = slice(None, None, max(1, len(q) // THIN))
         weight = np.abs(data.dq[thin, joint])
@@ -67,14 +68,16 @@ class PositionDependentFriction(Cause):
         base = np.stack([np.ones_like(q), q, data.direction(joint)], axis=1)[thin]
         base, r = base * weight[:, None], residual[thin] * weight
         turning = weight * data.direction(joint)[thin]
-        power: dict[int, list[tuple[float, Shape]]] = {1: [], 2: []}
-        for k in count.tolist():
-            wave = np.stack([np.sin(k * q[thin]), np.cos(k * q[thin])], axis=1)
-            for side, shape in ((weight, (float(k),)), (turning, (float(k), 1.0))):
-                x = np.column_stack([wave * side[:, None], base])
-                xr = r @ x
-                power[len(shape)].append((float(xr @ np.linalg.solve(x.T @ x + RIDGE, xr)), shape))
-        return [s for each in power.values() for _, s in sorted(each, reverse=True)[:BEST]]
+        angle = q[thin, None] * count
+        waves = np.stack([np.sin(angle), np.cos(angle)])
+        found: list[Shape] = []
+        for side, tail in ((weight, ()), (turning, (1.0,))):
+            power = _shown(waves * side[:, None], base, r)
+            around = np.concatenate([[-np.inf], power, [-np.inf]])
+            peak = (power >= around[:-2]) & (power > around[2:]) & (count >= low)
+            best = np.argsort(np.where(peak, -power, np.inf), kind="stable")[:BEST]
+            found += [(float(count[k]), *tail) for k in best if peak[k]]
+        return found
 
     def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
         """Never: the periods tried are the best of all."""
@@ -92,3 +95,23 @@ class PositionDependentFriction(Cause):
         """Return whether the joint turns too little."""
         span = float(np.ptp(data.q[:, joint]))
         return f"joint {joint + 1} turns by {span:.3f} rad only" if span < 0.05 else ""
+
+
+def _shown(waves: Array, base: Array, r: Array) -> Array:
+    """Return (K,) what each of K waves explains of a residual, with columns that are there anyway.
+
+    Args:
+        waves: (2, T, K) weighted sines and cosines.
+        base: (T, 3) weighted columns.
+        r: (T,) weighted residual.
+    """
+    count = waves.shape[2]
+    xx, xr = np.empty((count, 5, 5)), np.empty((count, 5))
+    for i in range(2):
+        for j in range(2):
+            xx[:, i, j] = np.einsum("tk,tk->k", waves[i], waves[j])
+        xx[:, i, 2:] = xx[:, 2:, i] = waves[i].T @ base
+        xr[:, i] = waves[i].T @ r
+    xx[:, 2:, 2:], xr[:, 2:] = base.T @ base, base.T @ r
+    solved = np.linalg.solve(xx + RIDGE, xr[..., None])[..., 0]
+    return np.asarray(np.einsum("kp,kp->k", xr, solved))

@@ -18,6 +18,9 @@ from stiction_envs.gap.logs.causes.base import (
 )
 from stiction_envs.gap.logs.data import SIGN_SPEED, Data
 
+MOST_RATIO = 5.0
+"""ΔF over the level in motion past which bristles are taken as at this [-]; assumed."""
+
 
 class StribeckFriction(Cause):
     """Friction that falls from its level at rest to its level in motion."""
@@ -38,11 +41,23 @@ class StribeckFriction(Cause):
         # of the way, whose filter is wider: the speed falls fast where a joint stops
         speed = along_runs(data, data.way[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
-        return data.smooth(data.growth(joint, fade))[:, None]
+        ratio = shape[1] if len(shape) > 1 else 0.0
+        return data.smooth(data.growth(joint, fade, ratio))[:, None]
+
+    def grown(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return v_s and ΔF over the level in motion, which bends the bristles further."""
+        if level <= 0:
+            return shape
+        return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return Stribeck velocities above what a filtered log resolves."""
-        return log_grid(3 * SIGN_SPEED, 0.3, 10)
+        """Return Stribeck velocities above what a filtered log resolves, up to half the top speed.
+
+        Slower motion never leaves the Stribeck effect behind: it is then as good as constant.
+        """
+        top = 0.5 * float(np.percentile(np.abs(data.dq[:, joint]), 95))
+        low = 3 * SIGN_SPEED
+        return log_grid(low, min(0.3, top), 10) if top > 1.1 * low else []
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""
