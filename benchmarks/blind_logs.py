@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +32,7 @@ from tests.gap.logs.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
 
 VISIBLE = 3.0
 TARGETS = {"strongest": 0.95, "interval": 0.85, "false": 0.02, "pairs": 0.85}
-FIRST = 30000
+FIRST = 40000
 """Seeds of the study begin here; those below 100 are for development."""
 NOTHING, PAIRS, UNCLEAR = 3, 2, 1
 """Cases per round in which nothing, two causes, or something that cannot be told is hidden."""
@@ -142,6 +145,14 @@ def plan(cases: int) -> list[Job]:
     return out
 
 
+def _row(job: Job) -> Row:
+    """Run one case; `seconds` are those of the diagnosis."""
+    case = job.case()
+    start = time.perf_counter()
+    found = diagnose(case.logs, "panda", nominal=case.nominal)
+    return judge(case, found, job.unclear) | {"seconds": time.perf_counter() - start}
+
+
 def study(cases: int, work: Path, minutes: float) -> list[Row]:
     """Run what is not yet on disk, for so many minutes at most."""
     path = work / "blind_logs.jsonl"
@@ -151,17 +162,15 @@ def study(cases: int, work: Path, minutes: float) -> list[Row]:
     done = {(r["seed"], tuple(r["hidden"])) for r in rows}
     todo = [job for job in plan(cases) if (job.seed, job.causes) not in done]
     end = time.monotonic() + 60 * minutes
-    with path.open("a") as file:
-        for job in tqdm(todo, desc="blind logs"):
-            if time.monotonic() > end:
-                break
-            case = job.case()
-            start = time.perf_counter()
-            found = diagnose(case.logs, "panda", nominal=case.nominal)
-            row = judge(case, found, job.unclear) | {"seconds": time.perf_counter() - start}
+    pool = ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+    with path.open("a") as file, pool:
+        for row in tqdm(pool.map(_row, todo), desc="blind logs", total=len(todo)):
             file.write(json.dumps(row) + "\n")
             file.flush()
             rows.append(row)
+            if time.monotonic() > end:
+                pool.shutdown(cancel_futures=True)
+                break
     wanted = {(job.seed, job.causes) for job in plan(cases)}
     return [r for r in rows if (r["seed"], tuple(r["hidden"])) in wanted]
 

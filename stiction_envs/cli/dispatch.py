@@ -10,12 +10,22 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-from stiction_envs.cli import calibrate, diagnose, excite, export, gte, reproduce, sje, tune
+from stiction_envs.cli import (
+    calibrate,
+    diagnose,
+    excite,
+    export,
+    gte,
+    identify,
+    reproduce,
+    sje,
+    tune,
+)
 from stiction_envs.cli.common import Failed, Parser, one_line, plain
 from stiction_envs.errors import StictionError
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
-COMMANDS = (sje, gte, tune, calibrate, excite, diagnose, export, reproduce)
+COMMANDS = (sje, gte, tune, calibrate, excite, identify, diagnose, export, reproduce)
 """Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
 
 
