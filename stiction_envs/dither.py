@@ -80,6 +80,8 @@ class Dither:
     _tones: Floats = field(init=False)  # (N, n, TONES + 1): phases in rad, gain; 0 if not random
     _branches: tuple[tuple[Any, ...], ...] = field(init=False)
     _gate: Floats | None = field(init=False)
+    sines: tuple[Floats, Floats, Floats] | None = field(init=False)
+    """ω [rad/s], φ [rad] and A [N·m], (N, n), where there is nothing else but sines."""
     _constant: Floats | None = field(init=False)
 
     def __init__(
@@ -169,12 +171,13 @@ class Dither:
             qd: joint velocities, (N, n) rad/s; needed only when a gate velocity is set.
         """
         shape = self.amplitude.shape
+        if self.sines is not None and isinstance(t, np.ndarray) and t.shape == shape[:1]:
+            plain = np.empty(shape)  # as in every control cycle
+            sine(*self.sines, t, plain)
+            return plain
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Floats | None = None
         for code, where, rows, omega, phase, amplitude, tones in self._branches:
-            if own and where is None and code == _SINE:  # as in every control cycle
-                out = sine(omega, t, phase, amplitude)  # type: ignore[arg-type]
-                break  # there is no other branch
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             w = omega * now
             w += phase
@@ -274,8 +277,10 @@ class Dither:
             )
         gated = bool(np.isfinite(self.gate_velocity).any())
         shifted = bool(self.offset.any())
+        plain = not (gated or shifted) and all(b[0] == _SINE for b in branches)
         self._fill(
             _branches=tuple(branches),
+            sines=(omega, phase, self.amplitude) if plain else None,
             _gate=1.0 / self.gate_velocity if gated else None,
             # A closed gate may leave −0.0, which adding the (then zero) offset turns into 0.0.
             _constant=self.offset + 0.0 if shifted or gated else None,

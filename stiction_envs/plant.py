@@ -14,6 +14,7 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -70,10 +71,7 @@ class Plant:
         self._batch = Batch(sticking.model, nsim, nthread, persistent=closed_loop)
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
-        self._dynprm = self._batch.expand("actuator_dynprm")
-        self._armature = self._batch.expand("dof_armature")
         self._damping = self._batch.expand("dof_damping")
-        self._stiffness = self._batch.expand("jnt_stiffness")
         self._bias_torque = self._batch.bind("qfrc_applied")
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._load_sensor = LoadSensor(sticking, self._batch)
@@ -104,6 +102,11 @@ class Plant:
     def velocity(self) -> Array:
         """(N, n) link speeds [rad/s]."""
         return self.sticking.link_position(self._qvel)
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """Live (N, nq) MuJoCo positions [rad] and (N, nv) speeds [rad/s]."""
+        return self._qpos, self._qvel
 
     @property
     def motor_position(self) -> Array:
@@ -171,24 +174,35 @@ class Plant:
             self._p[name][ids] = getattr(parameters, name)
         act, rotor = s.torque_actuator, np.asarray(parameters.rotor_inertia)
         rows = np.asarray(ids)[:, None]
-        self._dynprm[rows, act, BRISTLE_STIFFNESS] = parameters.bristle_stiffness
-        self._dynprm[rows, act, BRISTLE_DAMPING] = sigma1
+        self._write("actuator_dynprm", ids, (act, BRISTLE_STIFFNESS), parameters.bristle_stiffness)
+        self._write("actuator_dynprm", ids, (act, BRISTLE_DAMPING), sigma1)
         self._biasprm[rows, act, RIPPLE] = parameters.ripple_amplitude
         self._biasprm[rows, act, RIPPLE + 1] = parameters.ripple_periods
         self._biasprm[rows, act, RIPPLE + 2] = parameters.ripple_phase
-        self._armature[rows, s.motor] = rotor
+        self._write("dof_armature", ids, (s.motor,), rotor)
         elastic = s.spring >= 0
         if elastic.any():
             stiffness = parameters.joint_stiffness[:, elastic]
             ratio = parameters.joint_damping_ratio[:, elastic]
             joints = s.model.dof_jntid[s.spring[elastic]]
             # with one coefficient MuJoCo keeps stiffness and damping as plain arrays
-            self._stiffness[rows, joints] = stiffness
+            self._write("jnt_stiffness", ids, (joints,), stiffness)
             self._damping[rows, s.spring[elastic]] = (
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
         self._asymmetric = FrictionParameters(**self._p).asymmetric
         self._write_slow(np.asarray(ids))
+
+    def _write(self, name: str, ids: Index, where: tuple[Any, ...], values: Array) -> None:
+        """Write a model field of simulations ``ids`` at indices ``where``: (M, n) values.
+
+        The engine copies what simulations have of their own in every step: a field in which they
+        do not differ from the model stays the model's.
+        """
+        shared = getattr(self.sticking.model, name)[where]
+        if self._batch.expanded(name) is None and np.all(values == shared):
+            return
+        self._batch.expand(name)[(np.asarray(ids)[:, None], *where)] = values
 
     def scale_friction(self, ids: Index, factor: Array) -> None:
         """Multiply the dry friction of simulations ``ids`` by ``factor`` (M, n) [-]."""
@@ -288,18 +302,20 @@ class Plant:
         ids = np.arange(self.nsim)
         control = self._batch.bind("ctrl")
         control[:, self._servo_columns] = self._setpoint
-        wait = 0
-        for _ in range(steps):
-            if wait == 0:
-                phase = self._steps % SLOW_STEPS
-                self._write_slow(ids[phase == 0])
-                wait = SLOW_STEPS - int(phase.max())  # no simulation passes its next update
-            wait -= 1
-            if self._asymmetric:
-                self._write_direction(ids)
-            control[:, self._torque_columns] = law()
-            self._batch.step(nstep=self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
-            self._steps += 1
+        torque = control[:, self._torque_columns]
+        k = 0
+        while k < steps:
+            phase = self._steps % SLOW_STEPS
+            self._write_slow(ids[phase == 0])
+            # no simulation passes its next update
+            block = min(SLOW_STEPS - int(phase.max()), steps - k)
+            for _ in range(block):
+                if self._asymmetric:
+                    self._write_direction(ids)
+                torque[:] = law()
+                self._batch.step(nstep=self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+            self._steps += block
+            k += block
         _raise_if_stopped(self._batch)
 
     def _write_slow(self, ids: Index) -> None:

@@ -59,6 +59,60 @@ def site_kinematics(
 
 
 @compiled
+def impedance_cycle(
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    q: Array,
+    dq: Array,
+    coriolis: Array,
+    gravity_correction: Array,
+    dither: Array,
+    dither_after: bool,
+    rate: float,
+    limit: Array,
+    reference: Array,
+    error_matrix: Array,
+    gain: Array,
+    external: Array,
+    null_active: bool,
+    null_q: Array,
+    null_stiffness: Array,
+    null_damping: Array,
+    projector: Array,
+    state: Array,
+    seen: Array,
+    wanted: Array,
+    sent: Array,
+    command: Array,
+) -> None:
+    """Write the commands (N, n) of a `CartesianImpedance`, behind its filters.
+
+    Torques are (N, n) [N·m]; the others are as in the functions below. ``dither_after`` adds the
+    dither behind the saturation. Written are ``state``, ``seen`` (the angles), ``wanted`` (before
+    the saturation), ``sent`` (behind it) and ``command``.
+    """
+    impedance_torque(
+        position, quaternion, jacobian, dq, reference, error_matrix, gain, external, state, wanted
+    )
+    if null_active:
+        add_nullspace(q, dq, null_q, null_stiffness, null_damping, projector, wanted)
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            seen[i, j] = q[i, j]
+            wanted[i, j] += coriolis[i, j]
+            wanted[i, j] += gravity_correction[i, j]
+            if not dither_after:
+                wanted[i, j] += dither[i, j]
+    saturate(wanted, rate, limit, sent)
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            command[i, j] = sent[i, j]
+            if dither_after:
+                command[i, j] = _between(sent[i, j] + dither[i, j], -limit[j], limit[j])
+
+
+@compiled
 def impedance_torque(
     position: Array,
     quaternion: Array,
@@ -91,9 +145,10 @@ def impedance_torque(
         for k in range(3):
             state[i, k] = position[i, k] - reference[i, k]
         for k in range(4):
-            turned[k] = 0.0
+            total = 0.0
             for m in range(4):
-                turned[k] += error_matrix[i, k, m] * quaternion[i, m]
+                total += error_matrix[i, k, m] * quaternion[i, m]
+            turned[k] = total
         # as rotation.rotation_vector
         length = np.sqrt(turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
         factor = 2.0 * np.arctan2(length, abs(turned[0])) / max(length, _TINY)
@@ -106,9 +161,10 @@ def impedance_torque(
                 speed += jacobian[i, k, j] * dq[i, j]
             state[i, 6 + k] = speed
         for k in range(6):
-            wrench[k] = external[i, k]
+            total = external[i, k]
             for m in range(12):
-                wrench[k] += gain[i, k, m] * state[i, m]
+                total += gain[i, k, m] * state[i, m]
+            wrench[k] = total
         for j in range(n):
             total = 0.0
             for k in range(6):
@@ -168,9 +224,15 @@ def saturate(wanted: Array, rate: float, limit: Array, sent: Array) -> None:
 
 @compiled
 def pass_torque(
-    command: Array, step: Array, gain: float, limit: Array, limited: Array, filtered: Array
-) -> Array:
-    """Return (N, n) torque behind rate limit, low-pass and torque limit [N·m].
+    command: Array,
+    step: Array,
+    gain: float,
+    limit: Array,
+    limited: Array,
+    filtered: Array,
+    out: Array,
+) -> None:
+    """Write (N, n) torque behind rate limit, low-pass and torque limit [N·m].
 
     Args:
         command: (N, n) [N·m].
@@ -179,8 +241,8 @@ def pass_torque(
         limit: (N, n) [N·m].
         limited: (N, n) state behind the rate limit, changed [N·m].
         filtered: (N, n) state behind the low-pass, changed [N·m].
+        out: (N, n), written [N·m].
     """
-    out = np.empty_like(limited)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             u = command[i, j]
@@ -192,17 +254,16 @@ def pass_torque(
             y = filtered[i, j] * (1.0 - gain) + u * gain if gain < 1.0 else u
             filtered[i, j] = y
             out[i, j] = _between(y, -limit[i, j], limit[i, j])
-    return out
 
 
 @compiled
-def sine(omega: Array, t: Array, phase: Array, amplitude: Array) -> Array:
-    """Return A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]."""
-    out = np.empty_like(omega)
+def sine(omega: Array, phase: Array, amplitude: Array, t: Array, out: Array) -> None:
+    """Write A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]; 0 where the amplitude is."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
-    return out
+            out[i, j] = 0.0
+            if amplitude[i, j] > 0.0:
+                out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
 
 
 @compiled

@@ -15,18 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.cycle import add_nullspace, impedance_torque, saturate
-from stiction_envs.control.operational import (
-    dynamic_projector,
-    mass_damping,
-    operational_space,
-    pseudoinverse_projector,
-)
-from stiction_envs.control.rotation import error_matrix, slerp
+from stiction_envs.control.cycle import impedance_cycle
+from stiction_envs.control.operational import damp_by_mass, pseudoinverse_projector, renew
+from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
 from stiction_envs.control.settings import ImpedanceSettings, numbers, stiffness_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
@@ -100,6 +96,7 @@ class CartesianImpedance:
         self._projector = np.zeros((nsim, n, n))
         self._state = np.zeros((nsim, 12))
         self._q, self._wanted, self._sent, self._command = np.zeros((4, nsim, n))
+        self._nothing, self._everyone = np.zeros((nsim, n)), np.arange(nsim)
         s = settings
         self._write_stiffness(
             slice(None),
@@ -214,13 +211,13 @@ class CartesianImpedance:
         self._quaternion_target[rows] = quaternion
         if now or self._position.step == 1.0:
             self._quaternion[rows] = quaternion
-            self._error_matrix[rows] = error_matrix(self._quaternion[rows])
+            write_error_matrix(self._quaternion, self._error_matrix)
 
     def _refresh(self, rows: _Rows) -> None:
         """Write gains and damping of the present stiffness."""
         self._gain[rows, :, :6] = -self._stiffness.value[rows]
         self._damp_nullspace(rows)
-        self._gain[rows, :, 6:] = -self._damping(rows)
+        self._damp(self._everyone[rows])
 
     def _damp_nullspace(self, rows: _Rows) -> None:
         ratio = self.settings.nullspace_damping_ratio
@@ -239,34 +236,58 @@ class CartesianImpedance:
         Raises:
             StictionError: an entry that is not finite.
         """
-        rows, settings = _rows(ids), self.settings
+        settings = self.settings
+        rows = self._everyone if ids is None else self._everyone[np.asarray(ids)]
         jac = np.ascontiguousarray(jacobian)
-        space = operational_space(
-            jac,
-            np.ascontiguousarray(mass),
-            singular_below=settings.singular_below,
-            singular_length=settings.singular_length,
-        )
-        self._singular[rows], self._inertia[rows] = space.singular, space.inertia
-        self._root[rows], self._inverse_root[rows] = space.root, space.inverse_root
-        self._modes[rows] = space.modes
-        if settings.projector == "dynamic":
-            self._projector[rows] = dynamic_projector(jac, space)
-        else:
-            self._projector[rows] = pseudoinverse_projector(jac, settings.pseudoinverse_damping)
-        self._known[rows] = True
-        self._all_known = bool(self._known.all())
-        self._gain[rows, :, 6:] = -self._damping(rows)
-
-    def _damping(self, rows: _Rows) -> Array:
-        """D (M, 6, 6) of the present stiffness; 0 for ``mass`` before the first model."""
-        stiffness, ratio = self._stiffness.value[rows], np.asarray(self.settings.damping_ratio)
-        if self.settings.damping_design == "mass":
-            return mass_damping(
-                stiffness, ratio, self._root[rows], self._inverse_root[rows], self._modes[rows]
+        mass = np.ascontiguousarray(mass)
+        m, n = len(rows), self.n
+        if jac.shape != (m, 6, n) or mass.shape != (m, n, n):
+            raise StictionError(
+                f"update_model: Jacobian {jac.shape} and mass {mass.shape}: allowed are "
+                f"({m}, 6, {n}) and ({m}, {n}, {n})"
             )
-        diagonal = np.diagonal(stiffness, axis1=1, axis2=2)
-        return (2.0 * ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
+        bad = renew(
+            rows,
+            jac,
+            mass,
+            settings.singular_below,
+            settings.singular_length,
+            settings.projector == "dynamic",
+            self._singular,
+            self._inertia,
+            self._root,
+            self._inverse_root,
+            self._modes,
+            self._projector,
+        )
+        if bad >= 0:
+            finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
+            what = "mass is singular: allowed is positive definite"
+            other = "Jacobian or mass: allowed are finite numbers"
+            raise StictionError(f"row {bad}: {what if finite else other}")
+        if settings.projector != "dynamic":
+            self._projector[rows] = pseudoinverse_projector(jac, settings.pseudoinverse_damping)
+        if not self._all_known:
+            self._known[rows] = True
+            self._all_known = bool(self._known.all())
+        self._damp(rows)
+
+    def _damp(self, rows: Index) -> None:
+        """Write −D of the present stiffness; 0 for ``mass`` before the first model."""
+        stiffness, ratio = self._stiffness.value, np.asarray(self.settings.damping_ratio)
+        if self.settings.damping_design == "mass":
+            damp_by_mass(
+                rows,
+                stiffness,
+                ratio,
+                self._root,
+                self._inverse_root,
+                self._modes,
+                self._gain[:, :, 6:],
+            )
+            return
+        diagonal = np.diagonal(stiffness[rows], axis1=1, axis2=2)
+        self._gain[rows, :, 6:] = -(2.0 * ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
 
     # ---- fast part -----------------------------------------------------------------------------
 
@@ -304,48 +325,58 @@ class CartesianImpedance:
         if not self._all_known:
             missing = int(np.argmin(self._known))
             raise StictionError(f"torque of simulation {missing}: update_model has to be called")
+        if settings.coriolis and coriolis is None:
+            raise StictionError("torque: the setting coriolis needs the argument coriolis")
         self._advance()
-        tau = self._wanted
-        impedance_torque(
+        impedance_cycle(
             position,
             quaternion,
             jacobian,
+            q,
             dq,
+            self._torques(coriolis if settings.coriolis else None),
+            self._torques(gravity_correction),
+            self._torques(dither),
+            *self._arguments,
+        )
+        return self._command.copy()
+
+    def _torques(self, values: Array | None) -> Array:
+        """Return torques (N, n), 0 for None; compiled code does not look at sizes."""
+        if values is None or values.shape == self._nothing.shape:
+            return self._nothing if values is None else values
+        return np.broadcast_to(values, self._nothing.shape).copy()
+
+    @property
+    def arguments(self) -> tuple[Any, ...] | None:
+        """All of `cycle.impedance_cycle` after the dither: with them it is `torque`.
+
+        They hold until stiffness or nullspace stiffness are changed. None where a filter is on or
+        a simulation has no model.
+        """
+        return self._arguments if self._all_known and not self._filtering else None
+
+    @property
+    def _arguments(self) -> tuple[Any, ...]:
+        return (
+            self.settings.dither_after_saturation,
+            self.settings.torque_rate,
+            self._limit,
             self._position.value,
             self._error_matrix,
             self._gain,
             self._external.value,
+            self._null_active,
+            self._null_q.value,
+            self._null_stiffness.value,
+            self._null_damping,
+            self._projector,
             self._state,
-            tau,
+            self._q,
+            self._wanted,
+            self._sent,
+            self._command,
         )
-        if self._null_active:
-            add_nullspace(
-                q,
-                dq,
-                self._null_q.value,
-                self._null_stiffness.value,
-                self._null_damping,
-                self._projector,
-                tau,
-            )
-        if settings.coriolis:
-            if coriolis is None:
-                raise StictionError("torque: the setting coriolis needs the argument coriolis")
-            tau += coriolis
-        if gravity_correction is not None:
-            tau += gravity_correction
-        behind = dither if settings.dither_after_saturation else None
-        if dither is not None and behind is None:
-            tau += dither
-        saturate(tau, settings.torque_rate, self._limit, self._sent)
-        if behind is not None:
-            np.add(self._sent, behind, out=self._command)
-            np.maximum(self._command, -self._limit, out=self._command)
-            np.minimum(self._command, self._limit, out=self._command)
-        else:
-            self._command[:] = self._sent
-        self._q[:] = q
-        return self._command.copy()
 
     def _advance(self) -> None:
         if not self._filtering:
@@ -358,7 +389,7 @@ class CartesianImpedance:
         self._external.advance()
         if self._position.advance():
             self._quaternion = slerp(self._quaternion, self._quaternion_target, self._position.step)
-            self._error_matrix = error_matrix(self._quaternion)
+            write_error_matrix(self._quaternion, self._error_matrix)
 
     # ---- what is going on ----------------------------------------------------------------------
 
@@ -368,6 +399,11 @@ class CartesianImpedance:
         cut = (self._wanted != self._sent) | (np.abs(self._command) >= self._limit)
         near = (self._q < self._low) | (self._q > self._high)
         return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
+
+    @property
+    def command(self) -> Array:
+        """(N, n) command of the last cycle, overwritten by the next [N·m]."""
+        return self._command
 
     @property
     def error(self) -> Array:

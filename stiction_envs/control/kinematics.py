@@ -18,17 +18,11 @@ class EndEffector:
 
     def __init__(self, sticking: StickingModel, batch: Any) -> None:
         model = sticking.model
-        self._site = model.site(sticking.arm.end_effector).id
-        self._body = model.site_bodyid[self._site]
-        w, x, y, z = model.site_quat[self._site]
+        site = model.site(sticking.arm.end_effector).id
+        w, x, y, z = model.site_quat[site]
         # q ⊗ site as a matrix on q
-        self._turn = np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
-        joints = model.dof_jntid[sticking.motor]
-        # joints are numbered along the chain; an elastic joint's spring turns about the same axis
-        self._joints = joints
-        self._anchor, self._axis = batch.bind("xanchor"), batch.bind("xaxis")
-        self._xpos, self._xquat = batch.bind("site_xpos"), batch.bind("xquat")
-        nsim, n = len(self._xpos), sticking.n
+        turn = np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
+        nsim, n = batch.nsim, sticking.n
         self.position = np.zeros((nsim, 3))
         """(N, 3) flange position in the world [m]."""
         self.quaternion = np.zeros((nsim, 4))
@@ -36,16 +30,20 @@ class EndEffector:
         self.jacobian = np.zeros((nsim, 6, n))
         """(N, 6, n) geometric Jacobian, translation above rotation [m/rad, 1]."""
 
-    def read(self) -> None:
-        """Take the present kinematics of all simulations."""
-        site_kinematics(
-            self._anchor,
-            self._axis,
-            self._xpos[:, self._site],
-            self._xquat[:, self._body],
-            self._joints,
-            self._turn,
+        self.arguments: tuple[Any, ...] = (
+            batch.bind("xanchor"),
+            batch.bind("xaxis"),
+            batch.bind("site_xpos")[:, site],
+            batch.bind("xquat")[:, model.site_bodyid[site]],
+            # numbered along the chain; an elastic joint's spring turns about the same axis
+            model.dof_jntid[sticking.motor],
+            turn,
             self.position,
             self.quaternion,
             self.jacobian,
         )
+        """Those of `cycle.site_kinematics`."""
+
+    def read(self) -> None:
+        """Take the present kinematics of all simulations."""
+        site_kinematics(*self.arguments)

@@ -62,6 +62,17 @@ def error_matrix(reference: Array) -> Array:
     return np.take(reference, _RIGHT, axis=-1) * _ERROR_SIGN
 
 
+@compiled
+def write_error_matrix(reference: Array, out: Array) -> None:
+    """Write `error_matrix` (N, 4, 4) of references (N, 4)."""
+    for i in range(len(reference)):
+        w, x, y, z = reference[i, 0], reference[i, 1], reference[i, 2], reference[i, 3]
+        out[i, 0, 0], out[i, 0, 1], out[i, 0, 2], out[i, 0, 3] = w, x, y, z
+        out[i, 1, 0], out[i, 1, 1], out[i, 1, 2], out[i, 1, 3] = -x, w, -z, y
+        out[i, 2, 0], out[i, 2, 1], out[i, 2, 2], out[i, 2, 3] = -y, z, w, -x
+        out[i, 3, 0], out[i, 3, 1], out[i, 3, 2], out[i, 3, 3] = -z, -y, x, w
+
+
 def rotation_vector(q: Array, out: Array | None = None) -> Array:
     """Angle · axis [rad], (..., 3), of quaternions q (..., 4); angle in [0, π].
 
@@ -95,6 +106,16 @@ def angle_between(a: Array, b: Array) -> Array:
     q = multiply(a, conjugate(b))
     length = np.sqrt(np.einsum("...i,...i->...", q[..., 1:], q[..., 1:]))
     return 2.0 * np.arctan2(length, np.abs(q[..., 0]))
+
+
+@compiled
+def angle_one(a: Array, b: Array) -> float:
+    """`angle_between` two quaternions (4,), for other compiled functions."""
+    w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    x = a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2]
+    y = a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3]
+    z = a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]
+    return 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), abs(w))
 
 
 def from_rotation_vector(vector: ArrayLike) -> Array:
@@ -152,19 +173,24 @@ def _slerp(a: Array, b: Array, fraction: Array) -> Array:
     """`slerp` of rows (M, 4) at fractions (M,); compiled, for a controller asks for few at once."""
     out = np.empty((len(fraction), 4))
     for i in range(len(fraction)):
-        s, p, q = fraction[i], a[i], b[i]
-        side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
-        apart, along = 0.0, 0.0
-        for k in range(4):
-            apart += (p[k] - side * q[k]) ** 2
-            along += (p[k] + side * q[k]) ** 2
-        arc = 2.0 * np.arctan2(np.sqrt(apart), np.sqrt(along))  # in [0, π/2]
-        # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
-        near = (1.0 - s) * (_sinc((1.0 - s) * arc) / _sinc(arc))
-        far = s * (_sinc(s * arc) / _sinc(arc))
-        for k in range(4):
-            out[i, k] = near * p[k] + far * (side * q[k])
+        slerp_one(a[i], b[i], fraction[i], out[i])
     return out
+
+
+@compiled
+def slerp_one(p: Array, q: Array, s: float, out: Array) -> None:
+    """`slerp` from p to q (4,) for other compiled functions; ``out`` (4,) is written."""
+    side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
+    apart, along = 0.0, 0.0
+    for k in range(4):
+        apart += (p[k] - side * q[k]) ** 2
+        along += (p[k] + side * q[k]) ** 2
+    arc = 2.0 * np.arctan2(np.sqrt(apart), np.sqrt(along))  # in [0, π/2]
+    # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
+    near = (1.0 - s) * (_sinc((1.0 - s) * arc) / _sinc(arc))
+    far = s * (_sinc(s * arc) / _sinc(arc))
+    for k in range(4):
+        out[k] = near * p[k] + far * (side * q[k])
 
 
 @compiled

@@ -135,15 +135,15 @@ class TorquePath:
         Returns:
             (N, n) torque that reaches the joints [N·m].
         """
-        out: Array = pass_torque(
-            command,
-            self._step,
-            self.interface.lowpass_gain,
-            self._limit,
-            self._limited,
-            self._filtered,
-        )
+        out = np.empty_like(self._limited)
+        pass_torque(command, *self.arguments, out)
         return out
+
+    @property
+    def arguments(self) -> tuple[Array, float, Array, Array, Array]:
+        """All of `cycle.pass_torque` between the command and the result, until `set_limits`."""
+        gain = self.interface.lowpass_gain
+        return self._step, gain, self._limit, self._limited, self._filtered
 
     def _limit_rate(self, command: Array, ids: NDArray[np.int64]) -> Array:
         step = self._rate[ids] / CONTROL_RATE_HZ

@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.rotation import angle_between, from_rpy, multiply, slerp
+from stiction_envs.control.courses import Course, Index, Profile, Reference, accept, plan, sample
+from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import gte_default
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import read_header, read_lines
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Reference = tuple[Array, Array, Array, Array]
-"""Position (N, 3) [m], quaternion (N, 4), velocity (N, 3) [m/s], angular speed (N,) [rad/s]."""
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -91,20 +89,22 @@ class Segment:
     def __init__(self, nsim: int, limits: MotionLimits) -> None:
         """Make N movements that rest at the origin; `start` gives them a course."""
         self.limits = limits
-        self._start, self._goal = np.zeros((2, nsim, 3))
-        self._start_q, self._goal_q = np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
-        # columns: translation, rotation
-        self._acceleration = np.array(
-            [limits.translational_acceleration, limits.rotational_acceleration]
+        rates = np.array(
+            [
+                [limits.translational_acceleration, limits.rotational_acceleration],
+                [limits.translational_deceleration, limits.rotational_deceleration],
+                [limits.translational_speed, limits.rotational_speed],
+            ],
+            dtype=float,
         )
-        self._deceleration = np.array(
-            [limits.translational_deceleration, limits.rotational_deceleration]
-        )
-        self._v_max = np.array([limits.translational_speed, limits.rotational_speed])
-        self._distance, self._rise, self._flat, self._fall = np.zeros((4, nsim, 2))
-        self._pace = np.ones((nsim, 2))
-        self._direction = np.zeros((nsim, 3))
+        self._profile: Profile = (*rates, bool(limits.synchronised))
+        place, turn = np.zeros((2, nsim, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
         self._duration = np.zeros(nsim)
+        self._course: Course = (
+            *(place[0], turn[0], place[1], turn[1]),
+            *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
+            *(np.zeros((nsim, 3)), self._duration),
+        )
 
     @property
     def duration(self) -> Array:
@@ -128,30 +128,17 @@ class Segment:
             goal_quaternion: (M, 4); or its negative, which is the same orientation.
             ids: (M,) simulations, None for all.
         """
-        rows = slice(None) if ids is None else ids
-        start, goal = np.asarray(position, dtype=float), np.asarray(goal_position, dtype=float)
-        q, goal_q = np.asarray(quaternion, dtype=float), np.asarray(goal_quaternion, dtype=float)
-        way = goal - start
-        d = np.empty((*way.shape[:-1], 2))
-        d[..., 0] = np.sqrt(np.einsum("ni,ni->n", way, way))
-        d[..., 1] = angle_between(q, goal_q)
-        a, b, v = self._acceleration, self._deceleration, self._v_max
-        rise = np.minimum(v / a, np.sqrt(2.0 * d * b / (a * (a + b))))
-        peak = a * rise
-        fall = peak / b
-        flat = np.maximum(d - 0.5 * peak * (rise + fall), 0.0) / v
-        flat[rise < v / a] = 0.0  # a triangle, but for rounding
-        time = rise + flat + fall
-        duration = time.max(axis=-1)
-        pace = np.ones_like(time)
-        if self.limits.synchronised:
-            np.divide(time, duration[..., None], out=pace, where=duration[..., None] > 0)
-        self._start[rows], self._goal[rows] = start, goal
-        self._start_q[rows], self._goal_q[rows] = q, goal_q
-        self._distance[rows], self._pace[rows] = d, pace
-        self._rise[rows], self._flat[rows], self._fall[rows] = rise, flat, fall
-        self._direction[rows] = way / np.maximum(d[..., :1], np.finfo(float).tiny)
-        self._duration[rows] = duration
+        rows = np.arange(len(self._duration)) if ids is None else np.asarray(ids)
+        m = len(rows)
+        plan(
+            rows,
+            _sized(position, m, 3),
+            _sized(quaternion, m, 4),
+            _sized(goal_position, m, 3),
+            _sized(goal_quaternion, m, 4),
+            self._profile,
+            self._course,
+        )
 
     def sample(self, t: ArrayLike) -> Reference:
         """Return where the arms are to be at times t (N,) or one number [s] after their starts.
@@ -159,29 +146,20 @@ class Segment:
         Before 0 they rest at the start, from `duration` on at the goal, exactly. The sign of a
         quaternion goes on continuously from the start's.
         """
-        clock = np.broadcast_to(np.asarray(t, dtype=float), self._duration.shape)
-        own = np.maximum(clock, 0.0)[:, None] * self._pace
-        rising = np.minimum(own, self._rise)
-        own -= self._rise
-        flat = np.minimum(np.maximum(own, 0.0), self._flat)
-        own -= self._flat
-        falling = np.minimum(np.maximum(own, 0.0), self._fall)
-        a, b = self._acceleration, self._deceleration
-        peak = a * self._rise
-        way = 0.5 * a * rising * rising + peak * flat + (peak - 0.5 * b * falling) * falling
-        speed = np.maximum(a * rising - b * falling, 0.0) * self._pace
-        done = (clock >= self._duration)[:, None]
-        short = self._distance <= np.finfo(float).tiny
-        part = way / np.where(short, 1.0, self._distance)
-        part = np.where(done | short, 1.0, np.minimum(part, 1.0))
-        speed = np.where(done | (clock <= 0)[:, None], 0.0, speed)
-        position = self._start + part[:, :1] * (self._goal - self._start)
-        return (
-            np.where(part[:, :1] == 1.0, self._goal, position),
-            slerp(self._start_q, self._goal_q, part[:, 1]),
-            speed[:, :1] * self._direction,
-            speed[:, 1].copy(),
-        )
+        out: Reference = sample(_clock(t, len(self._duration)), self._profile, self._course)
+        return out
+
+
+def _clock(t: ArrayLike, nsim: int) -> Array:
+    """Return times (N,) from one number or (N,)."""
+    out = np.empty(nsim)
+    out[:] = t
+    return out
+
+
+def _sized(values: ArrayLike, m: int, k: int) -> Array:
+    """Return values (m, k); compiled code does not look at sizes."""
+    return np.broadcast_to(np.asarray(values, dtype=float), (m, k)).copy()
 
 
 class GoalKeeper:
@@ -246,24 +224,26 @@ class GoalKeeper:
         Returns:
             (N,) arms that accepted a new goal now.
         """
-        accepted = np.zeros(len(self._due), dtype=bool)
-        rows = np.flatnonzero(t >= self._due)
-        if not len(rows):
-            return accepted
-        now = np.broadcast_to(np.asarray(t, dtype=float), self._due.shape)
-        at = self._index[rows]
-        away = position[rows] - self._goal[rows, at]
-        near = np.sqrt(np.einsum("ni,ni->n", away, away)) <= self.limits.position_tolerance
-        turn = angle_between(quaternion[rows], self._goal_q[rows, at])
-        near &= turn <= self.limits.rotation_tolerance
-        near |= now[rows] >= self._due[rows] + self.limits.patience
-        rows, at = rows[near], at[near]
-        self._reached[rows, at] = now[rows]
-        self._index[rows] = at + 1
-        self._due[rows] = np.inf
-        rows = rows[at + 1 < self._count[rows]]
-        self._begin(rows, position[rows], quaternion[rows], now[rows])
-        accepted[rows] = True
+        nsim = len(self._due)
+        if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
+            raise StictionError(
+                f"accept: poses of shape {position.shape} and {quaternion.shape}: allowed are "
+                f"({nsim}, 3) and ({nsim}, 4)"
+            )
+        accepted: NDArray[np.bool_] = accept(
+            position,
+            quaternion,
+            _clock(t, nsim),
+            (
+                self.limits.position_tolerance,
+                self.limits.rotation_tolerance,
+                self.limits.patience,
+            ),
+            (self._goal, self._goal_q, self._count, self._index),
+            (self._accepted, self._reached, self._begun, self._due),
+            self.segment._profile,
+            self.segment._course,
+        )
         return accepted
 
     def _begin(self, rows: Index, position: Array, quaternion: Array, t: Array) -> None:

@@ -15,12 +15,14 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import compiled
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.control.trajectory import GoalKeeper, MotionLimits, Path
 from stiction_envs.dither import Dither
+from stiction_envs.experiments.gte_cycle import control_step
 from stiction_envs.experiments.gte_protocol import GTEProtocol
 from stiction_envs.experiments.protocol import Protocol
 from stiction_envs.friction.model import StickingModel, link_inertia
@@ -42,9 +44,9 @@ class Belief:
     def __init__(
         self, arm: Arm, sticking: StickingModel, nsim: int, nthread: int, *, coriolis: bool = True
     ) -> None:
-        model = arm.model()
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # slow, not asked for
-        self._batch = Batch(model, nsim, nthread, persistent=True)
+        model = arm.bare_model()
+        # few MjData for all arms stay in the cache: every update computes everything anew anyway
+        self._batch = Batch(model, nsim, nthread)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
         self._rotor = sticking.parameters.rotor_inertia
@@ -52,7 +54,7 @@ class Belief:
         self._rows, self._columns = _entries(model)
         self._true: Batch | None = None
         if arm.xml != sticking.arm.xml:
-            self._true = Batch(sticking.arm.model(), nsim, nthread, persistent=True)
+            self._true = Batch(sticking.arm.bare_model(), nsim, nthread)
             self._true_qpos = self._true.bind("qpos")
             self._true_bias = self._true.bind("qfrc_bias")
         self.mass = np.zeros((nsim, model.nv, model.nv))
@@ -68,10 +70,7 @@ class Belief:
         biased = self._coriolis or self._true is not None
         stage = mujoco.mjtStage.mjSTAGE_VEL if biased else mujoco.mjtStage.mjSTAGE_POS
         self._batch.forward(stage=stage)
-        self.mass[:, self._rows, self._columns] = self._mass
-        self.mass[:, self._columns, self._rows] = self._mass
-        n = self.mass.shape[1]
-        self.mass[:, np.arange(n), np.arange(n)] += self._rotor
+        _spread(self._mass, self._rows, self._columns, self._rotor, self.mass)
         gravity = self._bias.copy() if biased else self._bias
         if self._coriolis:
             self._qvel[:] = dq
@@ -88,6 +87,16 @@ def _entries(model: Any) -> tuple[Index, Index]:
     count = np.asarray(model.M_rownnz)
     rows = np.repeat(np.arange(model.nv), count)
     return rows, np.asarray(model.M_colind)[: len(rows)]
+
+
+@compiled
+def _spread(entries: Array, rows: Index, columns: Index, rotor: Array, mass: Array) -> None:
+    """Write the inertias (N, n, n) of MuJoCo's sparse entries (N, E), rotors (n,) added."""
+    for i in range(len(mass)):
+        for k in range(len(rows)):
+            mass[i, rows[k], columns[k]] = mass[i, columns[k], rows[k]] = entries[i, k]
+        for j in range(len(rotor)):
+            mass[i, j, j] += rotor[j]
 
 
 class GTERig:
@@ -142,7 +151,7 @@ class GTERig:
         self._hold = approach.hold_stiffness * arm.limits.torque
         inertia = link_inertia(arm, self.start[None])[0] + sticking.parameters.rotor_inertia
         self._hold_damping = 2 * approach.hold_damping_ratio * np.sqrt(self._hold * inertia)
-        self._period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
+        self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
         self._model_period = protocol.model_steps
         self.dither = Dither.none(nsim, self.n)
         self.phase = np.zeros((nsim, self.n))
@@ -153,11 +162,14 @@ class GTERig:
         """(N,) control steps since the arm began to follow."""
         self.start_position, self.start_quaternion = self._nominal()
         self._watch: Callable[[], None] | None = None
-        self._command = np.zeros((nsim, self.n))
+        self._count, self._hold_steps = 0, interface.hold_steps
+        self._fast: tuple[Any, ...] | None = None
+        self._no_correction = np.zeros((nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
-        """(N, n) torque that reached the joints in the last control step [N·m]."""
+        """(N, n) torque that reached the joints in the last control step, overwritten [N·m]."""
+        self._torque = np.zeros((nsim, self.n))
         self.shaking = np.zeros((nsim, self.n))
-        """(N, n) dither torque of the last controller cycle [N·m]."""
+        """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the flange pose (3,), (4,) at the start angles."""
@@ -223,7 +235,6 @@ class GTERig:
         self._belief.update(q, self.plant.velocity)
         self.controller.update_model(ids, self.flange.jacobian[ids], self._belief.mass[ids])
         self._path.reset(ids)
-        self._command[ids] = 0.0
         self.step[ids] = 0
         for row, i in enumerate(ids):
             here = np.array([i])
@@ -262,48 +273,90 @@ class GTERig:
     def retune(self, amplitude: Array, frequency: Array) -> None:
         """Change A [N·m] and f [Hz] of all arms (N, n), keeping each phase continuous."""
         self.dither = self.dither.retune(
-            np.multiply(self.step, CONTROL_DT, dtype=np.float64),
+            self._time(),
             amplitude=amplitude,
             frequency=frequency,
         )
 
     def advance(self, steps: int, watch: Callable[[], None] | None = None) -> None:
         """Follow for ``steps`` control steps; ``watch`` is called in each, before the arms move."""
-        self._watch = watch
+        self._watch, self._count = watch, int(self.step.max())
+        self._fast = self._fast_arguments()
         self.plant.follow(self._law, steps)
 
+    def _time(self) -> Array:
+        """Return (N,) time since the arm began to follow [s]."""
+        return np.multiply(self.step, CONTROL_DT, dtype=np.float64)
+
     def _law(self) -> Array:
-        self.flange.read()
-        step = int(self.step.max())
-        t = np.multiply(self.step, CONTROL_DT, dtype=np.float64)
-        if step % self.interface.hold_steps == 0:
-            self._cycle(step, t)
-        self.applied = self._path.cycle(self._command)
+        step, hold = self._count, self._hold_steps
+        self._count = step + 1
+        due = step % hold == 0
+        # a slow controller takes at its next cycle what fell due since its last
+        model, goals = step % self._model_period < hold, step % self._goal_period < hold
+        if due and (model or goals):
+            self._look_ahead(model, goals)
+        if self._fast is not None:
+            control_step(due, *self._fast)
+        else:
+            self._control_step(due)
         if self._watch is not None:
             self._watch()
         self.step += 1
-        return self.applied + self._belief.missing
+        return self._torque
 
-    def _cycle(self, step: int, t: NDArray[np.float64]) -> None:
-        plant, flange = self.plant, self.flange
-        q, dq = plant.position, plant.velocity
-        # a slow controller takes at its next cycle what fell due since its last
-        hold = self.interface.hold_steps
-        if step % self._model_period < hold:
-            self._belief.update(q, dq)
+    def _look_ahead(self, model: bool, goals: bool) -> None:
+        """Renew what the controller knows of the arm, and where it is to be."""
+        flange, t = self.flange, self._time()
+        flange.read()
+        if model:
+            self._belief.update(self.plant.position, self.plant.velocity)
             self.controller.update_model(None, flange.jacobian, self._belief.mass)
-        if step % self._period < hold:
+        if goals:
             self.keeper.accept(flange.position, flange.quaternion, t)
             position, quaternion, _, _ = self.keeper.reference(t)
             self.controller.set_reference(position, quaternion)
-        speed = dq if self.dither.gated else None
-        self.shaking = self.dither.torque(t, speed)
-        self._command = self.controller.torque(
-            flange.position,
-            flange.quaternion,
-            flange.jacobian,
-            q,
-            dq,
-            coriolis=self._belief.coriolis,
-            dither=self.shaking,
+
+    def _control_step(self, due: bool) -> None:
+        """`control_step`, part by part."""
+        flange = self.flange
+        flange.read()
+        if due:
+            q, dq, t = self.plant.position, self.plant.velocity, self._time()
+            self.shaking[:] = self.dither.torque(t, dq if self.dither.gated else None)
+            self.controller.torque(
+                flange.position,
+                flange.quaternion,
+                flange.jacobian,
+                q,
+                dq,
+                coriolis=self._belief.coriolis,
+                dither=self.shaking,
+            )
+        self.applied[:] = self._path.cycle(self.controller.command)
+        np.add(self.applied, self._belief.missing, out=self._torque)
+
+    def _fast_arguments(self) -> tuple[Any, ...] | None:
+        """Return those of `control_step` that stay the same objects while arms follow.
+
+        None where the controller filters or some dither is no plain sine: `_control_step` is for
+        that.
+        """
+        sines, impedance = self.dither.sines, self.controller.arguments
+        if sines is None or impedance is None:
+            return None
+        sticking, belief = self.plant.sticking, self._belief
+        return (
+            self.flange.arguments,
+            (*self.plant.state, sticking.motor, sticking.spring),
+            sines,
+            self.step,
+            # zero where it is not asked for
+            (belief.coriolis, self._no_correction),
+            impedance,
+            self._path.arguments,
+            belief.missing,
+            self.shaking,
+            self.applied,
+            self._torque,
         )

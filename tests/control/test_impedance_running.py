@@ -245,6 +245,10 @@ def test_calls_that_cannot_work_are_refused():
         control.torque(*look[:5])
     with pytest.raises(StictionError, match="shape"):
         control.set_stiffness([0, 1], translational=[1.0, 2.0, 3.0])
+    with pytest.raises(StictionError, match=r"allowed are \(4, 6, 7\)"):
+        control.update_model(np.arange(4), look.jacobian, look.mass)
+    with pytest.raises(ValueError, match="broadcast"):
+        control.torque(*look[:5], coriolis=np.zeros((63, 7)))
     bad = look.mass.copy()
     bad[7, 0, 0] = np.nan
     with pytest.raises(StictionError, match="row 7"):

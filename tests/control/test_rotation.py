@@ -101,6 +101,17 @@ def test_roll_pitch_yaw_are_ros_fixed_axes():
     assert rotation.angle_between(rotation.from_rpy(rotation.to_rpy(locked)), locked) < 1e-7
 
 
+def test_compiled_twins_are_the_same():
+    """Of the error matrix to the bit, of the angle to rounding; 0 between equal ones."""
+    a, b = random(200), random(200, 1)
+    written = np.empty((200, 4, 4))
+    rotation.write_error_matrix(a, written)
+    np.testing.assert_array_equal(written, rotation.error_matrix(a))
+    angle = [rotation.angle_one(p, q) for p, q in zip(a, b, strict=True)]
+    np.testing.assert_allclose(angle, rotation.angle_between(a, b), atol=1e-14)
+    assert all(rotation.angle_one(q, q) == rotation.angle_one(q, -q) == 0 for q in a)
+
+
 def test_slerp_turns_evenly_about_one_axis_on_the_shorter_arc():
     """The angle from the start is fraction · whole angle, and both ends are exact."""
     a, b = random(100), random(100, 1)

@@ -265,6 +265,14 @@ def test_arms_have_lists_of_their_own():
     np.testing.assert_array_equal(k.accepted_at[1], alone.accepted_at[0])
 
 
+def test_sizes_are_checked():
+    k, p, q = keeper()
+    with pytest.raises(StictionError, match=r"\(2, 3\) and \(3, 4\): allowed are \(3, 3\)"):
+        k.accept(p[:2], q, 11.0)
+    with pytest.raises(ValueError, match="broadcast"):
+        k.segment.start(p, q[:2], p, q)
+
+
 @pytest.mark.parametrize("count", [0, 6])
 def test_number_of_goals_is_checked(count):
     k, p, q = keeper()

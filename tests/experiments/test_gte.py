@@ -22,6 +22,7 @@ from stiction_envs.experiments.gte_protocol import (
     load_gte_protocol,
     start_pose,
 )
+from stiction_envs.experiments.gte_rig import GTERig
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
@@ -321,6 +322,46 @@ def test_iiwa_holds_its_command_for_5_ms():
     assert changed == list(range(5, 200, 5))
     error = one(b, case).error[0, -1]
     assert np.linalg.norm(error[:3]) < 0.03
+
+
+MIXED = ImpedanceSettings(rate_hz=1000.0, coriolis=True, dither_after_saturation=True)
+FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "fast"),
+    [
+        ("panda", {}, True),
+        ("iiwa7", {}, True),
+        ("panda", {"settings": MIXED, "belief": load_arm("panda", payload=(1, 0, 0, 0.1))}, True),
+        ("panda", {"settings": FILTERED}, False),
+    ],
+)
+def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, fast):
+    """As its parts one by one: held commands, nullspace, Coriolis, wrong belief, mixed dither."""
+    ids, seen = np.arange(3), []
+    for other_way in (False, True):
+        if other_way:
+            monkeypatch.setattr(GTERig, "_fast_arguments", lambda _: None)
+        b = bench(robot, **options)
+        rig = b.rig(3, 2)
+        stiffness = np.array([(200, 20, 0), (400, 40, 5), (200, 20, 10)], dtype=float)
+        rig.begin(
+            ids, [b.path(p) for p in ("there", "corner", "stay")], stiffness, [(k,) for k in ids]
+        )
+        amplitude = np.ones((3, 7))
+        amplitude[0, 2], amplitude[2] = 0.0, 0.0
+        rig.set_dither(ids, amplitude=amplitude, frequency=30.0)
+        rows = []
+        rig.advance(
+            437,
+            lambda rig=rig, rows=rows: rows.append(
+                [*rig.applied.copy(), *rig.shaking.copy(), *rig.flange.position.copy()]
+            ),
+        )
+        assert (rig._fast is not None) == (fast and not other_way)
+        seen.append([np.concatenate(row) for row in rows])
+    np.testing.assert_array_equal(*seen)
 
 
 def test_slow_controller_takes_what_fell_due_between_its_cycles():

@@ -112,6 +112,23 @@ def test_builtin_arm_is_bare_and_complete(name):
 
 
 @pytest.mark.parametrize("name", BUILTIN)
+def test_bare_model_has_the_same_dynamics(name):
+    """Without geometry, to the bit: inertia, gravity and velocity terms, tilt and payload too."""
+    arm = load_arm(name, payload=(1.5, 0.0, 0.02, 0.1), tilt=(0.1, -0.2))
+    model, bare = arm.model(), arm.bare_model()
+    assert (bare.ngeom, bare.nq) == (0, arm.n)
+    a, b = mujoco.MjData(model), mujoco.MjData(bare)
+    rng = np.random.default_rng(0)
+    for q in _samples(arm, 20):
+        a.qpos[:] = b.qpos[:] = q
+        a.qvel[:] = b.qvel[:] = rng.normal(size=arm.n)
+        mujoco.mj_forward(model, a)
+        mujoco.mj_forward(bare, b)
+        np.testing.assert_array_equal(a.M, b.M)
+        np.testing.assert_array_equal(a.qfrc_bias, b.qfrc_bias)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
 def test_limits_are_those_of_the_xml_and_read_only(name):
     arm = load_arm(name)
     np.testing.assert_array_equal(arm.model().jnt_range, arm.limits.position)

@@ -1,0 +1,183 @@
+"""Straight courses of N arms and the goals they follow, compiled: `trajectory` has the classes.
+
+Plain arithmetic, arm by arm: an arm's result is the same bits in any batch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+from stiction_envs.control.rotation import angle_one, slerp_one
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Reference = tuple[Array, Array, Array, Array]
+"""Position (N, 3) [m], quaternion (N, 4), velocity (N, 3) [m/s], angular speed (N,) [rad/s]."""
+Profile = tuple[Array, Array, Array, bool]
+"""Of translation and rotation (2,): accelerations, decelerations, largest speeds; synchronised."""
+Course = tuple[Array, ...]
+"""Start (N, 3) [m], its quaternion (N, 4), goal, its quaternion; of translation and rotation
+(N, 2) distance [m, rad], times of rise, flat and fall [s], pace [-]; direction of the translation
+(N, 3), duration (N,) [s]."""
+_TINY = np.finfo(np.float64).tiny
+
+
+@compiled
+def plan(
+    rows: Index,
+    position: Array,
+    quaternion: Array,
+    goal_position: Array,
+    goal_quaternion: Array,
+    profile: Profile,
+    course: Course,
+) -> None:
+    """Write the courses of arms ``rows`` (M,) of a `Segment`; the others as in its `start`."""
+    for m in range(len(rows)):
+        _plan_one(
+            rows[m],
+            position[m],
+            quaternion[m],
+            goal_position[m],
+            goal_quaternion[m],
+            profile,
+            course,
+        )
+
+
+@compiled
+def _plan_one(
+    i: int,
+    position: Array,
+    quaternion: Array,
+    goal_position: Array,
+    goal_quaternion: Array,
+    profile: Profile,
+    course: Course,
+) -> None:
+    """`plan` of one arm."""
+    accelerations, decelerations, speeds, synchronised = profile
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = course
+    square = 0.0
+    for k in range(3):
+        start[i, k], goal[i, k] = position[k], goal_position[k]
+        direction[i, k] = goal[i, k] - start[i, k]
+        square += direction[i, k] * direction[i, k]
+    for k in range(4):
+        start_q[i, k], goal_q[i, k] = quaternion[k], goal_quaternion[k]
+    distance[i, 0], distance[i, 1] = np.sqrt(square), angle_one(start_q[i], goal_q[i])
+    for k in range(3):
+        direction[i, k] /= max(distance[i, 0], _TINY)
+    duration[i] = 0.0
+    for k in range(2):
+        a, b, v, d = accelerations[k], decelerations[k], speeds[k], distance[i, k]
+        up = min(v / a, np.sqrt(2.0 * d * b / (a * (a + b))))
+        peak = a * up
+        down = peak / b
+        level = max(d - 0.5 * peak * (up + down), 0.0) / v
+        # where v_max is not reached a triangle, but for rounding
+        rise[i, k], flat[i, k], fall[i, k] = up, 0.0 if up < v / a else level, down
+        duration[i] = max(duration[i], up + flat[i, k] + down)
+    for k in range(2):
+        time = rise[i, k] + flat[i, k] + fall[i, k]
+        pace[i, k] = time / duration[i] if synchronised and duration[i] > 0.0 else 1.0
+
+
+@compiled
+def sample(clock: Array, profile: Profile, course: Course) -> Reference:
+    """Return the reference at times ``clock`` (N,) [s] of the arms of a `Segment`."""
+    accelerations, decelerations, _, _ = profile
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = course
+    n = len(clock)
+    position, quaternion = np.empty((n, 3)), np.empty((n, 4))
+    velocity, speed, share = np.empty((n, 3)), np.empty((2, n)), np.empty(2)
+    for i in range(n):
+        for k in range(2):
+            share[k], speed[k, i] = _profile_at(
+                clock[i],
+                accelerations[k],
+                decelerations[k],
+                distance[i, k],
+                rise[i, k],
+                flat[i, k],
+                fall[i, k],
+                pace[i, k],
+                duration[i],
+            )
+        for k in range(3):
+            on_way = start[i, k] + share[0] * (goal[i, k] - start[i, k])
+            position[i, k] = goal[i, k] if share[0] == 1.0 else on_way
+            velocity[i, k] = speed[0, i] * direction[i, k]
+        slerp_one(start_q[i], goal_q[i], share[1], quaternion[i])
+    return position, quaternion, velocity, speed[1]
+
+
+@compiled
+def _profile_at(
+    t: float,
+    acceleration: float,
+    deceleration: float,
+    distance: float,
+    rise: float,
+    flat: float,
+    fall: float,
+    pace: float,
+    duration: float,
+) -> tuple[float, float]:
+    """Return the share of the way gone after time t [s], and the speed."""
+    own = max(t, 0.0) * pace
+    rising = min(own, rise)
+    own -= rise
+    level = min(max(own, 0.0), flat)
+    own -= flat
+    falling = min(max(own, 0.0), fall)
+    peak = acceleration * rise
+    way = 0.5 * acceleration * rising * rising + peak * level
+    way += (peak - 0.5 * deceleration * falling) * falling
+    share, speed = way / distance, max(acceleration * rising - deceleration * falling, 0.0) * pace
+    if t >= duration or distance <= _TINY or share > 1.0:
+        share = 1.0
+    if t >= duration or t <= 0.0:
+        speed = 0.0
+    return share, speed
+
+
+@compiled
+def accept(
+    position: Array,
+    quaternion: Array,
+    now: Array,
+    tolerances: tuple[float, float, float],
+    goals: tuple[Array, Array, Index, Index],
+    times: tuple[Array, Array, Array, Array],
+    profile: Profile,
+    course: Course,
+) -> NDArray[np.bool_]:
+    """`GoalKeeper.accept` at times ``now`` (N,), its arrays in the order in which it has them."""
+    near_position, near_rotation, patience = tolerances
+    goal, goal_q, count, index = goals
+    accepted, reached, begun, due = times
+    out = np.zeros(len(now), dtype=np.bool_)
+    for i in range(len(now)):
+        if not now[i] >= due[i]:
+            continue
+        at = index[i]
+        square = 0.0
+        for k in range(3):
+            square += (position[i, k] - goal[i, at, k]) ** 2
+        near = np.sqrt(square) <= near_position
+        near &= angle_one(quaternion[i], goal_q[i, at]) <= near_rotation
+        if near or now[i] >= due[i] + patience:
+            reached[i, at] = now[i]
+            at += 1
+            index[i], due[i] = at, np.inf
+            if at < count[i]:
+                out[i] = True
+                _plan_one(
+                    i, position[i], quaternion[i], goal[i, at], goal_q[i, at], profile, course
+                )
+                accepted[i, at] = begun[i] = now[i]
+                due[i] = now[i] + course[-1][i]
+    return out
