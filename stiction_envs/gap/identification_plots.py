@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from stiction_envs.experiments.plots import save
 from stiction_envs.gap.identification import Identification
@@ -24,6 +25,7 @@ def plot_identification(found: Identification, path: str | Path) -> None:
         axes.bar(joints + (k - 1.5) * width, rms, width, color=COLOURS[k], label=name)
     axes.hlines(found.noise, joints - 0.45, joints + 0.45, colors="black", label="noise")
     axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         which("{x:g}")
     axes.set_xticks(joints)

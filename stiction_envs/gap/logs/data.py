@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -70,6 +70,8 @@ class Data:
     """(n,) σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
     rows: dict[str, Array]
     """Extra channels, (T, n) each."""
+    carried: Array | None = None
+    """(T, n) what ``rigid`` has of causes beyond ``nominal``: a payload, a tilt [N·m]."""
     diagnosed: bool = False
     """Whether causes of an earlier diagnosis are in the nominal model."""
     memory: dict[str, Array] = field(default_factory=dict)
@@ -84,6 +86,11 @@ class Data:
     def blocks(self) -> int:
         """Number of blocks."""
         return int(self.block.max()) + 1
+
+    def carrying(self, torque: Array) -> Data:
+        """Return data whose gears transmit a torque (T, n) that ``nominal`` has not [N·m]."""
+        carried = torque if self.carried is None else self.carried + torque
+        return replace(self, rigid=self.rigid + torque, carried=carried, memory={})
 
     @property
     def residual(self) -> Array:

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.logs.causes import CAUSES, Cause
+from stiction_envs.gap.logs.causes import CAUSES, ActuatorDelay, Cause
 from stiction_envs.gap.logs.choose import Chooser, Gain, gain
 from stiction_envs.gap.logs.columns import ARM, Library, Term
 from stiction_envs.gap.logs.data import Data, assemble
 from stiction_envs.gap.logs.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.logs.poses import AT_REST
-from stiction_envs.gap.logs.record import Nominal, resolve
+from stiction_envs.gap.logs.record import CARRIED, Nominal, resolve
 from stiction_envs.gap.logs.torque_late import mend_torques
 from stiction_envs.gap.signals import Signals, prepare
 from stiction_envs.measured.logs import JointLog, read_logs
@@ -186,9 +186,36 @@ def diagnose(
     if not np.isfinite(data.dt):  # poses without any motion
         causes = [c for c in causes if c.name in AT_REST]
     library = Library(data, causes)
-    chooser = Chooser(library, lambda k: say("choosing causes", k / (k + 3)))
-    terms = sharpen(library, chooser.choose())
+
+    def choose(library: Library) -> list[Term]:
+        return Chooser(library, lambda k: say("choosing causes", k / (k + 3))).choose()
+
+    terms = choose(library)
+    again = _with_what_was_found(library, terms)
+    if again is not None:
+        library = again
+        terms = choose(library)
+    terms = sharpen(library, terms)
     return _conclude(stood_on, base, read, signals, library, terms, seed, say)
+
+
+def _with_what_was_found(library: Library, terms: list[Term]) -> Library | None:
+    """Return columns as they are beside what the whole arm has, None if that is nothing.
+
+    Friction, gaps and springs feel what the gears carry too, and a delay is not its first order.
+    """
+    data, causes = library.data, list(library.causes.values())
+    c = library.stack.fit(library.pick(terms))
+    carried = [t for t in terms if t.cause in CARRIED]
+    if carried:
+        only = c * library.own(terms, carried)
+        torque = [library.torque(terms, only, j) for j in range(data.n)]
+        data = data.carrying(np.stack(torque, axis=1))
+    for term, mine in zip(terms, library.split(terms, c), strict=True):
+        if term.cause == ActuatorDelay.name:
+            causes = [ActuatorDelay(mine.tolist()) if x.name == term.cause else x for x in causes]
+            return Library(data, causes)
+    return Library(data, causes) if carried else None
 
 
 def _conclude(

@@ -120,17 +120,18 @@ class Nominal:
 def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data beside a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
-        added, carried = np.zeros_like(data.q), np.zeros_like(data.q)
         mine = [p for p in parts if p.level == level]
-        for part in mine:
+        nominal = data.nominal
+        # what the gear carries first: the others hang on it
+        for part in sorted(mine, key=lambda p: p.cause not in CARRIED):
             torque = part.torque(data)
-            added += torque
+            nominal = nominal + torque
             if part.cause in CARRIED:
-                carried += torque
+                data = data.carrying(torque)
         data = dataclasses.replace(
             data,
-            nominal=data.nominal + added,
-            rigid=data.rigid + carried,
+            nominal=nominal,
+            carried=None,
             diagnosed=True,
             has_friction=data.has_friction or any(p.cause in FRICTION for p in mine),
             memory={},

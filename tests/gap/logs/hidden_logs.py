@@ -319,6 +319,9 @@ def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden."""
     model, plain = _build(w), _build(_World(rotor=w.rotor))
     d, calm = mujoco.MjData(model), mujoco.MjData(plain)
+    # what the gears carry: friction that grows with load feels a payload and a tilt too
+    heavy = _build(_World(rotor=w.rotor, payload=w.payload, tilt=w.tilt))
+    felt = mujoco.MjData(heavy)
     loose = (w.soft or w.gap or (None,))[0]
     outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
     speed = np.gradient(wanted, STEP, axis=0)
@@ -381,7 +384,12 @@ def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
         mujoco.mj_step(model, d)
         acceleration = (d.qvel[outer] - before) / STEP
         nominal[k] = mass @ acceleration + calm.qfrc_bias + known
-        load = mass @ pull[k] + calm.qfrc_bias - w.rotor * pull[k]
+        if w.load.any():
+            felt.qpos[:], felt.qvel[:] = x, calm.qvel
+            mujoco.mj_fwdPosition(heavy, felt)
+            mujoco.mj_fwdVelocity(heavy, felt)
+            mujoco.mj_fullM(heavy, felt, mass)
+            load = mass @ pull[k] + felt.qfrc_bias - w.rotor * pull[k]
     logged = tau.copy()
     if w.delay:
         for j in range(7):

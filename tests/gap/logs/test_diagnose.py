@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.logs.diagnosis import Diagnosis, NamedCause, diagnose
+from stiction_envs.gap.logs.record import record
 from tests.gap.logs.hidden_logs import Case, make_case
 
 # cause, seed, joint (0: the arm), motion, known friction
@@ -86,6 +87,21 @@ def test_two_hidden_causes_are_both_named() -> None:
         4, ("external_spring", "coulomb_friction"), motion="fourier", known=False, size=0.7
     )
     assert {c.name for c in solved(case).causes} >= {"external_spring", "coulomb_friction"}
+
+
+@pytest.mark.slow
+def test_friction_feels_the_payload_that_was_found() -> None:
+    """The gears transmit it: without it the coefficient would read a quarter off."""
+    hidden = ("payload", "load_dependent_friction")
+    case = make_case(3, hidden, motion="fast", known=True, joint=2, size=0.8)
+    found = solved(case)
+    named = {c.name: c for c in found.causes}
+    assert set(named) == set(hidden)
+    for name in hidden:
+        check_size(case, named[name], 0.02)
+    again = diagnose(case.logs, "panda", nominal=record(found))
+    assert [c.name for c in again.causes] == []
+    assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
 
 
 @pytest.mark.slow

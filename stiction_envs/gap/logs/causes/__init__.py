@@ -40,4 +40,4 @@ CAUSES: tuple[Cause, ...] = (
 )
 """All causes, in the order of the contract."""
 
-__all__ = ["CAUSES", "Cause", "Parameter", "Shape"]
+__all__ = ["CAUSES", "ActuatorDelay", "Cause", "Parameter", "Shape"]

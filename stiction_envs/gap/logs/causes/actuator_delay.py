@@ -6,6 +6,7 @@ A log whose torque was measured late, or behind a filter, shows the same with T 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +16,9 @@ from stiction_envs.gap.logs.data import Data
 
 LEAST = 1e-3
 """Shortest delay that is called one [s]: a robot's cycle; assumed."""
+
+TRIED = tuple(s * x for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2))
+"""T' that are tried [s]; assumed."""
 
 
 class ActuatorDelay(Cause):
@@ -27,10 +31,16 @@ class ActuatorDelay(Cause):
     arm_wide: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("delay_s", "s", -0.1, 0.1),)
 
+    def __init__(self, tried: Sequence[float] = TRIED) -> None:
+        """Try some T' [s]."""
+        self._tried = tuple(tried)
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return [τ(t + T') − τ(t)]/T' of the nominal torque, for a T' near T."""
+        """Return [τ(t + T') − τ(t)]/T' of the nominal torque and the load, for a T' near T."""
         ahead, out = shape[0], np.zeros(len(data.t))
         torque = data.nominal[:, joint]
+        if data.carried is not None:
+            torque = torque + data.carried[:, joint]
         for run in data.runs():
             if run.stop - run.start > 2:
                 later = np.interp(data.t[run] + ahead, data.t[run], torque[run])
@@ -39,7 +49,7 @@ class ActuatorDelay(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return T' [s], both ways."""
-        return [(s * x,) for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2)]
+        return [(x,) for x in self._tried]
 
     def small(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the delay is below `LEAST`."""
