@@ -263,15 +263,11 @@ class Dither:
         branches = []
         for code in np.unique(self.waveform[driven]).tolist():
             mask = driven & (self.waveform == code)
-            pick: Any
-            if mask.all():
-                where, rows, pick = None, None, ...
-            else:
-                where = np.flatnonzero(mask)
-                rows, pick = where // self.n, mask
-            tones = None
-            if code == _RANDOM:
-                tones = np.ascontiguousarray(np.moveaxis(self._tones, -1, 0)[:, pick])
+            where = None if mask.all() else np.flatnonzero(mask)
+            rows = None if where is None else where // self.n
+            pick: Any = ... if where is None else mask
+            tones: Any = np.moveaxis(self._tones, -1, 0)
+            tones = np.ascontiguousarray(tones[:, pick]) if code == _RANDOM else None
             branches.append(
                 (code, where, rows, omega[pick], phase[pick], self.amplitude[pick], tones)
             )

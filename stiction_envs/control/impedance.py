@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.control.cycle import impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, pseudoinverse_projector, renew
 from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
-from stiction_envs.control.settings import ImpedanceSettings, numbers, stiffness_matrix
+from stiction_envs.control.rows import Filtered, Rows, fill, rows_of
+from stiction_envs.control.settings import ImpedanceSettings, stiffness_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
 
@@ -33,7 +34,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Ids = Index | Sequence[int] | None
 """Simulations a call is about; None means all."""
-_Rows = Index | slice
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,11 @@ class CartesianImpedance:
         self._low = limits.position[:, 0] + settings.limit_margin
         self._high = limits.position[:, 1] - settings.limit_margin
         step = settings.filter_step
-        self._stiffness = _Filtered((nsim, 6, 6), step("stiffness_filter"))
-        self._null_stiffness = _Filtered((nsim, n), step("stiffness_filter"))
-        self._null_q = _Filtered((nsim, n), step("nullspace_filter"))
-        self._external = _Filtered((nsim, 6), step("wrench_filter"))
-        self._position = _Filtered((nsim, 3), step("pose_filter"))
+        self._stiffness = Filtered((nsim, 6, 6), step("stiffness_filter"))
+        self._null_stiffness = Filtered((nsim, n), step("stiffness_filter"))
+        self._null_q = Filtered((nsim, n), step("nullspace_filter"))
+        self._external = Filtered((nsim, 6), step("wrench_filter"))
+        self._position = Filtered((nsim, 3), step("pose_filter"))
         filters = ("stiffness_filter", "nullspace_filter", "wrench_filter", "pose_filter")
         self._filtering = any(step(name) < 1.0 for name in filters)
         self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
@@ -131,7 +131,7 @@ class CartesianImpedance:
 
         The external wrench is taken away; the stiffness set last is kept.
         """
-        rows = _rows(ids)
+        rows = rows_of(ids)
         self._put_pose(rows, position, quaternion, now=True)
         self._null_q.put(rows, q, now=True)
         self._external.put(rows, 0.0, now=True)
@@ -144,15 +144,15 @@ class CartesianImpedance:
 
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike, ids: Ids = None) -> None:
         """Move the reference to (M, 3) [m] and (M, 4) w, x, y, z, in the base frame."""
-        self._put_pose(_rows(ids), position, quaternion, now=False)
+        self._put_pose(rows_of(ids), position, quaternion, now=False)
 
     def set_nullspace(self, q: ArrayLike, ids: Ids = None) -> None:
         """Move the nullspace configuration q_d to (M, n) [rad]."""
-        self._null_q.put(_rows(ids), q)
+        self._null_q.put(rows_of(ids), q)
 
     def set_wrench(self, wrench: ArrayLike, ids: Ids = None) -> None:
         """Let the end effector push with force and torque (M, 6), base frame [N, N·m]."""
-        self._external.put(_rows(ids), wrench)
+        self._external.put(rows_of(ids), wrench)
 
     def set_stiffness(
         self,
@@ -179,23 +179,23 @@ class CartesianImpedance:
             StictionError: negative or not finite, a wrong shape, or a whole stiffness that is not
                 symmetric and positive semidefinite; nothing has changed then.
         """
-        self._write_stiffness(_rows(ids), [translational, rotational, coupling], nullspace)
+        self._write_stiffness(rows_of(ids), [translational, rotational, coupling], nullspace)
 
     def _write_stiffness(
         self,
-        rows: _Rows,
+        rows: Rows,
         blocks: Sequence[ArrayLike | None],
         nullspace: ArrayLike | None,
         now: bool = False,
     ) -> None:
         names = ("translational stiffness", "rotational stiffness", "coupling stiffness")
         new = [
-            old[rows].copy() if value is None else _fill(name, value, old[rows].shape)
+            old[rows].copy() if value is None else fill(name, value, old[rows].shape)
             for name, value, old in zip(names, blocks, self._blocks, strict=True)
         ]
         null = self._null_stiffness.target[rows].copy()
         if nullspace is not None:
-            null = _fill("nullspace stiffness", nullspace, null.shape)
+            null = fill("nullspace stiffness", nullspace, null.shape)
         self._stiffness.put(rows, stiffness_matrix(*new), now=now)
         self._null_stiffness.put(rows, null, now=now)
         for old, value in zip(self._blocks, new, strict=True):
@@ -206,20 +206,20 @@ class CartesianImpedance:
         if now or self._stiffness.step == 1.0:
             self._refresh(rows)
 
-    def _put_pose(self, rows: _Rows, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
+    def _put_pose(self, rows: Rows, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
         self._position.put(rows, position, now=now)
         self._quaternion_target[rows] = quaternion
         if now or self._position.step == 1.0:
             self._quaternion[rows] = quaternion
             write_error_matrix(self._quaternion, self._error_matrix)
 
-    def _refresh(self, rows: _Rows) -> None:
+    def _refresh(self, rows: Rows) -> None:
         """Write gains and damping of the present stiffness."""
         self._gain[rows, :, :6] = -self._stiffness.value[rows]
         self._damp_nullspace(rows)
         self._damp(self._everyone[rows])
 
-    def _damp_nullspace(self, rows: _Rows) -> None:
+    def _damp_nullspace(self, rows: Rows) -> None:
         ratio = self.settings.nullspace_damping_ratio
         self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness.value[rows])
 
@@ -434,41 +434,3 @@ class CartesianImpedance:
     def projector(self) -> Array:
         """(N, n, n) P of the last `update_model` [-]."""
         return self._projector.copy()
-
-
-class _Filtered:
-    """A row per simulation that follows its target: x ← x + s (target − x)."""
-
-    def __init__(self, shape: tuple[int, ...], step: float) -> None:
-        self.value, self.target, self.step = np.zeros(shape), np.zeros(shape), step
-
-    def put(self, rows: _Rows, value: ArrayLike, now: bool = False) -> None:
-        """Set the target of some rows; where the filter is off, or ``now``, the value too."""
-        self.target[rows] = value
-        if now or self.step == 1.0:
-            self.value[rows] = value
-
-    def advance(self) -> bool:
-        """One cycle; False where the filter is off."""
-        if self.step == 1.0:
-            return False
-        self.value += self.step * (self.target - self.value)
-        return True
-
-
-def _rows(ids: Ids) -> _Rows:
-    return slice(None) if ids is None else np.asarray(ids)
-
-
-def _fill(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """``value`` as array of ``shape`` (M, …); (M,) is one number per simulation."""
-    array = numbers(name, value, low=-np.inf if name.startswith("coupling") else 0.0)
-    if array.ndim == 1 and len(shape) == 2:
-        array = array[:, None]
-    try:
-        return np.array(np.broadcast_to(array, shape))
-    except ValueError:
-        raise StictionError(
-            f"impedance {name} has shape {np.shape(value)}: allowed is one number, "
-            f"({shape[0]},) or {shape}"
-        ) from None

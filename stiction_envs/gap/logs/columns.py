@@ -138,6 +138,7 @@ class Library:
         return sum(
             len(self.causes[t.cause].bounds(self.data)[0])
             + len(t.shape)
+            - self.causes[t.cause].tied
             # what usually does not come alone is the less simple name
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms

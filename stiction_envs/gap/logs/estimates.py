@@ -122,12 +122,15 @@ def estimates(
         values = cause.values(best, term.shape)
         drawn = draws[i] if draws is not None else [(best, term.shape)]
         samples = [cause.values(x, shape) for x, shape in drawn]
+        neutral = {p.name: p.neutral for p in cause.parameters}
         tried = library.tried(term)
         bound = cause.bounded(best, library.data) or cause.at_edge(term.shape, tried)
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
-                ci95=_interval(np.array([s[key] for s in samples]), np.array(value)),
+                ci95=_interval(
+                    np.array([s[key] for s in samples]), np.array(value), neutral.get(key, 0.0)
+                ),
                 on_bound=bound,
             )
             for key, value in values.items()
@@ -135,7 +138,7 @@ def estimates(
     return out
 
 
-def _interval(samples: Array, value: Array) -> Any:
+def _interval(samples: Array, value: Array, neutral: float) -> Any:
     """Return [low, high] about a value, or one pair per number.
 
     Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
@@ -145,7 +148,7 @@ def _interval(samples: Array, value: Array) -> Any:
     low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
     far = FAR * (high - low) / 2
     near = np.clip(samples, middle - far, middle + far)
-    spread = WIDER * near.std(axis=0) + MODEL * np.max(np.abs(value))
+    spread = WIDER * near.std(axis=0) + MODEL * np.max(np.abs(value - neutral))
     return np.stack([value - spread, value + spread], axis=-1).tolist()
 
 

@@ -119,6 +119,7 @@ class Backlash(Cause):
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "slow motion through the pose in which the joint's load changes sign"
     coupled: ClassVar[bool] = True
+    tied: ClassVar[int] = 1
     fickle: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
 

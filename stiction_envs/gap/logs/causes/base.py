@@ -30,6 +30,8 @@ class Parameter:
     high: float = np.inf
     size: int = 1
     """Numbers it holds."""
+    neutral: float = 0.0
+    """Value at which nothing is wrong."""
 
 
 EDGE = 1.02
@@ -49,6 +51,8 @@ class Cause(ABC):
     """The motion that shows it and tells it from others, a clause."""
     arm_wide: ClassVar[bool] = False
     """One hypothesis with the same coefficients in all joints."""
+    tied: ClassVar[int] = 0
+    """How many of its numbers, linear and not, are no free choice beside the others."""
     fickle: ClassVar[bool] = False
     """Whether neighbours among its nonlinear parameters foretell quite different torques."""
     coupled: ClassVar[bool] = False

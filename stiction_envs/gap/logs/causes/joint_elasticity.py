@@ -36,6 +36,8 @@ class JointElasticity(Cause):
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
     coupled: ClassVar[bool] = True
+    tied: ClassVar[int] = 1
+    fickle: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:

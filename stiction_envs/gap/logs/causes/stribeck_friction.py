@@ -51,11 +51,11 @@ class StribeckFriction(Cause):
         return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return Stribeck velocities above what a filtered log resolves, up to half the top speed.
+        """Return Stribeck velocities from what a filtered log resolves to speeds that are common.
 
-        Slower motion never leaves the Stribeck effect behind: it is then as good as constant.
+        Motion that is slower than that never leaves the effect behind: it is as good as constant.
         """
-        top = 0.5 * float(np.percentile(np.abs(data.dq[:, joint]), 95))
+        top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
         low = 3 * SIGN_SPEED
         return log_grid(low, min(0.3, top), 10) if top > 1.1 * low else []
 

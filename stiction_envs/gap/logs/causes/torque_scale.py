@@ -13,6 +13,10 @@ LOW, HIGH = 0.5, 2.0
 """Gains beyond which no sensor or ratio would have gone unnoticed: it is another mass, or friction
 [-]; assumed."""
 
+LEAST = 2e-3
+"""Error of a gain that is none [-]: torque sensors are linear to some tenths of a per cent
+(assumed)."""
+
 
 class TorqueScale(Cause):
     """Gain of a torque sensor, motor constant or gear ratio."""
@@ -20,11 +24,16 @@ class TorqueScale(Cause):
     name: ClassVar[str] = "torque_scale"
     what: ClassVar[str] = "torque gain wrong"
     record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
-    parameters: ClassVar = (Parameter("scale", "1", LOW, HIGH),)
+    parameters: ClassVar = (Parameter("scale", "1", LOW, HIGH, neutral=1.0),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return the nominal torque."""
-        return data.nominal[:, joint, None]
+        """Return the nominal torque and the load."""
+        torque = data.nominal[:, joint, None]
+        return torque if data.carried is None else torque + data.carried[:, joint, None]
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether the gain is as right as gains are."""
+        return abs(float(coefficients[0])) < LEAST
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         """Return the bounds of s − 1."""
