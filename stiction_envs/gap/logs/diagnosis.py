@@ -193,8 +193,10 @@ def diagnose(
     terms = choose(library)
     again = _with_what_was_found(library, terms)
     if again is not None:
-        library = again
-        terms = choose(library)
+        beside = choose(again)
+        # unless what was taken for granted is not found again
+        if {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in beside}:
+            library, terms = again, beside
     terms = sharpen(library, terms)
     return _conclude(stood_on, base, read, signals, library, terms, seed, say)
 

@@ -21,7 +21,8 @@ FAR = 5.0
 MODEL = 0.03
 """Part of a value to which any model is true at best [-]; assumed."""
 GROWN, NEAR = 2, 0.15
-"""Rounds in which shapes follow sizes, and how far the logarithm of a parameter then moves [-]."""
+"""Rounds in which shapes follow sizes, and how far the logarithm of a parameter then moves [-];
+assumed."""
 TANGENT = 0.1
 """Step in the logarithm of a nonlinear parameter for its tangent [-]."""
 
