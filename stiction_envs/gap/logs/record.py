@@ -46,6 +46,8 @@ class Part:
     """What its columns are multiplied by."""
     level: int = 1
     """Number of the diagnosis, from 1: a later one stands on the earlier ones."""
+    carried: bool = False
+    """Whether it was found beside what the gears carry of the same diagnosis."""
 
     def values(self) -> dict[str, Any]:
         """Return the parameters as in ``diagnosis.json``."""
@@ -121,15 +123,11 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data beside a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
-        nominal = data.nominal
-        # what the gear carries first: the others hang on it
-        for part in sorted(mine, key=lambda p: p.cause not in CARRIED):
-            torque = part.torque(data)
-            nominal = nominal + torque
-            if part.cause in CARRIED:
-                data = data.carrying(torque)
+        torque = sum((p.torque(data) for p in mine if p.cause in CARRIED), np.zeros_like(data.q))
+        beside = data.carrying(torque)
+        nominal = data.nominal + sum(p.torque(beside if p.carried else data) for p in mine)
         data = dataclasses.replace(
-            data,
+            beside,
             nominal=nominal,
             carried=None,
             diagnosed=True,
@@ -187,6 +185,7 @@ def read(path: Path) -> Nominal:
                 shape=tuple(float(x) for x in c["shape"]),
                 coefficients=tuple(float(x) for x in c["coefficients"]),
                 level=int(c["level"]),
+                carried=bool(c.get("carried", False)),
             )
             for c in table.get("cause", [])
         )
@@ -244,6 +243,7 @@ def dump(nominal: Nominal) -> str:
             f"shape = {[float(x) for x in part.shape]!r}",
             f"coefficients = {[float(x) for x in part.coefficients]!r}",
             f"level = {part.level}",
+            f"carried = {str(part.carried).lower()}",
         ]
     return "\n".join(lines) + "\n"
 
@@ -267,6 +267,7 @@ def record(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
             shape=tuple(float(x) for x in t.shape),
             coefficients=tuple(float(x) for x in mine),
             level=level,
+            carried=diagnosis.data.carried is not None,
         )
         for t, mine in zip(diagnosis.terms, split, strict=True)
     )

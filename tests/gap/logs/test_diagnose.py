@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.logs.diagnosis import Diagnosis, NamedCause, diagnose
-from stiction_envs.gap.logs.record import record
+from stiction_envs.gap.logs.record import record, with_causes
 from tests.gap.logs.hidden_logs import Case, make_case
 
 # cause, seed, joint (0: the arm), motion, known friction
@@ -99,6 +99,9 @@ def test_friction_feels_the_payload_that_was_found() -> None:
     assert set(named) == set(hidden)
     for name in hidden:
         check_size(case, named[name], 0.02)
+    model = with_causes(found.base, record(found).parts)
+    added = np.stack([found.torque(j) for j in range(7)], axis=1)
+    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
     again = diagnose(case.logs, "panda", nominal=record(found))
     assert [c.name for c in again.causes] == []
     assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
