@@ -125,6 +125,30 @@ def add_command(
     return parser
 
 
+def add_log_options(parser: argparse.ArgumentParser, *, logs: str) -> None:
+    """Add the joint logs, the robot they are of and how to read them; ``logs`` is nargs."""
+    parser.add_argument(
+        "logs",
+        nargs=logs,
+        type=Path,
+        metavar="LOG",
+        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
+    )
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=ROBOT_HELP)
+    parser.add_argument(
+        "--torque",
+        choices=("motor", "link"),
+        default="motor",
+        help="side of the gear on which tau was measured (Franka, KUKA: link; default: motor)",
+    )
+    parser.add_argument(
+        "--cutoff",
+        type=number(0, above=True),
+        metavar="HZ",
+        help="of the zero-phase filter of all signals (default: chosen from the data)",
+    )
+
+
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add what says which arm is simulated."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT_HELP)

@@ -28,13 +28,7 @@ def add_parser(subparsers: Any) -> None:
         run=run,
         show=show,
     )
-    parser.add_argument(
-        "logs",
-        nargs="*",
-        type=Path,
-        metavar="LOG",
-        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
-    )
+    common.add_log_options(parser, logs="*")
     parser.add_argument(
         "--poses",
         nargs="+",
@@ -42,13 +36,6 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         metavar="FILE",
         help="poses at rest without time: q1..qn,tau1..taun, a pose in a row; with logs or alone",
-    )
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.ROBOT_HELP)
-    parser.add_argument(
-        "--torque",
-        choices=("motor", "link"),
-        default="motor",
-        help="side of the gear on which tau was measured (Franka, KUKA: link; default: motor)",
     )
     parser.add_argument(
         "--nominal",
@@ -76,12 +63,6 @@ def add_parser(subparsers: Any) -> None:
         choices=("auto", "lsm"),
         default="auto",
         help="lsm adds the thesis's least squares (equation 3.1) beside the tool's result",
-    )
-    parser.add_argument(
-        "--cutoff",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="of the zero-phase filter of all signals (default: chosen from the data)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 

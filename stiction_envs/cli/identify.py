@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from stiction_envs.cli import common
@@ -24,26 +23,7 @@ def add_parser(subparsers: Any) -> None:
         run=run,
         show=show,
     )
-    parser.add_argument(
-        "logs",
-        nargs="+",
-        type=Path,
-        metavar="LOG",
-        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
-    )
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.ROBOT_HELP)
-    parser.add_argument(
-        "--torque",
-        choices=("motor", "link"),
-        default="motor",
-        help="side of the gear on which tau was measured (Franka, KUKA: link; default: motor)",
-    )
-    parser.add_argument(
-        "--cutoff",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="of the zero-phase filter of all signals (default: chosen from the data)",
-    )
+    common.add_log_options(parser, logs="+")
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 

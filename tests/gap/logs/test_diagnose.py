@@ -91,7 +91,7 @@ def test_two_hidden_causes_are_both_named() -> None:
 
 @pytest.mark.slow
 def test_friction_feels_the_payload_that_was_found() -> None:
-    """The gears transmit it: without it the coefficient would read a quarter off."""
+    """The gears transmit it, so the coefficient is per load with it."""
     hidden = ("payload", "load_dependent_friction")
     case = make_case(3, hidden, motion="fast", known=True, joint=2, size=0.8)
     found = solved(case)
