@@ -88,7 +88,9 @@ def gain(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> Gain
     # noise of the acceleration is in columns as well as in residuals, and explains itself
     count = np.array([g.count.sum() for g in stack.grams])
     large = (size > least) & (left.sum(axis=1) > (1 + LEAST_TORQUE**2) * count)
-    whole = whole and float(part.sum()) > 0
+    # log-likelihood of joints each of which has noise of its own, at least the floor
+    better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
+    whole = whole and float(better.sum()) > 0
     return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
 
 
@@ -100,6 +102,39 @@ def _slope(pe: Array, pp: Array) -> float:
     a = float(pe.sum()) / total
     error = float(np.sqrt(np.sum(np.square(pe - a * pp)) * len(pp) / (len(pp) - 1))) / total
     return a / max(error, 1e-12)
+
+
+def means_nothing(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> bool:
+    """Whether a value is so small, or so far out, that its cause means nothing."""
+    c = library.split(terms, library.stack.fit(library.pick(terms)))
+    for term, mine in zip(terms, c, strict=True):
+        cause = library.causes[term.cause]
+        if term in added and (
+            cause.small(mine, term.shape)
+            or cause.bounded(mine, library.data, term.joint)
+            or cause.at_edge(term.shape, library.tried(term))
+        ):
+            return True
+    return False
+
+
+def pruned(library: Library, terms: Sequence[Term]) -> list[Term]:
+    """Return terms without those that no longer stand, of which the weakest goes first."""
+    out = list(terms)
+    while out:
+        weakest: tuple[float, Term] | None = None
+        for term in out:
+            found = gain(library, out, [term])
+            stands = found.stands and not means_nothing(library, out, [term])
+            if not library.causes[term.cause].alone:
+                have = {t.cause for t in out if t.joint == term.joint}
+                stands &= have.issuperset(library.needs(term.cause))
+            if not stands and (weakest is None or found.total < weakest[0]):
+                weakest = (found.total, term)
+        if weakest is None:
+            break
+        out = [t for t in out if t != weakest[1]]
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +158,7 @@ class Chooser:
         before: list[Term] | None = None
         for _ in range(ROUNDS):
             self._add()
-            self._prune()
+            self.terms = pruned(self.library, self.terms)
             # what was taken out may have kept out something better
             if before is not None and set(before) == set(self.terms):
                 break
@@ -204,7 +239,10 @@ class Chooser:
                     continue
                 added, terms = [child], [*self.terms, child]
                 found = gain(self.library, terms, added)
-            if not self._small(terms, added) and gain(self.library, terms, [child]).stands:
+            if (
+                not means_nothing(self.library, terms, added)
+                and gain(self.library, terms, [child]).stands
+            ):
                 out.append(Offer(added, found))
         return out
 
@@ -225,7 +263,7 @@ class Chooser:
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
             alone = (found.stands and gain(lib, terms, [x]).stands for x in added)
-            if all(alone) and not self._small(terms, added):
+            if all(alone) and not means_nothing(lib, terms, added):
                 out.append(Offer(added, found))
         return out
 
@@ -268,33 +306,3 @@ class Chooser:
         ranked = sorted(best.values(), key=lambda x: -x[0])
         short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[:SHORTLIST]
         return [x for x in ranked if x[1][-1].cause in short]
-
-    def _small(self, terms: list[Term], added: list[Term]) -> bool:
-        """Whether a value is so small, or so far out, that its cause means nothing."""
-        lib = self.library
-        c = lib.split(terms, lib.stack.fit(lib.pick(terms)))
-        for term, mine in zip(terms, c, strict=True):
-            cause = lib.causes[term.cause]
-            if term in added and (
-                cause.small(mine, term.shape)
-                or cause.bounded(mine, lib.data)
-                or cause.at_edge(term.shape, lib.tried(term))
-            ):
-                return True
-        return False
-
-    def _prune(self) -> None:
-        """Take out terms that no longer stand, the weakest first."""
-        while self.terms:
-            weakest: tuple[float, Term] | None = None
-            for term in self.terms:
-                found = gain(self.library, self.terms, [term])
-                stands = found.stands and not self._small(self.terms, [term])
-                if not self.library.causes[term.cause].alone:
-                    have = {t.cause for t in self.terms if t.joint == term.joint}
-                    stands &= have.issuperset(self.library.needs(term.cause))
-                if not stands and (weakest is None or found.total < weakest[0]):
-                    weakest = (found.total, term)
-            if weakest is None:
-                return
-            self.terms = [t for t in self.terms if t != weakest[1]]

@@ -136,7 +136,7 @@ class Library:
         """Return the number of parameters of some terms, linear and not."""
         have = {t.cause for t in terms}
         return sum(
-            len(self.causes[t.cause].bounds(self.data)[0])
+            self._size(t)
             + len(t.shape)
             - self.causes[t.cause].tied
             # what usually does not come alone is the less simple name
@@ -190,7 +190,7 @@ class Library:
         low: list[float] = []
         high: list[float] = []
         for term in terms:
-            lowest, highest = self.causes[term.cause].bounds(self.data)
+            lowest, highest = self.causes[term.cause].bounds(self.data, term.joint)
             for joint in self.reach(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
@@ -198,16 +198,20 @@ class Library:
             high += highest.tolist()
         return Pick(tuple(map(tuple, columns)), tuple(map(tuple, where)), tuple(low), tuple(high))
 
+    def _size(self, term: Term) -> int:
+        """Return the number of coefficients."""
+        return len(self.causes[term.cause].bounds(self.data, term.joint)[0])
+
     def own(self, terms: Sequence[Term], some: Sequence[Term]) -> NDArray[np.bool_]:
         """Return (P,) which coefficients of a model are those of some of its terms."""
-        sizes = [len(self.causes[t.cause].bounds(self.data)[0]) for t in terms]
+        sizes = [self._size(t) for t in terms]
         return np.repeat(np.array([t in some for t in terms], dtype=bool), sizes)
 
     def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
         """Return the coefficients of each term."""
         out, at = [], 0
         for term in terms:
-            size = len(self.causes[term.cause].bounds(self.data)[0])
+            size = self._size(term)
             out.append(c[..., at : at + size])
             at += size
         return out

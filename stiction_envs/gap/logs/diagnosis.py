@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.logs.causes import CAUSES, ActuatorDelay, Cause
-from stiction_envs.gap.logs.choose import Chooser, Gain, gain
+from stiction_envs.gap.logs.causes.actuator_delay import TRIED
+from stiction_envs.gap.logs.choose import Chooser, Gain, gain, pruned
 from stiction_envs.gap.logs.columns import ARM, Library, Term
 from stiction_envs.gap.logs.data import Data, assemble
 from stiction_envs.gap.logs.estimates import Estimate, draw, estimates, sharpen
@@ -38,6 +39,8 @@ MOVES = 0.05
 """Angle that some joint must turn before a log can say anything [rad]; assumed."""
 ALIKE = 0.1
 """Part of a cause's own gain that it may lose to another which explains the same [-]; assumed."""
+LAGS = ("presliding_hysteresis", "backlash", "joint_elasticity")
+"""Causes that may be a part of a delay at its full size: they are found anew beside it."""
 VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
 
 
@@ -197,27 +200,34 @@ def diagnose(
         # unless what was taken for granted is not found again
         if {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in beside}:
             library, terms = again, beside
-    terms = sharpen(library, terms)
+    # refined, some may be none after all
+    terms = pruned(library, sharpen(library, terms))
     return _conclude(stood_on, base, read, signals, library, terms, seed, say)
 
 
 def _with_what_was_found(library: Library, terms: list[Term]) -> Library | None:
     """Return columns as they are beside what the whole arm has, None if that is nothing.
 
-    Friction, gaps and springs feel what the gears carry too, and a delay is not its first order.
+    Friction, gaps and springs feel what the gears carry too. A delay is one of all torques, of
+    friction too, and not its first order.
     """
-    data, causes = library.data, list(library.causes.values())
+    data, causes = library.data, library.causes
     c = library.stack.fit(library.pick(terms))
+
+    def torque_of(some: list[Term]) -> Array:
+        only = c * library.own(terms, some)
+        return np.stack([library.torque(terms, only, j) for j in range(data.n)], axis=1)
+
     carried = [t for t in terms if t.cause in CARRIED]
-    if carried:
-        only = c * library.own(terms, carried)
-        torque = [library.torque(terms, only, j) for j in range(data.n)]
-        data = data.carrying(np.stack(torque, axis=1))
-    for term, mine in zip(terms, library.split(terms, c), strict=True):
-        if term.cause == ActuatorDelay.name:
-            causes = [ActuatorDelay(mine.tolist()) if x.name == term.cause else x for x in causes]
-            return Library(data, causes)
-    return Library(data, causes) if carried else None
+    late = [t for t in terms if t.cause == ActuatorDelay.name]
+    if not carried and not late:
+        return None
+    if late:
+        sound = [t for t in terms if t not in late and t.cause not in LAGS]
+        lengths = library.split(terms, c)[terms.index(late[0])].tolist()
+        delay = ActuatorDelay([*TRIED, *lengths], data.nominal + torque_of(sound))
+        causes = {**causes, delay.name: delay}
+    return Library(data.carrying(torque_of(carried)) if carried else data, list(causes.values()))
 
 
 def _conclude(
@@ -268,7 +278,7 @@ def _conclude(
                     extended_rms,
                 ),
                 confused_with=confused,
-                tell_apart="; ".join(library.causes[x].record for x in confused),
+                tell_apart="; ".join(_motion(library, x) for x in confused),
             )
         )
     named.sort(key=lambda x: -x.gain_percent)
@@ -309,11 +319,12 @@ def _confused(
     c: Array,
 ) -> tuple[str, ...]:
     """Return the causes that explain the same part: held-out gain of one once the other is in."""
-    out = []
     name, rest = mine[0].cause, [t for t in terms if t not in mine]
+    data, cause = library.data, library.causes[name]
+    out = list(dict.fromkeys(x for t in mine for x in cause.alike(data, t.joint)))
     taken = {t.cause for t in rest} | {name}
     for other in library.causes:
-        if other in taken or name in library.needs(other):
+        if other in taken or other in out or name in library.needs(other):
             continue
         swap = _best_swap(library, other, {j - 1 for j in joints}, rest)
         if swap is None:
@@ -393,15 +404,21 @@ def _verdict(
     return "partly explained" if left.any() else "explained"
 
 
+def _motion(library: Library, name: str) -> str:
+    """Return the motion that shows a cause, of those too that are no hypothesis here."""
+    known = {c.name: c for c in CAUSES} | library.causes
+    return known[name].record
+
+
 def _record(library: Library, named: list[NamedCause], lacking: dict[str, str]) -> tuple[str, ...]:
     """Return what to record next, most useful first."""
     out = []
     for c in named:
         for other in c.confused_with:
             out.append(
-                f"to tell {c.name} from {other}: {library.causes[c.name].record}; "
-                f"{library.causes[other].record}"
+                f"to tell {c.name} from {other}: {_motion(library, c.name)}; "
+                f"{_motion(library, other)}"
             )
     for name, reason in lacking.items():
-        out.append(f"to see {name} ({reason}): {library.causes[name].record}")
+        out.append(f"to see {name} ({reason}): {_motion(library, name)}")
     return tuple(dict.fromkeys(out))

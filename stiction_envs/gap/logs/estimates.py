@@ -80,7 +80,7 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
         for k in arm:
             left -= library.columns(out[k], j) @ c[k]
         fixed = [library.columns(out[k], j) for k in local]
-        bounds = [library.causes[out[k].cause].bounds(data) for k in [*local, i]]
+        bounds = [library.causes[out[k].cause].bounds(data, j) for k in [*local, i]]
         low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
         weight = library.weight[:, j] * (data.block >= 0)
 
@@ -125,7 +125,7 @@ def estimates(
         samples = [cause.values(x, shape) for x, shape in drawn]
         neutral = {p.name: p.neutral for p in cause.parameters}
         tried = library.tried(term)
-        bound = cause.bounded(best, library.data) or cause.at_edge(term.shape, tried)
+        bound = cause.bounded(best, library.data, term.joint) or cause.at_edge(term.shape, tried)
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
@@ -191,7 +191,7 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
     for i, term in enumerate(terms):
         low[start[i] : start[i + 1]], high[start[i] : start[i + 1]] = library.causes[
             term.cause
-        ].bounds(data)
+        ].bounds(data, term.joint)
     pick = Pick(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
     draws = Stack(grams).resample(pick, RESAMPLES, np.random.default_rng(seed))
     out: Draws = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,15 @@ import pytest
 
 from stiction_envs.gap.logs.bristle import bristles, grown
 from stiction_envs.gap.logs.causes import CAUSES
-from stiction_envs.gap.logs.causes.backlash import FLANK, crossings, dragged, lost
+from stiction_envs.gap.logs.causes.actuator_delay import LOWPASS
+from stiction_envs.gap.logs.causes.backlash import (
+    DRAGGED,
+    FLANK,
+    LOST,
+    crossings,
+    dragged,
+    lost,
+)
 from stiction_envs.gap.logs.causes.deflection import mass_matrix
 from stiction_envs.gap.logs.causes.joint_elasticity import deflection
 from stiction_envs.gap.logs.columns import certain
@@ -35,7 +44,7 @@ def test_there_are_the_seventeen_of_the_contract() -> None:
 def test_columns_are_finite_and_as_many_as_the_bounds(cause, data: Data) -> None:
     shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
     columns = cause.columns(data, 3, shape)
-    low, high = cause.bounds(data)
+    low, high = cause.bounds(data, 3)
     assert columns.shape == (len(data.t), len(low))
     assert len(low) == len(high)
     assert np.all(low < high)
@@ -47,7 +56,7 @@ def test_columns_are_finite_and_as_many_as_the_bounds(cause, data: Data) -> None
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
 def test_values_have_the_contracts_keys(cause, data: Data) -> None:
     shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
-    values = cause.values(np.full(len(cause.bounds(data)[0]), 0.1), shape)
+    values = cause.values(np.full(len(cause.bounds(data, 3)[0]), 0.1), shape)
     named = {p.name for p in cause.parameters}
     assert set(values) <= named
     assert all(np.isfinite(np.ravel(v)).all() for v in values.values())
@@ -170,3 +179,44 @@ def test_blocks_hold_time_together_and_keep_apart(data: Data) -> None:
         assert np.all(np.diff(rows) == 1)
     assert np.all(np.diff(data.block[data.block >= 0]) >= 0)
     assert (data.block == -1).any()
+
+
+def test_no_inertia_is_negative(data: Data) -> None:
+    """What a joint's own axis may lack is less than what it has in any pose."""
+    own = mass_matrix(data).diagonal(axis1=1, axis2=2)
+    for j in range(7):
+        low, _ = BY_NAME["link_inertia"].bounds(data, j)
+        assert 0 < own[:, j].min() + low[0] + 1e-9 < 1e-6
+
+
+def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
+    """Its acceleration is noise, nothing is dragged, and friction may bear an offset."""
+    q, dq = data.q.copy(), data.dq.copy()
+    q[:, 2], dq[:, 2] = q[0, 2], 1e-3 * np.sin(data.t)
+    holds = replace(data, q=q, dq=dq, memory={})
+    inertia, offset, backlash = (BY_NAME[x] for x in ("link_inertia", "torque_offset", "backlash"))
+    dampings = [{s[1] for s in backlash.shapes(d, 2, d.rigid[:, 2])} for d in (data, holds)]
+    assert dampings[1].isdisjoint({DRAGGED, LOST})
+    assert not dampings[0].isdisjoint({DRAGGED, LOST}) or len(dampings[0]) > 0
+    assert not inertia.lacking(data, 2)
+    assert "does not move" in inertia.lacking(holds, 2)
+    assert offset.alike(data, 2) == ()
+    assert offset.alike(holds, 2) == ("coulomb_friction",)
+
+
+def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> None:
+    shaking = 1e-3 * np.sin(50 * data.t)[:, None] * np.ones(7)
+    still = replace(data, dq=0 * data.dq, rigid=shaking, noise=np.full(7, 0.01), memory={})
+    assert "changes sign" in BY_NAME["backlash"].lacking(still, 2)
+    assert not BY_NAME["backlash"].lacking(replace(still, noise=np.full(7, 1e-4)), 2)
+
+
+def test_a_delays_low_pass_is_first_order(data: Data) -> None:
+    """T y' + y = n, so that the column times −T is y − n."""
+    lowpass = 0.03
+    column = BY_NAME["actuator_delay"].columns(data, 1, (-lowpass, LOWPASS))[:, 0]
+    n = data.nominal[:, 1]
+    y = n - lowpass * column
+    run = data.runs()[0]
+    left = lowpass * np.gradient(y[run], data.dt) + y[run] - n[run]
+    assert np.abs(left[5:-5]).max() < 0.1 * np.abs(y - n)[run].max()

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stiction_envs.gap.logs.diagnosis import Diagnosis, NamedCause, diagnose
 from stiction_envs.gap.logs.record import record, with_causes
 from tests.gap.logs.hidden_logs import Case, make_case
+from tests.gap.logs.small_logs import hidden, panda, sliding
 
 # cause, seed, joint (0: the arm), motion, known friction
 CASES = [
@@ -108,6 +111,22 @@ def test_friction_feels_the_payload_that_was_found() -> None:
 
 
 @pytest.mark.slow
+def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
+    """A low-pass of 60 ms over all torques: no bristles, and friction of its full size."""
+    arm = panda()
+    log = hidden(arm, lambda q, dq, ddq: sliding(q) * np.full(7, 0.5), seconds=30.0)
+    k = np.exp(-np.diff(log.t).mean() / 0.06)
+    tau = lfilter([1 - k], [1, -k], log.tau, axis=0, zi=k * log.tau[:1])[0]
+    rng = np.random.default_rng(3)
+    found = diagnose([replace(log, tau=tau + 0.01 * rng.normal(size=tau.shape))], arm)
+    by = {c.name: c for c in found.causes}
+    assert set(by) == {"actuator_delay", "coulomb_friction"}
+    assert by["actuator_delay"].parameters[0]["delay_s"].value == pytest.approx(0.06, abs=0.01)
+    for j in range(1, 8):
+        level = by["coulomb_friction"].parameters[j]["coulomb_nm"].value
+        assert level == pytest.approx(0.5, abs=0.05)
+
+
 def test_asymmetry_without_rest_is_confused_with_an_offset() -> None:
     """One that never stops is the same as a constant torque; the simpler name comes first."""
     case = make_case(5, ("direction_asymmetry",), motion="fourier", known=True, joint=3, size=0.8)

@@ -69,6 +69,17 @@ def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:
     assert found.verdict == "explained"
 
 
+def test_a_heavy_wrist_is_a_payload_though_the_last_joint_does_not_feel_it() -> None:
+    """A kilogram beside the flange's axis, on the link before the last: no gain of each sensor."""
+    log = poses(panda(payload=(1.0, 0.05, 0.0, 0.0)))
+    tau = np.array(log.tau)
+    tau[:, 6] = poses().tau[:, 6]
+    found = diagnose([dataclasses.replace(log, tau=tau)], "panda")
+    assert found.causes[0].name == "payload"
+    assert found.causes[0].parameters[0]["mass_kg"].value == pytest.approx(1.0, abs=0.15)
+    assert "torque_scale" not in [c.name for c in found.causes]
+
+
 def test_nothing_is_found_in_good_poses() -> None:
     found = diagnose([poses()], "panda")
     assert found.causes == ()

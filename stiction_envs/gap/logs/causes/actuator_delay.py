@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from scipy.signal import lfilter
 
 from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.logs.data import Data
@@ -19,6 +20,10 @@ LEAST = 1e-3
 
 TRIED = tuple(s * x for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2))
 """T' that are tried [s]; assumed."""
+LOWPASS = 1.0
+"""Second number of a shape whose torques were low-passed before they were logged."""
+SMOOTHED = (1e-2, 2e-2, 4e-2, 8e-2)
+"""Time constants of that low-pass that are tried [s]; assumed."""
 
 
 class ActuatorDelay(Cause):
@@ -29,27 +34,40 @@ class ActuatorDelay(Cause):
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
     arm_wide: ClassVar[bool] = True
-    parameters: ClassVar = (Parameter("delay_s", "s", -0.1, 0.1),)
+    parameters: ClassVar = (Parameter("delay_s", "s", -0.2, 0.2),)
 
-    def __init__(self, tried: Sequence[float] = TRIED) -> None:
-        """Try some T' [s]."""
-        self._tried = tuple(tried)
+    def __init__(self, tried: Sequence[float] = TRIED, torque: Array | None = None) -> None:
+        """Try some T' [s], with the torque (T, n) that acts late [N·m]: None for what is known."""
+        self._tried, self._torque = tuple(tried), torque
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return [τ(t + T') − τ(t)]/T' of the nominal torque and the load, for a T' near T."""
+        """Return [τ(t + T') − τ(t)]/T' of the torque, for a T' near T.
+
+        τ(t + T') is the torque of that time, or behind a low-pass of |T'|.
+        """
         ahead, out = shape[0], np.zeros(len(data.t))
-        torque = data.nominal[:, joint]
-        if data.carried is not None:
-            torque = torque + data.carried[:, joint]
+        if self._torque is not None:
+            torque = self._torque[:, joint]
+        elif data.carried is not None:
+            torque = data.nominal[:, joint] + data.carried[:, joint]
+        else:
+            torque = data.nominal[:, joint]
         for run in data.runs():
-            if run.stop - run.start > 2:
+            if run.stop - run.start <= 2:
+                continue
+            if len(shape) > 1:
+                k = np.exp(data.dt / ahead)
+                start = [k * torque[run.start]]
+                later = lfilter([1 - k], [1, -k], torque[run], zi=start)[0]
+            else:
                 later = np.interp(data.t[run] + ahead, data.t[run], torque[run])
-                out[run] = (later - torque[run]) / ahead
+            out[run] = (later - torque[run]) / ahead
         return out[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return T' [s], both ways."""
-        return [(x,) for x in self._tried]
+        found = [-x for x in self._tried if x < 0 and x not in TRIED]
+        return [*((x,) for x in self._tried), *((-x, LOWPASS) for x in (*SMOOTHED, *found))]
 
     def small(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the delay is below `LEAST`."""

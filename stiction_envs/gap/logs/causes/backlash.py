@@ -7,7 +7,16 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.causes.base import (
+    EDGE,
+    SLOW,
+    Array,
+    Cause,
+    Parameter,
+    Shape,
+    rests,
+    turns,
+)
 from stiction_envs.gap.logs.causes.deflection import (
     gravity_slope,
     mass_matrix,
@@ -146,7 +155,9 @@ class Backlash(Cause):
         target = data.smooth(np.where(ok, residual, 0.0))
         some = np.unique([*range(0, len(GAPS), SIZED), len(GAPS) - 1])
         scored = []
-        for damping in (*DAMPINGS, DRAGGED, LOST):
+        # a link that friction holds stays behind only where the motor moves
+        held = () if rests(data, joint) else (DRAGGED, LOST)
+        for damping in (*DAMPINGS, *held):
             torque = self._all(data, joint, damping)
             size = np.square(data.smooth(torque[:, some])[ok]).sum(axis=0)
             size = np.interp(np.log(GAPS), np.log(GAPS[some]), size)
@@ -173,10 +184,10 @@ class Backlash(Cause):
         return shape[0] / step, shape[0] * step
 
     def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
-        """Return whether the gap is at the end of what was tried."""
-        return not GAPS[0] * 1.001 < shape[0] < GAPS[-1] * 0.999
+        """Return whether the gap is at the end of what was tried, or next to it."""
+        return not GAPS[1] * EDGE < shape[0] < GAPS[-2] / EDGE
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the model's own size, and some room for what it leaves out."""
         return np.array([LEAST]), np.array([MOST])
 
@@ -186,8 +197,7 @@ class Backlash(Cause):
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether nothing turns."""
-        loads = np.count_nonzero(np.diff(np.sign(data.rigid[:, joint])))
-        turns = np.count_nonzero(np.diff(np.sign(np.round(data.dq[:, joint] / 0.01))))
-        if loads < 3 and turns < 4:
+        loads = turns(data.rigid[:, joint], data.noise[joint])
+        if loads < 3 and turns(data.dq[:, joint], SLOW) < 2:
             return f"neither motion nor load of joint {joint + 1} changes sign"
         return ""

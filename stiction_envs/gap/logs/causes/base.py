@@ -16,6 +16,10 @@ Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
 MOVING = 0.02
 """A joint that is faster moves for certain [rad/s]; assumed, ten times the sign's width."""
+SLOW = 0.01
+"""Speed between which and its opposite a joint reverses for certain [rad/s]; assumed."""
+STILL = 0.02
+"""Span of angles in which a joint only holds [rad]; assumed."""
 MUCH = 0.02
 """Least part of the samples in which a cause must act [-]; assumed."""
 
@@ -87,8 +91,11 @@ class Cause(ABC):
         """Return `what`, for these coefficients."""
         return self.what
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return lowest and highest coefficients, (k,) each; by default the parameters'."""
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return lowest and highest coefficients, (k,) each; by default the parameters'.
+
+        ``joint`` counts from 0 and is -1 for causes of the whole arm.
+        """
         low = [p.low for p in self.parameters for _ in range(p.size)]
         high = [p.high for p in self.parameters for _ in range(p.size)]
         return np.array(low), np.array(high)
@@ -117,9 +124,9 @@ class Cause(ABC):
         """Whether it is too small to be told from how simulations and logs are timed."""
         return False
 
-    def bounded(self, coefficients: Array, data: Data) -> bool:
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Whether what it is about stands on a bound: then it is something else, or nothing."""
-        low, high = self.bounds(data)
+        low, high = self.bounds(data, joint)
         return bool(np.any((coefficients <= low) | (coefficients >= high)))
 
     def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
@@ -132,6 +139,10 @@ class Cause(ABC):
         # refined ones come close to the end without reaching it
         return not tried[0] * EDGE < shape[0] < tried[-1] / EDGE
 
+    def alike(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return causes that are the same on this joint, whatever else is in the model."""
+        return ()
+
     def lacking(self, data: Data, joint: int) -> str:
         """Return why these data cannot show the cause on a joint, or nothing."""
         return ""
@@ -140,6 +151,18 @@ class Cause(ABC):
 def moving(data: Data, joint: int) -> NDArray[np.bool_]:
     """Return (T,) where a joint moves for certain."""
     return np.asarray(np.abs(data.dq[:, joint]) > MOVING)
+
+
+def rests(data: Data, joint: int) -> bool:
+    """Whether a joint holds its angle throughout: friction then bears any torque up to its own."""
+    span = float(np.ptp(np.percentile(data.q[:, joint], [1, 99])))
+    return bool(moving(data, joint).mean() < MUCH) and span < STILL
+
+
+def turns(signal: Array, dead: float) -> int:
+    """Return how often a signal (T,) goes from one side of ±``dead`` to the other."""
+    side = np.sign(signal[np.abs(signal) > dead])
+    return int(np.count_nonzero(np.diff(side)))
 
 
 def lacks_both_directions(data: Data, joint: int) -> str:

@@ -37,7 +37,7 @@ class BaseTilt(Cause):
             "azimuth_rad": float(np.arctan2(coefficients[1], coefficients[0])),
         }
 
-    def bounded(self, coefficients: Array, data: Data) -> bool:
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
         return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
 

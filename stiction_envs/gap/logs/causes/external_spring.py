@@ -26,7 +26,7 @@ class ExternalSpring(Cause):
         q = data.q[:, joint]
         return np.stack([q, np.ones_like(q)], axis=1)
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return a spring that pulls back, whatever its rest."""
         return np.array([0.0, -np.inf]), np.array([np.inf, np.inf])
 

@@ -68,7 +68,7 @@ class JointElasticity(Cause):
         """Return whether the stiffness is at the end of what was tried."""
         return not STIFFNESSES[0] * 1.001 < shape[0] < STIFFNESSES[-1] * 0.999
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the model's own size, and some room."""
         return np.array([LEAST]), np.array([MOST])
 

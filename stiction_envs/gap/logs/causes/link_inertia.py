@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+import numpy as np
+
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape, rests
+from stiction_envs.gap.logs.causes.deflection import mass_matrix
 from stiction_envs.gap.logs.data import Data
 
 
@@ -20,11 +23,18 @@ class LinkInertia(Cause):
         """Return the acceleration."""
         return data.ddq[:, joint, None]
 
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return ΔJ with which the joint keeps a positive inertia in every pose of the log."""
+        inertia = data.cached("inertia", lambda: mass_matrix(data).diagonal(axis1=1, axis2=2))
+        return np.array([-float(inertia[:, joint].min())]), np.array([self.parameters[0].high])
+
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return ΔJ [kg·m²]."""
         return {"armature_kgm2": float(coefficients[0])}
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether the joint accelerates too little."""
+        if rests(data, joint):
+            return f"joint {joint + 1} does not move"
         a = float(data.ddq[:, joint].std())
         return f"joint {joint + 1} hardly accelerates" if a < 0.02 else ""

@@ -39,7 +39,7 @@ class Payload(Cause):
         com = coefficients[1:4] / mass if mass > SMALL else np.zeros(3)
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
-    def bounded(self, coefficients: Array, data: Data) -> bool:
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether there is no mass."""
         return bool(coefficients[0] <= 0)
 

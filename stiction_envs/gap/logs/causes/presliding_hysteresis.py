@@ -8,6 +8,7 @@ import numpy as np
 
 from stiction_envs.gap.logs.bristle import bristles
 from stiction_envs.gap.logs.causes.base import (
+    SLOW,
     Array,
     Cause,
     Parameter,
@@ -15,6 +16,7 @@ from stiction_envs.gap.logs.causes.base import (
     along_runs,
     lacks_both_directions,
     log_grid,
+    turns,
 )
 from stiction_envs.gap.logs.data import Data
 
@@ -50,14 +52,14 @@ class PreslidingHysteresis(Cause):
         """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""
         return {"bristle_stiffness": float(coefficients[0]) / shape[0]}
 
-    def bounded(self, coefficients: Array, data: Data) -> bool:
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether nothing lags: without damping it may well be."""
         return bool(coefficients[0] <= 0)
 
     def lacking(self, data: Data, joint: int) -> str:
         """Return whether reversals are missing."""
         missing = lacks_both_directions(data, joint)
-        turns = np.count_nonzero(np.diff(np.sign(np.round(data.dq[:, joint] / 0.01))))
-        if not missing and turns < 4:
-            missing = f"joint {joint + 1} reverses only {turns} times"
+        count = turns(data.dq[:, joint], SLOW)
+        if not missing and count < 2:
+            missing = f"joint {joint + 1} reverses only {count} times"
         return missing

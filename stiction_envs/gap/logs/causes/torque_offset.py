@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.logs.causes.base import Array, Cause, Parameter, Shape, rests
 from stiction_envs.gap.logs.data import Data
 
 
@@ -21,6 +21,10 @@ class TorqueOffset(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
         return np.ones((len(data.t), 1))
+
+    def alike(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return friction on a joint that only holds: it bears whatever it came to rest with."""
+        return ("coulomb_friction",) if rests(data, joint) else ()
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the offset [N·m]."""

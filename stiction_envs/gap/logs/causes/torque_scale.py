@@ -35,7 +35,7 @@ class TorqueScale(Cause):
         """Return whether the gain is as right as gains are."""
         return abs(float(coefficients[0])) < LEAST
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the bounds of s − 1."""
         return np.array([LOW - 1.0]), np.array([HIGH - 1.0])
 

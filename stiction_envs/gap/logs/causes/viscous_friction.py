@@ -30,7 +30,7 @@ class ViscousFriction(Cause):
         """Return the speed."""
         return data.dq[:, joint, None]
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return non-negative, or any where the nominal model has friction to be corrected."""
         return np.array([-np.inf if data.has_friction else 0.0]), np.array([np.inf])
 
