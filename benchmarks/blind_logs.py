@@ -33,7 +33,7 @@ from tests.gap.logs.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
 
 VISIBLE = 3.0
 TARGETS = {"strongest": 0.95, "interval": 0.85, "false": 0.02, "pairs": 0.85}
-FIRST = 50000
+FIRST = 60000
 """Seeds of the study begin here; those below 1000 are for development."""
 NOTHING, PAIRS, UNCLEAR = 3, 2, 1
 """Cases per round in which nothing, two causes, or something that cannot be told is hidden."""

@@ -275,12 +275,9 @@ class Chooser:
         """
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
-        weight = np.ones(lib.stack.blocks)
 
         def loss(terms: list[Term], joints: list[int]) -> float:
-            pick = lib.pick(terms)
-            c = lib.stack.fit(pick, weight)
-            return float(lib.stack.errors(pick, c)[joints].sum())
+            return float(lib.stack.errors(lib.pick(terms))[joints].sum())
 
         everywhere = list(range(lib.data.n))
         tied = [t for t in self.terms if joint in lib.reach(t)]

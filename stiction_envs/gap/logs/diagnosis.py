@@ -371,8 +371,7 @@ def _best_swap(
             return None
         scored = []
         for term in options:
-            pick = library.pick([*rest, *swap, term])
-            scored.append(float(library.stack.errors(pick, library.stack.fit(pick)).sum()))
+            scored.append(float(library.stack.errors(library.pick([*rest, *swap, term])).sum()))
         swap.append(options[int(np.argmin(scored))])
     return swap or None
 

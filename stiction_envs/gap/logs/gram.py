@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ class Gram:
     """(B,)."""
     count: Array
     """(B,) samples of each block, by their weights."""
+
+    @cached_property
+    def whole(self) -> tuple[Array, Array, float]:
+        """(P, P), (P,) and number: the sums over all blocks."""
+        return self.xx.sum(axis=0), self.xr.sum(axis=0), float(self.rr.sum())
 
     @classmethod
     def of(
@@ -100,13 +106,6 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
     return np.asarray(lsq_linear(root, right, bounds=bounds, method="bvls").x)
 
 
-def error(xx: Array, xr: Array, rr: Array, c: Array) -> Array:
-    """Return the squared error of coefficients on summed blocks, one number per leading index."""
-    return np.asarray(
-        rr - 2 * np.einsum("...p,p->...", xr, c) + np.einsum("...pq,p,q->...", xx, c, c)
-    )
-
-
 @dataclass(frozen=True)
 class Pick:
     """Columns of a model: for each joint which of its columns, and which coefficient each has.
@@ -126,37 +125,53 @@ class Stack:
     def __init__(self, grams: Sequence[Gram]) -> None:
         self.grams = list(grams)
         self.blocks = len(grams[0].rr)
+        # the same models come back again and again while causes are chosen
+        self._fits: dict[Pick, Array] = {}
+        self._errors: dict[Pick, Array] = {}
         self._apart: dict[Pick, Array] = {}
+        self._held_out: dict[Pick, Array] = {}
 
-    def system(self, pick: Pick, weight: Array) -> tuple[Array, Array]:
-        """Return (xx, xr) of a model over blocks with multiplicities ``weight`` (B,)."""
+    def system(self, pick: Pick, weight: Array | None = None) -> tuple[Array, Array]:
+        """Return (xx, xr) of a model over blocks with multiplicities ``weight`` (B,), or all."""
         p = len(pick.low)
         xx, xr = np.zeros((p, p)), np.zeros(p)
         for gram, columns, where in zip(self.grams, pick.columns, pick.coefficients, strict=True):
             if not columns:
                 continue
             cols, at = np.array(columns), np.array(where)
-            part = np.einsum("b,bpq->pq", weight, gram.xx[:, cols[:, None], cols])
-            np.add.at(xx, (at[:, None], at), part)
-            np.add.at(xr, at, np.einsum("b,bp->p", weight, gram.xr[:, cols]))
+            if weight is None:
+                part, along = gram.whole[0][cols[:, None], cols], gram.whole[1][cols]
+            else:
+                part = np.einsum("b,bpq->pq", weight, gram.xx[:, cols[:, None], cols])
+                along = np.einsum("b,bp->p", weight, gram.xr[:, cols])
+            # each coefficient has one column of a joint at most
+            xx[at[:, None], at] += part
+            xr[at] += along
         return xx, xr
 
     def fit(self, pick: Pick, weight: Array | None = None) -> Array:
         """Return the coefficients of a model, fitted to blocks with multiplicities ``weight``."""
-        weight = np.ones(self.blocks) if weight is None else weight
+        if weight is None and pick in self._fits:
+            return self._fits[pick]
         xx, xr = self.system(pick, weight)
-        return solve(xx, xr, np.array(pick.low), np.array(pick.high))
+        out = solve(xx, xr, np.array(pick.low), np.array(pick.high))
+        if weight is None:
+            self._fits[pick] = out
+        return out
 
-    def errors(self, pick: Pick, c: Array) -> Array:
-        """Return (joints, B) squared errors of coefficients, in units of noise variance."""
-        out = np.empty((len(self.grams), self.blocks))
+    def errors(self, pick: Pick) -> Array:
+        """Return (joints,) squared errors that the fit leaves, in units of noise variance."""
+        if pick in self._errors:
+            return self._errors[pick]
+        c, out = self.fit(pick), np.empty(len(self.grams))
         for j, (gram, columns, where) in enumerate(
             zip(self.grams, pick.columns, pick.coefficients, strict=True)
         ):
-            cols = np.array(columns, dtype=int)
-            mine = c[np.array(where, dtype=int)]
-            out[j] = error(gram.xx[:, cols[:, None], cols], gram.xr[:, cols], gram.rr, mine)
-        return np.maximum(out, 0.0)
+            cols, mine = np.array(columns, dtype=int), c[np.array(where, dtype=int)]
+            xx, xr, rr = gram.whole
+            out[j] = rr - 2 * xr[cols] @ mine + mine @ xx[cols[:, None], cols] @ mine
+        self._errors[pick] = np.maximum(out, 0.0)
+        return self._errors[pick]
 
     def apart(self, pick: Pick) -> Array:
         """Return (B, P) the fit to all blocks but each."""
@@ -176,6 +191,8 @@ class Stack:
 
     def held_out(self, pick: Pick) -> Array:
         """Return (joints, B) squared errors of each block under the fit of all others."""
+        if pick in self._held_out:
+            return self._held_out[pick]
         c = self.apart(pick)
         out = np.empty((len(self.grams), self.blocks))
         for j, (gram, columns, where) in enumerate(
@@ -184,8 +201,9 @@ class Stack:
             cols, mine = np.array(columns, dtype=int), c[:, np.array(where, dtype=int)]
             xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
             out[j] = gram.rr - 2 * (xr * mine).sum(axis=1)
-            out[j] += np.einsum("bpq,bp,bq->b", xx, mine, mine)
-        return np.maximum(out, 0.0)
+            out[j] += (np.einsum("bpq,bp->bq", xx, mine) * mine).sum(axis=1)
+        self._held_out[pick] = np.maximum(out, 0.0)
+        return self._held_out[pick]
 
     def foretold(self, pick: Pick, rest: Pick, own: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return pᵀe and pᵀp (joints, B) of what a model foretells beyond a smaller one.
@@ -220,9 +238,7 @@ class Stack:
 
         Root mean square, by what the fit to all blocks gains.
         """
-        less = sum(
-            sign * self.errors(x, self.fit(x)).sum(axis=1) for x, sign in ((rest, 1), (pick, -1))
-        )
+        less = self.errors(rest) - self.errors(pick)
         count = np.array([max(g.count.sum(), 1.0) for g in self.grams])
         return np.asarray(np.sqrt(np.maximum(less, 0.0) / count))
 
@@ -234,7 +250,7 @@ class Stack:
             zip(self.grams, pick.columns, pick.coefficients, strict=True)
         ):
             cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
-            xx = gram.xx[:, cols[:, None], cols].sum(axis=0) / max(gram.count.sum(), 1.0)
+            xx = gram.whole[0][cols[:, None], cols] / max(gram.count.sum(), 1.0)
             out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
         return out
 

@@ -19,7 +19,7 @@ from stiction_envs.gap.logs.causes.backlash import (
     dragged,
     lost,
 )
-from stiction_envs.gap.logs.causes.deflection import mass_matrix
+from stiction_envs.gap.logs.causes.deflection import mass_matrix, own_torque_of, seen_by
 from stiction_envs.gap.logs.causes.joint_elasticity import deflection
 from stiction_envs.gap.logs.columns import certain
 from stiction_envs.gap.logs.data import Data, assemble, inverse_dynamics
@@ -220,3 +220,10 @@ def test_a_delays_low_pass_is_first_order(data: Data) -> None:
     run = data.runs()[0]
     left = lowpass * np.gradient(y[run], data.dt) + y[run] - n[run]
     assert np.abs(left[5:-5]).max() < 0.1 * np.abs(y - n)[run].max()
+
+
+def test_what_a_target_sees_of_a_deflection_is_its_torques_product(data: Data) -> None:
+    rng = np.random.default_rng(5)
+    delta, target = rng.normal(size=(2, len(data.t)))
+    direct = target @ own_torque_of(data, 3, delta[:, None])[:, 0]
+    assert seen_by(data, 3, target) @ delta == pytest.approx(direct, rel=1e-9)

@@ -21,6 +21,7 @@ from stiction_envs.gap.logs.causes.deflection import (
     gravity_slope,
     mass_matrix,
     own_torque_of,
+    seen_by,
     torque_of,
 )
 from stiction_envs.gap.logs.data import Data
@@ -157,26 +158,30 @@ class Backlash(Cause):
         scored = []
         # a link that friction holds stays behind only where the motor moves
         held = () if rests(data, joint) else (DRAGGED, LOST)
+        seen = {DRAGGED: target * data.rigid[:, joint]}
+        other = seen_by(data, joint, target)
         for damping in (*DAMPINGS, *held):
-            torque = self._all(data, joint, damping)
-            size = np.square(data.smooth(torque[:, some])[ok]).sum(axis=0)
+            opened = [self._delta(data, joint, float(g), damping) for g in GAPS]
+            along = np.array([seen.get(damping, other) @ x for x in opened])
+            torque = self._own(data, joint, np.stack([opened[k] for k in some], axis=1), damping)
+            size = np.square(data.smooth(torque)[ok]).sum(axis=0)
             size = np.interp(np.log(GAPS), np.log(GAPS[some]), size)
-            along = target @ torque
             c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
             left = c * c * size - 2 * c * along
             scored += [(float(x), float(g), damping) for x, g in zip(left, GAPS, strict=True)]
         return [(gap, damping) for _, gap, damping in sorted(scored)[:BEST]]
 
     def _delta(self, data: Data, joint: int, gap: float, damping: float) -> Array:
+        """Return (T,) the part of the load that is missing where it is dragged, else δ [rad]."""
+        if damping == DRAGGED:
+            return dragged(data, joint, gap)
         return lost(data, joint, gap) if damping == LOST else crossings(data, joint, gap, damping)
 
-    def _all(self, data: Data, joint: int, damping: float) -> Array:
-        """Return (T, k) what all `GAPS` add to their own joint, before the filter."""
+    def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
+        """Return (T, k) what `_delta` of k gaps adds to the joint itself, before the filter."""
         if damping == DRAGGED:
-            missing = np.stack([dragged(data, joint, float(g)) for g in GAPS], axis=1)
-            return np.asarray(data.rigid[:, joint, None] * missing)
-        delta = np.stack([self._delta(data, joint, float(g), damping) for g in GAPS], axis=1)
-        return own_torque_of(data, joint, delta)
+            return np.asarray(data.rigid[:, joint, None] * opened)
+        return own_torque_of(data, joint, opened)
 
     def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
         """Return the neighbours on the grid of gaps."""

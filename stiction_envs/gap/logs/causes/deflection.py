@@ -43,6 +43,29 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
     return own * bend[:, None] + slope * deflection[:, None]
 
 
+def seen_by(data: Data, joint: int, target: Array) -> Array:
+    """Return (T,) w with which w @ δ = target @ `own_torque_of` δ, for any deflection δ (T,)."""
+    own, slope = mass_matrix(data)[:, joint, joint], gravity_slope(data)[:, joint, joint]
+    bent = own * target
+    for _ in range(2):
+        bent = _rate_transposed(bent, data.runs(), data.dt)
+    return np.asarray(bent + slope * target)
+
+
+def _rate_transposed(x: Array, runs: list[slice], dt: float) -> Array:
+    """Return Dᵀx of the derivative D that `along_runs` takes: centred, one-sided at both ends."""
+    out = np.zeros_like(x)
+    for run in runs:
+        if run.stop - run.start > 2:
+            left = x[run] / (2 * dt)
+            left[[0, -1]] *= 2
+            out[run.start + 1 : run.stop] += left[:-1]
+            out[run.start : run.stop - 1] -= left[1:]
+            out[run.start] -= left[0]
+            out[run.stop - 1] += left[-1]
+    return out
+
+
 def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
     """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
     bend = along_runs(data, along_runs(data, deflections))

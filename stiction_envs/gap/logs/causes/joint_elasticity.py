@@ -72,6 +72,14 @@ class JointElasticity(Cause):
         """Return the model's own size, and some room."""
         return np.array([LEAST]), np.array([MOST])
 
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether next to nothing of it comes.
+
+        A logged motion without the resonance asks for a stiffer spring of more than its size: K is
+        then the size of the deflection alone.
+        """
+        return bool(coefficients[0] <= LEAST)
+
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return K [N·m/rad]."""
         return {"stiffness_nm_per_rad": shape[0] / float(coefficients[0])}
