@@ -37,34 +37,35 @@ neither can stiction: the motion never creeps, and the filter that this log need
 rounds off each reversal.""",
     "iiwa14": """The torques have the opposite sign (README), and the tool finds that without
 being told. It also finds what the README only warns of: torques come some 100 ms after the
-angles in the sweeps of joints 2 and 7, as a delay and a low-pass. On joint 4, which only
-holds while joint 2 moves, the same lag shows, so friction has no part in it. Undone, the
-residual of joint 2 beside scale, offset and friction falls to less than a fifth. The mend is
-good to about 10 ms: what is left of it is named, as an actuator_delay. Left as it is, the lag
-looks like bristles that give way over a hundredth of a radian. In joint 1's sweep the lag
-shrinks with speed from 135 to 80 ms: a time and a distance together, which this log cannot
-part; there the tool warns and mends nothing. Those of joints 5 and 6 show 25 to 40 ms, too
-little to be certain, and stay.
+angles. On joint 4, which only holds while joint 2 moves, they do so too, so friction has no part
+in it. In the sweeps of joints 2 and 7 the lag is beyond doubt before anything else is known, as a
+delay and a low-pass of 110 ms together, and is undone; what the mend leaves in joint 2 is named,
+as an actuator_delay of 10 ms. In those of joints 1, 3, 5 and 6 it comes out as the cause
+actuator_delay, "torque is late in the log (measured late, or behind a filter)", found in each by
+itself at 80 to 135 ms: one channel for the whole robot, and much the same in all recordings.
+Friction is late with the rest. Left as it is, the lag looks like bristles that give way over a
+hundredth of a radian, or like a link without inertia, since the filter takes the peaks off.
 
 Masses: in 996 poses every loaded joint carries more than the model says, joint 2 by 17 %,
 joint 4 by 27 %, joint 6 by a factor of three. One mass of 1.1 kg does it, but 5 cm *behind*
 the flange: not a tool, but a wrist that is heavier than in the model, or a mounting around
-it. The tool has no name for a heavier link. From the poses alone it says torque scale of joints
-2 to 5, "or payload", and leaves joint 6, whose scale would be no sensor's; what it says of poses
-and sweeps together stands below. Free masses of all links and offsets leave what
-repeated poses scatter in joints 1, 2, 4 and 7, and two to three times that in 3, 5 and 6.
-Joint 1 has a bias of 0.7 N·m about a vertical axis: the zero of its sensor, or a cable, since
-no gravity acts there.
+it. The tool has no name for a heavier link; it says payload, with the centre of mass where it is,
+and a torque scale of joint 5, which is no sensor's either. Free masses of all links and offsets
+leave what repeated poses scatter in joints 1, 2, 4 and 7, and two to three times that in 3, 5 and
+6; the tool stands between those and offsets with scales. Joint 1 has a bias of 0.7 N·m about a
+vertical axis: the zero of its sensor, or a cable, since no gravity acts there.
 
 Sweeps are judged beside the model that the poses gave (`--nominal model.toml`), since the
 motion of one joint says little of gravity. Their friction is Coulomb's with little slope: 1.1
-N·m in joint 1, 0.33 in joint 7, 0.14 in joint 3, and next to nothing in joint 5. Joint 3's
-residual is a smooth hump over its angle, the same at every speed and in both directions,
-which is no friction: a hose or cable. Joints that only hold while another sweeps can carry
-any torque within their friction; the tool takes their slow wander for noise, and offsets
-named there may be friction left over from how they came to rest. These torques were filtered
-before they were logged, so that the noise floor of joints 3, 5 and 6 is far below what any
-model of friction reaches.""",
+N·m in joint 1, 0.65 in joint 2, 0.33 in joint 7, 0.15 in joint 3, 0.07 in joint 6 and next to
+nothing in joint 5. Joint 7's falls by a tenth from the slow runs to the fast ones, which came
+later: speed and time cannot be told apart, and neither is named. Joint 3's residual is a smooth
+hump over its angle, the same at every speed and in both directions, which is no friction: a hose or
+cable, but no spring of constant stiffness, which is why most of it is left. Joints that only hold
+while another sweeps can carry any torque within their friction: their offsets are named "or
+coulomb_friction", and may be left over from how they came to rest. These torques were filtered
+before they were logged, so that the noise floor of joints 3, 5 and 6 is far below what any model of
+friction reaches.""",
     "tx40": """No masses of this robot are published. A rigid body is fitted to the same log
 together with friction (axes from the manual's lengths; the other wrist motor counts as
 mechanics), taken off, and the tool sees what is left: friction, and what the fit got wrong.

@@ -62,6 +62,7 @@ def judge(case: Case, found: Diagnosis, unclear: int = -1) -> Row:
         "motion": case.motion,
         "known": not isinstance(case.nominal, str),
         "effect_over_noise": float(ratio.max()),
+        "alone_over_noise": [float((x / found.noise).max()) for x in case.alone],
         "verdict": found.verdict,
         "named": [c.name for c in found.causes],
         "joints": [list(c.joints) for c in found.causes],
@@ -205,6 +206,8 @@ def report(rows: list[Row], planned: int) -> str:
     false = [r for r in none if r["named"]]
     pairs = [r for r in rows if len(r["hidden"]) == 2]
     both = [r for r in pairs if set(r["hidden"]) <= set(r["named"])]
+    clear = [r for r in pairs if min(r["alone_over_noise"]) > VISIBLE]
+    both_clear = [r for r in clear if r in both]
     # a missed cause is told honestly where the right partner is named, or "cannot tell"
     honest = [
         r
@@ -232,7 +235,9 @@ def report(rows: list[Row], planned: int) -> str:
         f"- Nothing hidden, yet a cause named: "
         f"{_rate(len(false), len(none), TARGETS['false'], most=True)}",
         f"- Two hidden, random pairs, on the same joint in half of the cases, sizes from 0.4 of "
-        f"the range up; both named: {_rate(len(both), len(pairs), TARGETS['pairs'])}",
+        f"the range up; both named where each by itself is above {VISIBLE:g} times the noise floor: "
+        f"{_rate(len(both_clear), len(clear), TARGETS['pairs'])}; of all pairs, those with an effect "
+        f"that nobody can see included: {len(both)}/{len(pairs)}",
         f'- Motion that cannot tell: the right partner in `confused_with`, or "cannot tell": '
         f"{len(told)}/{len(unclear)}",
         "",
@@ -250,11 +255,16 @@ def report(rows: list[Row], planned: int) -> str:
             f"{sum(all(r['right_joint']) for r in good)} | {sum(ci)}/{len(ci)} | "
             f"{', '.join(sorted(other))} |"
         )
-    lines += ["", "| two hidden | motion | named |", "|---|---|---|"]
+    lines += [
+        "",
+        "| two hidden | motion | each over the noise | named |",
+        "|---|---|---|---|",
+    ]
     for r in pairs:
         mark = "" if r in both else " **missed**"
         named = ", ".join(r["named"]) or "nothing"
-        lines.append(f"| {' + '.join(r['hidden'])} | {r['motion']} | {named}{mark} |")
+        size = ", ".join(f"{x:.1f}" for x in r["alone_over_noise"])
+        lines.append(f"| {' + '.join(r['hidden'])} | {r['motion']} | {size} | {named}{mark} |")
     lines += [
         "",
         "| cannot be told | motion | verdict | named (may also be) |",

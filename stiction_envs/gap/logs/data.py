@@ -87,6 +87,16 @@ class Data:
         """Number of blocks."""
         return int(self.block.max()) + 1
 
+    def biting(self, residual: Array, late: Callable[[Array], Array]) -> Data:
+        """Return data whose dry friction bites within the distances of a residual (T, n) [N·m].
+
+        ``late`` makes of a torque (T,) what is logged of it.
+        """
+        distance = bite(
+            residual, self.way, self.dq, self.ddq, self.runs(), self.dt, self.cutoff, late
+        )
+        return replace(self, distance=distance, memory={})
+
     def carrying(self, torque: Array) -> Data:
         """Return data whose gears transmit a torque (T, n) that ``nominal`` has not [N·m]."""
         carried = torque if self.carried is None else self.carried + torque
@@ -278,7 +288,7 @@ def assemble(
         dry = steady_friction(friction, gravity, grip, dq, ddq)
         nominal = rigid + filtered(dry, runs, signals.dt, signals.cutoff_hz)
     if friction is None:
-        distance = _bite(rigid - tau, way, dq, ddq, runs, signals)
+        distance = bite(tau - rigid, way, dq, ddq, runs, signals.dt, signals.cutoff_hz)
     log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
     t = np.concatenate([s.t for s in parts])
     names = set.intersection(*(set(s.extra) for s in parts)) if parts else set()
@@ -310,15 +320,23 @@ def assemble(
     )
 
 
-def _bite(
-    residual: Array, way: Array, dq: Array, ddq: Array, runs: list[slice], signals: Signals
+def bite(
+    residual: Array,
+    way: Array,
+    dq: Array,
+    ddq: Array,
+    runs: list[slice],
+    dt: float,
+    cutoff: float,
+    late: Callable[[Array], Array] = lambda x: x,
 ) -> Array:
     """Return (n,) the distance of `BITES` with which friction explains most of the residual [rad].
 
     It turns the sign of friction some milliseconds later, which moves what is found beside it.
+    ``late`` makes of a torque (T,) what is logged of it.
     """
     zeta = bristles(way, runs, np.tile(BITES, (way.shape[1], 1)))
-    zeta = filtered(zeta, runs, signals.dt, signals.cutoff_hz)
+    zeta = filtered(zeta, runs, dt, cutoff)
     out = np.full(way.shape[1], BITE)
     for j in range(way.shape[1]):
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
@@ -328,6 +346,7 @@ def _bite(
             x = np.column_stack(
                 [common, zeta[:, j, k], zeta[:, j, k] * np.exp(-np.abs(dq[:, j]) / 0.1)]
             )
+            x = np.stack([late(column) for column in x.T], axis=1)
             r = residual[:, j]
             xx = x.T @ x
             c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.logs.causes import CAUSES, ActuatorDelay, Cause
-from stiction_envs.gap.logs.causes.actuator_delay import TRIED
+from stiction_envs.gap.logs.beside import beside_what_was_found, found_again, settle
+from stiction_envs.gap.logs.causes import CAUSES, Cause
 from stiction_envs.gap.logs.choose import Chooser, Gain, gain, pruned
 from stiction_envs.gap.logs.columns import ARM, Library, Term
 from stiction_envs.gap.logs.data import Data, assemble
 from stiction_envs.gap.logs.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.logs.poses import AT_REST
-from stiction_envs.gap.logs.record import CARRIED, Nominal, resolve
+from stiction_envs.gap.logs.record import Nominal, resolve
 from stiction_envs.gap.logs.torque_late import mend_torques
 from stiction_envs.gap.signals import Signals, prepare
 from stiction_envs.measured.logs import JointLog, read_logs
@@ -39,8 +39,6 @@ MOVES = 0.05
 """Angle that some joint must turn before a log can say anything [rad]; assumed."""
 ALIKE = 0.1
 """Part of a cause's own gain that it may lose to another which explains the same [-]; assumed."""
-LAGS = ("presliding_hysteresis", "backlash", "joint_elasticity")
-"""Causes that may be a part of a delay at its full size: they are found anew beside it."""
 VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
 
 
@@ -194,40 +192,14 @@ def diagnose(
         return Chooser(library, lambda k: say("choosing causes", k / (k + 3))).choose()
 
     terms = choose(library)
-    again = _with_what_was_found(library, terms)
-    if again is not None:
-        beside = choose(again)
-        # unless what was taken for granted is not found again
-        if {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in beside}:
-            library, terms = again, beside
+    again = beside_what_was_found(library, terms)
+    if again is not None and found_again(terms, beside := choose(again)):
+        library, terms = again, beside
+    terms = settle(library, sharpen(library, terms))
     # refined, some may be none after all
-    terms = pruned(library, sharpen(library, terms))
+    kept = pruned(library, terms)
+    terms = terms if len(kept) == len(terms) else settle(library, kept)
     return _conclude(stood_on, base, read, signals, library, terms, seed, say)
-
-
-def _with_what_was_found(library: Library, terms: list[Term]) -> Library | None:
-    """Return columns as they are beside what the whole arm has, None if that is nothing.
-
-    Friction, gaps and springs feel what the gears carry too. A delay is one of all torques, of
-    friction too, and not its first order.
-    """
-    data, causes = library.data, library.causes
-    c = library.stack.fit(library.pick(terms))
-
-    def torque_of(some: list[Term]) -> Array:
-        only = c * library.own(terms, some)
-        return np.stack([library.torque(terms, only, j) for j in range(data.n)], axis=1)
-
-    carried = [t for t in terms if t.cause in CARRIED]
-    late = [t for t in terms if t.cause == ActuatorDelay.name]
-    if not carried and not late:
-        return None
-    if late:
-        sound = [t for t in terms if t not in late and t.cause not in LAGS]
-        lengths = library.split(terms, c)[terms.index(late[0])].tolist()
-        delay = ActuatorDelay([*TRIED, *lengths], data.nominal + torque_of(sound))
-        causes = {**causes, delay.name: delay}
-    return Library(data.carrying(torque_of(carried)) if carried else data, list(causes.values()))
 
 
 def _conclude(

@@ -262,7 +262,8 @@ def _arm_wide(w: _Work, part: Part) -> None:
             )
     elif part.cause == "actuator_delay":
         what = "send torques" if part.coefficients[0] >= 0 else "take measured torques as of"
-        _leave(w, part, f"{what} {part.values()['delay_s']:.4g} s earlier")
+        behind = ", which come behind a low-pass" if len(part.shape) > 1 else ""
+        _leave(w, part, f"{what} {part.values()['delay_s']:.4g} s earlier{behind}")
     else:
         _leave(w, part, "not a body or a gravity that MuJoCo allows")
 

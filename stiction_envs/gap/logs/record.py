@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
-from stiction_envs.gap.logs.causes import CAUSES
-from stiction_envs.gap.logs.columns import ARM
+from stiction_envs.gap.logs.causes import CAUSES, ActuatorDelay, Cause
+from stiction_envs.gap.logs.columns import ARM, Term
 from stiction_envs.gap.logs.data import Data
 from stiction_envs.robots import Arm
 
@@ -47,15 +47,21 @@ class Part:
     level: int = 1
     """Number of the diagnosis, from 1: a later one stands on the earlier ones."""
     carried: bool = False
-    """Whether it was found beside what the gears carry of the same diagnosis."""
+    """Whether it was found beside what the gears carry of the same diagnosis; for a delay, whether
+    it is one of all torques of that diagnosis."""
 
     def values(self) -> dict[str, Any]:
         """Return the parameters as in ``diagnosis.json``."""
         return BY_NAME[self.cause].values(np.array(self.coefficients), self.shape)
 
-    def torque(self, data: Data) -> Array:
-        """Return (T, n) what it adds to the torque of a nominal model [N·m]."""
-        cause, c = BY_NAME[self.cause], np.array(self.coefficients)
+    def torque(self, data: Data, cause: Cause | None = None) -> Array:
+        """Return (T, n) what it adds to the torque of a nominal model [N·m].
+
+        Args:
+            data: logs beside that model.
+            cause: in the place of that of its name.
+        """
+        cause, c = cause or BY_NAME[self.cause], np.array(self.coefficients)
         out = np.zeros_like(data.q)
         if cause.coupled:
             spread = cause.spread(data, self.joint - 1, self.shape)
@@ -125,10 +131,20 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
         mine = [p for p in parts if p.level == level]
         torque = sum((p.torque(data) for p in mine if p.cause in CARRIED), np.zeros_like(data.q))
         beside = data.carrying(torque)
-        nominal = data.nominal + sum(p.torque(beside if p.carried else data) for p in mine)
+        added = sound = np.zeros_like(data.q)
+        for p in mine:
+            if p.cause != ActuatorDelay.name:
+                more = p.torque(beside if p.carried else data)
+                added = added + more
+                if not BY_NAME[p.cause].lags:
+                    sound = sound + more
+        for p in mine:
+            if p.cause == ActuatorDelay.name:
+                whole = ActuatorDelay(torque=data.nominal + sound if p.carried else None)
+                added = added + p.torque(data, whole)
         data = dataclasses.replace(
             beside,
-            nominal=nominal,
+            nominal=data.nominal + added,
             carried=None,
             diagnosed=True,
             has_friction=data.has_friction or any(p.cause in FRICTION for p in mine),
@@ -256,10 +272,15 @@ def record(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
         coefficients: (P,) others than those of the fit to all data.
     """
     before = diagnosis.stood_on
-    arm = diagnosis.data.arm
+    data, arm = diagnosis.data, diagnosis.data.arm
     c = diagnosis.coefficients if coefficients is None else coefficients
     level = 1 + max((p.level for p in before.parts), default=0)
     split = diagnosis.library.split(diagnosis.terms, c)
+
+    def beside(term: Term) -> bool:
+        cause = diagnosis.library.causes[term.cause]
+        return cause.of_all if isinstance(cause, ActuatorDelay) else data.carried is not None
+
     parts = tuple(
         Part(
             cause=t.cause,
@@ -267,7 +288,7 @@ def record(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
             shape=tuple(float(x) for x in t.shape),
             coefficients=tuple(float(x) for x in mine),
             level=level,
-            carried=diagnosis.data.carried is not None,
+            carried=beside(t),
         )
         for t, mine in zip(diagnosis.terms, split, strict=True)
     )
@@ -277,5 +298,5 @@ def record(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
         robot=arm.name,
         payload=arm.payload,
         tilt=arm.tilt,
-        distance=tuple(float(x) for x in diagnosis.data.distance),
+        distance=tuple(float(x) for x in data.distance),
     )

@@ -7,6 +7,7 @@ every cause put in where it acts. The robot's makers know its dry and viscous fr
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -89,6 +90,8 @@ class Case:
     hidden: tuple[Hidden, ...]
     effect: Array
     """(7,) root mean square of what the hidden causes do to the torques [N·m]."""
+    alone: Array
+    """(k, 7) the same of each by itself, along the same motion [N·m]."""
     motion: str
     seed: int
 
@@ -159,12 +162,18 @@ def make_case(
         world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
         world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
         world.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
-    hidden = tuple(
-        _hide(world, name, joint, rng.random() if size is None else size, seconds, rng)
-        for name in causes
-    )
+    worlds = [copy.deepcopy(world) for _ in causes]
+    hidden = []
+    for name, single in zip(causes, worlds, strict=True):
+        large = rng.random() if size is None else size
+        # the same draw, hidden beside the others and by itself
+        again = copy.deepcopy(rng)
+        hidden.append(_hide(world, name, joint, large, seconds, rng))
+        _hide(single, name, joint, large, seconds, again)
     t = np.arange(0, seconds, STEP)
-    q, tau, effect = _simulate(world, t, {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t))
+    wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
+    q, tau, effect = _simulate(world, t, wanted)
+    alone = [effect] if len(causes) == 1 else [_simulate(w, t, wanted)[2] for w in worlds]
     log = _log(q, tau, t, rng, f"case_{seed}")
     nominal: FrictionParameters | str = "rigid"
     if known:
@@ -192,7 +201,15 @@ def make_case(
             offset=0 * one,
             gravity_error=0 * one,
         )
-    return Case(logs=[log], nominal=nominal, hidden=hidden, effect=effect, motion=motion, seed=seed)
+    return Case(
+        logs=[log],
+        nominal=nominal,
+        hidden=tuple(hidden),
+        effect=effect,
+        alone=np.array(alone).reshape(-1, 7),
+        motion=motion,
+        seed=seed,
+    )
 
 
 def _hide(

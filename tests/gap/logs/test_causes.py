@@ -10,7 +10,6 @@ import pytest
 
 from stiction_envs.gap.logs.bristle import bristles, grown
 from stiction_envs.gap.logs.causes import CAUSES
-from stiction_envs.gap.logs.causes.actuator_delay import LOWPASS
 from stiction_envs.gap.logs.causes.backlash import (
     DRAGGED,
     FLANK,
@@ -214,7 +213,7 @@ def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> 
 def test_a_delays_low_pass_is_first_order(data: Data) -> None:
     """T y' + y = n, so that the column times −T is y − n."""
     lowpass = 0.03
-    column = BY_NAME["actuator_delay"].columns(data, 1, (-lowpass, LOWPASS))[:, 0]
+    column = BY_NAME["actuator_delay"].columns(data, 1, (-lowpass, 1.0))[:, 0]
     n = data.nominal[:, 1]
     y = n - lowpass * column
     run = data.runs()[0]

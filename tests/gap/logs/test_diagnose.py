@@ -118,13 +118,19 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     k = np.exp(-np.diff(log.t).mean() / 0.06)
     tau = lfilter([1 - k], [1, -k], log.tau, axis=0, zi=k * log.tau[:1])[0]
     rng = np.random.default_rng(3)
-    found = diagnose([replace(log, tau=tau + 0.01 * rng.normal(size=tau.shape))], arm)
+    logs = [replace(log, tau=tau + 0.01 * rng.normal(size=tau.shape))]
+    found = diagnose(logs, arm)
     by = {c.name: c for c in found.causes}
     assert set(by) == {"actuator_delay", "coulomb_friction"}
     assert by["actuator_delay"].parameters[0]["delay_s"].value == pytest.approx(0.06, abs=0.01)
     for j in range(1, 8):
         level = by["coulomb_friction"].parameters[j]["coulomb_nm"].value
-        assert level == pytest.approx(0.5, abs=0.05)
+        assert level == pytest.approx(0.5, abs=0.03)
+    # the record says it all: the same torque, and nothing is left to name beside it
+    model = record(found).extend(found.base)
+    added = np.stack([found.torque(j) for j in range(7)], axis=1)
+    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
+    assert [c.name for c in diagnose(logs, arm, nominal=record(found)).causes] == []
 
 
 def test_asymmetry_without_rest_is_confused_with_an_offset() -> None:

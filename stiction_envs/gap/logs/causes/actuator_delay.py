@@ -20,10 +20,33 @@ LEAST = 1e-3
 
 TRIED = tuple(s * x for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2))
 """T' that are tried [s]; assumed."""
-LOWPASS = 1.0
-"""Second number of a shape whose torques were low-passed before they were logged."""
+LOWPASS = (0.5, 1.0)
+"""Second number of a shape whose torques were low-passed before they were logged: the part of |T'|
+that is the low-pass's time constant; the rest is a delay [-]; assumed."""
+LONGEST = 0.125
+"""Longest |T'| that is looked for [s]; assumed: what is longer has taken the motion away."""
 SMOOTHED = (1e-2, 2e-2, 4e-2, 8e-2)
-"""Time constants of that low-pass that are tried [s]; assumed."""
+"""|T'| of these that are tried [s]; assumed."""
+
+
+def shifted(data: Data, torque: Array, shape: Shape) -> Array:
+    """Return (T,) [τ(t + T') − τ(t)]/T' of a torque τ (T,), per second.
+
+    τ(t + T') is that of a time, or behind a low-pass too (`LOWPASS`).
+    """
+    ahead, out = shape[0], np.zeros(len(data.t))
+    part = shape[1] if len(shape) > 1 else 0.0
+    for run in data.runs():
+        if run.stop - run.start <= 2:
+            continue
+        later = torque[run]
+        if part < 1.0:
+            later = np.interp(data.t[run] + (1 - part) * ahead, data.t[run], later)
+        if part > 0.0:
+            k = np.exp(data.dt / (part * ahead))
+            later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
+        out[run] = (later - torque[run]) / ahead
+    return out
 
 
 class ActuatorDelay(Cause):
@@ -38,36 +61,30 @@ class ActuatorDelay(Cause):
 
     def __init__(self, tried: Sequence[float] = TRIED, torque: Array | None = None) -> None:
         """Try some T' [s], with the torque (T, n) that acts late [N·m]: None for what is known."""
-        self._tried, self._torque = tuple(tried), torque
+        self.tried, self._torque = tuple(tried), torque
+
+    @property
+    def of_all(self) -> bool:
+        """Whether it shifts a torque that was given, and not what is known of it only."""
+        return self._torque is not None
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return [τ(t + T') − τ(t)]/T' of the torque, for a T' near T.
-
-        τ(t + T') is the torque of that time, or behind a low-pass of |T'|.
-        """
-        ahead, out = shape[0], np.zeros(len(data.t))
+        """Return `shifted` of the torque, for a T' near T."""
         if self._torque is not None:
             torque = self._torque[:, joint]
         elif data.carried is not None:
             torque = data.nominal[:, joint] + data.carried[:, joint]
         else:
             torque = data.nominal[:, joint]
-        for run in data.runs():
-            if run.stop - run.start <= 2:
-                continue
-            if len(shape) > 1:
-                k = np.exp(data.dt / ahead)
-                start = [k * torque[run.start]]
-                later = lfilter([1 - k], [1, -k], torque[run], zi=start)[0]
-            else:
-                later = np.interp(data.t[run] + ahead, data.t[run], torque[run])
-            out[run] = (later - torque[run]) / ahead
-        return out[:, None]
+        return shifted(data, torque, shape)[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return T' [s], both ways."""
-        found = [-x for x in self._tried if x < 0 and x not in TRIED]
-        return [*((x,) for x in self._tried), *((-x, LOWPASS) for x in (*SMOOTHED, *found))]
+        found = [-x for x in self.tried if x < 0 and x not in TRIED]
+        return [
+            *((x,) for x in self.tried),
+            *((-x, part) for part in LOWPASS for x in (*SMOOTHED, *found)),
+        ]
 
     def small(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the delay is below `LEAST`."""

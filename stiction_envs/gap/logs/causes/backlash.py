@@ -126,6 +126,7 @@ class Backlash(Cause):
     name: ClassVar[str] = "backlash"
     what: ClassVar[str] = "dead zone at reversals"
     rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "slow motion through the pose in which the joint's load changes sign"
     coupled: ClassVar[bool] = True

@@ -69,6 +69,8 @@ class Cause(ABC):
     """Whether it may stand without what it `needs`, where that is found not to be there."""
     rough: ClassVar[bool] = False
     """Whether its law is only a likeness, so that little things beside it mean nothing."""
+    lags: ClassVar[bool] = False
+    """Whether a delay at its full size may look like it, as long as the delay is not known."""
     law: ClassVar[bool] = False
     """Whether it belongs to the common law of friction, and is no refinement of it."""
     needs: ClassVar[tuple[str, ...]] = ()

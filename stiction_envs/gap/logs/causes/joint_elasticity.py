@@ -33,6 +33,7 @@ class JointElasticity(Cause):
     name: ClassVar[str] = "joint_elasticity"
     what: ClassVar[str] = "spring between motor and link"
     rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
     coupled: ClassVar[bool] = True

@@ -30,6 +30,7 @@ class PreslidingHysteresis(Cause):
     name: ClassVar[str] = "presliding_hysteresis"
     what: ClassVar[str] = "friction lags reversals (bristle)"
     rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
     plain: ClassVar[bool] = False
     record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
     needs: ClassVar = ("coulomb_friction",)
