@@ -235,9 +235,9 @@ def report(rows: list[Row], planned: int) -> str:
         f"- Nothing hidden, yet a cause named: "
         f"{_rate(len(false), len(none), TARGETS['false'], most=True)}",
         f"- Two hidden, random pairs, on the same joint in half of the cases, sizes from 0.4 of "
-        f"the range up; both named where each by itself is above {VISIBLE:g} times the noise floor: "
-        f"{_rate(len(both_clear), len(clear), TARGETS['pairs'])}; of all pairs, those with an effect "
-        f"that nobody can see included: {len(both)}/{len(pairs)}",
+        f"the range up; both named where each by itself is above {VISIBLE:g} times the noise "
+        f"floor: {_rate(len(both_clear), len(clear), TARGETS['pairs'])}; of all pairs, those with "
+        f"an effect that nobody can see included: {len(both)}/{len(pairs)}",
         f'- Motion that cannot tell: the right partner in `confused_with`, or "cannot tell": '
         f"{len(told)}/{len(unclear)}",
         "",

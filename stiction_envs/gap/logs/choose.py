@@ -148,10 +148,18 @@ class Offer:
 class Chooser:
     """Builds a model term by term."""
 
-    def __init__(self, library: Library, progress: Callable[[int], None] | None = None) -> None:
+    def __init__(
+        self,
+        library: Library,
+        progress: Callable[[int], None] | None = None,
+        start: Sequence[Term] = (),
+        without: Sequence[Term] = (),
+    ) -> None:
+        """Begin with some terms; causes of ``without`` are not tried on their joints again."""
         self.library = library
         self._progress = progress or (lambda _: None)
-        self.terms: list[Term] = []
+        self.terms = list(start)
+        self._without = {(t.cause, t.joint) for t in without}
 
     def choose(self) -> list[Term]:
         """Return the terms that stand, in the order in which they were found."""
@@ -285,7 +293,7 @@ class Chooser:
         now[lib.data.n] = loss(self.terms, everywhere)
         best: dict[tuple[str, Shape], tuple[float, list[Term]]] = {}
         for term in lib.terms:
-            if term.joint != joint or (term.cause, joint) in have:
+            if term.joint != joint or (term.cause, joint) in have | self._without:
                 continue
             parents = [
                 t

@@ -188,17 +188,20 @@ def diagnose(
         causes = [c for c in causes if c.name in AT_REST]
     library = Library(data, causes)
 
-    def choose(library: Library) -> list[Term]:
-        return Chooser(library, lambda k: say("choosing causes", k / (k + 3))).choose()
+    def choose(library: Library, *some: Sequence[Term]) -> list[Term]:
+        return Chooser(library, lambda k: say("choosing causes", k / (k + 3)), *some).choose()
 
     terms = choose(library)
     again = beside_what_was_found(library, terms)
     if again is not None and found_again(terms, beside := choose(again)):
         library, terms = again, beside
     terms = settle(library, sharpen(library, terms))
-    # refined, some may be none after all
     kept = pruned(library, terms)
-    terms = terms if len(kept) == len(terms) else settle(library, kept)
+    if len(kept) < len(terms):
+        # what is none after all may have kept out something better
+        gone = [t for t in terms if t not in kept]
+        terms = settle(library, sharpen(library, choose(library, kept, gone)))
+        terms = pruned(library, terms)
     return _conclude(stood_on, base, read, signals, library, terms, seed, say)
 
 
