@@ -283,6 +283,7 @@ class Chooser:
         """
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
+        barred = have | self._without
 
         def loss(terms: list[Term], joints: list[int]) -> float:
             return float(lib.stack.errors(lib.pick(terms))[joints].sum())
@@ -293,7 +294,7 @@ class Chooser:
         now[lib.data.n] = loss(self.terms, everywhere)
         best: dict[tuple[str, Shape], tuple[float, list[Term]]] = {}
         for term in lib.terms:
-            if term.joint != joint or (term.cause, joint) in have | self._without:
+            if term.joint != joint or (term.cause, joint) in barred:
                 continue
             parents = [
                 t
