@@ -42,7 +42,7 @@ in it. In the sweeps of joints 2 and 7 the lag is beyond doubt before anything e
 delay and a low-pass of 110 ms together, and is undone; what the mend leaves in joint 2 is named,
 as an actuator_delay of 10 ms. In those of joints 1, 3, 5 and 6 it comes out as the cause
 actuator_delay, "torque is late in the log (measured late, or behind a filter)", found in each by
-itself at 80 to 135 ms: one channel for the whole robot, and much the same in all recordings.
+itself at 80 to 140 ms: one channel for the whole robot, and much the same in all recordings.
 Friction is late with the rest. Left as it is, the lag looks like bristles that give way over a
 hundredth of a radian, or like a link without inertia, since the filter takes the peaks off.
 

@@ -143,7 +143,7 @@ def plan(cases: int) -> list[Job]:
             out.append(Job(number, pair(number)))
         for i in range(UNCLEAR):
             number = (UNCLEAR * k + i) % len(AMBIGUOUS)
-            out.append(Job(FIRST + 3000 + k, (AMBIGUOUS[number][0],), number))
+            out.append(Job(FIRST + 4000 + k, (AMBIGUOUS[number][0],), number))
     return out
 
 
@@ -217,6 +217,7 @@ def report(rows: list[Row], planned: int) -> str:
     ]
     unclear = [r for r in rows if r["unclear"] >= 0]
     told = [r for r in unclear if is_told(r)]
+    alone = [r for r in unclear if r not in told and r["named"] == r["hidden"]]
     lines = [
         "# Blind logs: is the hidden cause named?",
         "",
@@ -239,7 +240,7 @@ def report(rows: list[Row], planned: int) -> str:
         f"floor: {_rate(len(both_clear), len(clear), TARGETS['pairs'])}; of all pairs, those with "
         f"an effect that nobody can see included: {len(both)}/{len(pairs)}",
         f'- Motion that cannot tell: the right partner in `confused_with`, or "cannot tell": '
-        f"{len(told)}/{len(unclear)}",
+        f"{len(told)}/{len(unclear)}; in {len(alone)} of the others the hidden one is named alone",
         "",
         "| hidden | cases | visible | strongest | right joint | in interval | others named first |",
         "|---|---|---|---|---|---|---|",
@@ -275,7 +276,7 @@ def report(rows: list[Row], planned: int) -> str:
             f"{n} ({', '.join(c) or '–'})"
             for n, c in zip(r["named"], r["confused_with"], strict=True)
         )
-        mark = "" if r in told else " **wrong**"
+        mark = "" if r in told else " the hidden one alone" if r in alone else " **wrong**"
         lines.append(f"| {r['hidden'][0]} | {r['motion']} | {r['verdict']} | {named}{mark} |")
     return "\n".join(lines) + "\n"
 

@@ -297,9 +297,13 @@ def _confused(
     name, rest = mine[0].cause, [t for t in terms if t not in mine]
     data, cause = library.data, library.causes[name]
     out = list(dict.fromkeys(x for t in mine for x in cause.alike(data, t.joint)))
-    taken = {t.cause for t in rest} | {name}
+    taken = {t.cause for t in rest}
     for other in library.causes:
-        if other in taken or other in out or name in library.needs(other):
+        if other == name or other in out or name in library.needs(other):
+            continue
+        if other in taken:
+            if _one_beside_the_other(library, other, terms, mine, c):
+                out.append(other)
             continue
         swap = _best_swap(library, other, {j - 1 for j in joints}, rest)
         if swap is None:
@@ -324,14 +328,40 @@ def _looks_the_same(
         j = term.joint
         if (other, j) not in library.lacking or not cause.plain:
             return False
-        weight = np.sqrt(library.weight[:, j] * (data.block >= 0))
         beside = [library.columns(t, j) for t in terms if t not in mine and j in library.reach(t)]
-        x = np.concatenate([cause.columns(data, j, ()), *beside], axis=1) * weight[:, None]
-        target = (library.columns(term, j) @ parts[term]) * weight
-        left = target - x @ np.linalg.lstsq(x, target, rcond=None)[0]
-        if float(left @ left) > ALIKE * float(target @ target):
+        target = library.columns(term, j) @ parts[term]
+        if _own_share(library, j, target, [cause.columns(data, j, ()), *beside]) > ALIKE:
             return False
     return True
+
+
+def _one_beside_the_other(
+    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+) -> bool:
+    """Whether two causes of a model on the same joints are hardly two along this motion."""
+    parts = dict(zip(terms, library.split(terms, c), strict=True))
+    for term in mine:
+        j = term.joint
+        if j == ARM or not any((t.cause, t.joint) == (other, j) for t in terms):
+            return False
+        rest = [t for t in terms if t not in mine and j in library.reach(t)]
+        target = library.columns(term, j) @ parts[term]
+        with_it, without = (
+            _own_share(library, j, target, [library.columns(t, j) for t in some])
+            for some in (rest, [t for t in rest if t.cause != other])
+        )
+        if with_it > ALIKE or without <= ALIKE:
+            return False
+    return True
+
+
+def _own_share(library: Library, joint: int, torque: Array, columns: list[Array]) -> float:
+    """Return the part of a torque (T,) that columns (T, ...) on its joint do not explain [-]."""
+    weight = np.sqrt(library.weight[:, joint] * (library.data.block >= 0))
+    target = torque * weight
+    x = np.concatenate([np.zeros((len(target), 1)), *columns], axis=1) * weight[:, None]
+    left = target - x @ np.linalg.lstsq(x, target, rcond=None)[0]
+    return float(left @ left) / max(float(target @ target), 1e-300)
 
 
 def _best_swap(
