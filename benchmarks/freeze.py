@@ -1,0 +1,231 @@
+"""What must not change while the code does: one hash per result, compared with those of before.
+
+    python -m benchmarks.freeze --write      # before: hashes of every result into freeze.json
+    python -m benchmarks.freeze              # after every step: which results are other bits
+    python -m benchmarks.freeze --only gte   # some of them
+
+Hashes hold on one machine only (compilers and linear algebra differ in last bits), so
+``freeze.json`` lives in ``--work`` and is not kept in the repository. ``final`` (the tuner) and
+``ladder`` (nested models of the thesis's tables) take minutes: they run with ``--all`` or by name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+TABLE_4_3 = Path(__file__).parents[1] / "stiction_envs" / "measured" / "thesis" / "table_4_3.csv"
+SLOW = ("final", "ladder")
+WORDS = {"evidence", "notes", "record_next", "summary"}
+"""Sentences of ``diagnosis.json``: hashed apart, since wording may change where numbers may not."""
+HIDDEN: tuple[tuple[str, int, tuple[str, ...], str, int | None], ...] = (
+    # name, seed, causes, motion, joint
+    ("nothing", 1, (), "fourier", None),
+    ("coulomb", 2, ("coulomb_friction",), "reversals", 3),
+    ("stribeck", 3, ("stribeck_friction",), "sweeps", 4),
+    ("load", 4, ("load_dependent_friction",), "fourier", 2),
+    ("bristle", 5, ("presliding_hysteresis",), "reversals", 5),
+    ("ripple_drift", 6, ("position_dependent_friction", "warm_up_drift"), "sweeps", 4),
+    ("offset_scale", 7, ("torque_offset", "torque_scale"), "poses", 2),
+    ("payload_viscous", 8, ("payload", "viscous_friction"), "fourier", 6),
+    ("tilt", 9, ("base_tilt",), "poses", None),
+    ("backlash", 10, ("backlash",), "reversals", 3),
+    ("elasticity_inertia", 11, ("joint_elasticity", "link_inertia"), "chirp", 2),
+    ("delay_spring", 12, ("actuator_delay", "external_spring"), "fast", 5),
+)
+ROLLOUTS = {"PandaSJE-v0": 60, "IiwaSJE-v0": 40, "PandaGTE-v0": 60, "IiwaGTE-v0": 40}
+"""Steps per environment."""
+
+
+def stiction(*arguments: object) -> None:
+    """Run a command of this checkout."""
+    code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
+    words = [sys.executable, "-c", code, *map(str, arguments), "--force"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(words[3:])}\n{done.stderr}")
+
+
+def file_hash(*paths: Path) -> str:
+    """Return the hash of files, one after the other."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def hidden_logs(work: Path) -> dict[str, tuple[Path, list[str]]]:
+    """Return log and options of every hidden case; made once, so that only `diagnose` is judged."""
+    from stiction_envs.friction.parameters import QUANTITIES, dump_friction
+    from tests.gap.logs.hidden_logs import make_case
+
+    out = {}
+    for name, seed, causes, motion, joint in HIDDEN:
+        log, table = work / f"{name}.npz", work / f"{name}.toml"
+        if not log.is_file():
+            case = make_case(seed, causes, motion=motion, joint=joint, seconds=20.0, size=0.7)
+            if not isinstance(case.nominal, str):
+                sources = dict.fromkeys(QUANTITIES, "hidden")
+                text = dump_friction(case.nominal, sources=sources, meta={}, provenance={})
+                table.write_text(text, "utf-8")
+            made = case.logs[0]
+            np.savez(log, t=made.t, q=made.q, tau=made.tau)
+        out[name] = (log, ["--nominal", str(table)] if table.is_file() else [])
+    return out
+
+
+def without_words(value: Any) -> Any:
+    """Return the JSON without its sentences."""
+    if isinstance(value, dict):
+        return {k: without_words(v) for k, v in value.items() if k not in WORDS}
+    return [without_words(v) for v in value] if isinstance(value, list) else value
+
+
+def diagnoses(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield numbers and words of every hidden log's ``diagnosis.json``, and of its models."""
+    for name, (log, options) in hidden_logs(work).items():
+        out = work / f"diagnose-{name}"
+        stiction("diagnose", log, "--robot", "panda", *options, "--out", out)
+        text = (out / "diagnosis.json").read_text("utf-8")
+        numbers = json.dumps(without_words(json.loads(text)), sort_keys=True)
+        yield f"diagnose.{name}", hashlib.sha256(numbers.encode()).hexdigest()[:16]
+        yield f"diagnose.{name}.words", file_hash(out / "diagnosis.json")
+        yield f"diagnose.{name}.model.xml", file_hash(out / "model.xml")
+
+
+def experiments(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield the tables of both experiments, and an exported arm."""
+    dither = work / "dither.csv"
+    dither.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.6\n4,30,1.2\n", "utf-8")
+    for robot in ("panda", "iiwa7"):
+        out = work / f"sje-{robot}"
+        stiction("sje", robot, "--joint", 7, 4, "--iterations", 2, "--dither", dither, "--out", out)
+        yield f"sje.{robot}", file_hash(out / "sje.csv")
+        out = work / f"export-{robot}"
+        stiction("export", robot, "--out", out)
+        yield f"export.{robot}", file_hash(out / "model.xml")
+
+
+def gte(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield the errors of the Generated Trajectory Experiment."""
+    dither = work / "dither.csv"
+    dither.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.6\n4,30,1.2\n", "utf-8")
+    for robot, path, stiffness in (
+        ("panda", "triangle", (200, 20, 0)),
+        ("panda", "pentagon", (800, 80, 10)),
+        ("iiwa14", "triangle", (200, 20, 0)),
+    ):
+        out = work / f"gte-{robot}-{path}"
+        words = ["--trajectory", path, "--stiffness", *stiffness, "--dither", dither]
+        stiction("gte", robot, *words, "--iterations", 2, "--out", out)
+        yield f"gte.{robot}.{path}", file_hash(out / "errors.csv")
+
+
+def calibrate(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield an arm's friction from Table 4.3."""
+    out = work / "friction.toml"
+    stiction("calibrate", "panda", TABLE_4_3, "--out", out)
+    lines = [x for x in out.read_text("utf-8").splitlines() if "commit" not in x]
+    yield "calibrate", hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def excitation(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield an exciting motion."""
+    out = work / "excite"
+    stiction("excite", "panda", "--out", out)
+    for path in sorted(out.glob("*.csv")):
+        yield f"excite.{path.stem}", file_hash(path)
+
+
+def rollouts(_: Path) -> Iterable[tuple[str, str]]:
+    """Yield what every environment says of the same actions, alone and as a batch."""
+    import gymnasium as gym
+
+    import stiction_envs  # noqa: F401
+
+    for name, steps in ROLLOUTS.items():
+        for count in (1, 3):
+            digest = hashlib.sha256()
+            env = gym.make_vec(name, num_envs=count) if count > 1 else gym.make(name)
+            env.action_space.seed(5)
+            found = env.reset(seed=11)
+            digest.update(np.ascontiguousarray(found[0]).tobytes())
+            for _ in range(steps):
+                obs, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+                for x in (obs, reward, terminated, truncated):
+                    digest.update(np.ascontiguousarray(x).tobytes())
+                if count == 1 and (terminated or truncated):
+                    digest.update(np.ascontiguousarray(env.reset()[0]).tobytes())
+            env.close()
+            yield f"rollout.{name}.{count}", digest.hexdigest()[:16]
+
+
+def final(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield every table of the tuner."""
+    out = work / "tune"
+    stiction("tune", "panda", "--table", TABLE_4_3, "--out", out)
+    for path in sorted(out.glob("*.csv")):
+        yield f"tune.{path.stem}", file_hash(path)
+
+
+def ladder(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield the nested models of the thesis's tables, and their page."""
+    out = work / "ladder"
+    stiction("reproduce", "gap", "--out", out)
+    for path in sorted(out.rglob("ladder.json")):
+        yield "ladder", file_hash(path)
+
+
+PARTS: dict[str, Callable[[Path], Iterable[tuple[str, str]]]] = {
+    "experiments": experiments,
+    "gte": gte,
+    "rollouts": rollouts,
+    "calibrate": calibrate,
+    "excitation": excitation,
+    "diagnoses": diagnoses,
+    "final": final,
+    "ladder": ladder,
+}
+
+
+def main() -> int:
+    """Hash, and write or compare."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--work", type=Path, default=Path("runs/freeze"), help="folder")
+    parser.add_argument("--write", action="store_true", help="take these results as the true ones")
+    parser.add_argument("--only", nargs="+", choices=list(PARTS), help="some results")
+    parser.add_argument("--all", action="store_true", help="those too that take minutes")
+    args = parser.parse_args()
+    work = args.work.resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    kept = work / "freeze.json"
+    before = json.loads(kept.read_text("utf-8")) if kept.is_file() else {}
+    now, other = {}, []
+    for name in args.only or [x for x in PARTS if args.all or x not in SLOW]:
+        start = time.monotonic()
+        for key, value in PARTS[name](work):
+            now[key] = value
+            same = before.get(key) == value
+            if not same:
+                other.append(key)
+            state = "same" if same else "new" if key not in before else "CHANGED"
+            print(f"{state:8}{key}  {value}", flush=True)
+        print(f"        {name}: {time.monotonic() - start:.0f} s", flush=True)
+    if args.write:
+        kept.write_text(json.dumps({**before, **now}, indent=1, sort_keys=True) + "\n", "utf-8")
+        return 0
+    print(f"{len(now) - len(other)} of {len(now)} as before")
+    return int(bool(other))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
