@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stiction_envs.gap.logs.lsm import line
-from stiction_envs.gap.logs.report_png import save
+from stiction_envs.gap.least_squares import line
+from stiction_envs.reporting.png import save
 
 Panel = tuple[str, np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray] | None]
 """Title, speeds [rad/s], friction torques [N·m] and the truth over speed, where it is known."""

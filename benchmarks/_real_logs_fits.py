@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.logs.data import Data, assemble
-from stiction_envs.gap.logs.diagnosis import Diagnosis
-from stiction_envs.gap.signals import prepare
-from stiction_envs.measured.logs import JointLog
+from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 
 WRIST = (4, 5)

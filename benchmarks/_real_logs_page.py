@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from stiction_envs.gap.logs.report import UNITS
-from stiction_envs.gap.logs.report_png import save
-from stiction_envs.gap.words import short, table
+from stiction_envs.gap.report import UNITS
+from stiction_envs.reporting.markdown import short, table
+from stiction_envs.reporting.png import save
 
 Row = dict[str, Any]
 RIGID, USUAL, TOOL = "#c2590c", "0.45", "#1f5fa8"

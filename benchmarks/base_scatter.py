@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import thesis_base
 
 HERE = Path(__file__).parent

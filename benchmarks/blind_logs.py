@@ -28,8 +28,8 @@ import numpy as np
 from tqdm import tqdm
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.logs.diagnosis import Diagnosis, diagnose
-from tests.gap.logs.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.testing.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
 
 VISIBLE = 3.0
 TARGETS = {"strongest": 0.95, "interval": 0.85, "false": 0.02, "pairs": 0.85}

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte_measures import measure
-from stiction_envs.experiments.gte_protocol import TRAJECTORIES, Case
-from stiction_envs.experiments.gte_table import thesis_final_dither, thesis_stiffness
-from stiction_envs.experiments.plots import save
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
+from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
+from stiction_envs.experiments.sje.plots import save
 
 HERE = Path(__file__).parent
 FINAL = thesis_final_dither()

@@ -66,7 +66,7 @@ def file_hash(*paths: Path) -> str:
 def hidden_logs(work: Path) -> dict[str, tuple[Path, list[str]]]:
     """Return log and options of every hidden case; made once, so that only `diagnose` is judged."""
     from stiction_envs.friction.parameters import QUANTITIES, dump_friction
-    from tests.gap.logs.hidden_logs import make_case
+    from stiction_envs.testing.hidden_logs import make_case
 
     out = {}
     for name, seed, causes, motion, joint in HIDDEN:

@@ -22,22 +22,22 @@ from scipy.stats import binom, spearmanr
 
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits, pentagon, triangle
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte_measures import (
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import (
     error_against_time,
     measure,
     turned_frame,
     window_sum_of_mean,
     window_sums,
 )
-from stiction_envs.experiments.gte_plots import plot_window_sums
-from stiction_envs.experiments.gte_protocol import AXES, TRAJECTORIES, Case
-from stiction_envs.experiments.gte_table import (
+from stiction_envs.experiments.gte.plots import plot_window_sums
+from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case
+from stiction_envs.experiments.gte.rows import (
     thesis_final_dither,
     thesis_stiffness,
     thesis_window_sums,
 )
-from stiction_envs.experiments.plots import save
+from stiction_envs.experiments.sje.plots import save
 from stiction_envs.friction.parameters import friction_path, load_friction
 from stiction_envs.robots import load_arm
 

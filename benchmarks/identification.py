@@ -19,17 +19,17 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from stiction_envs.experiments.excitation import ExcitationSettings, excite
-from stiction_envs.experiments.excitation_plots import plot_excitation
-from stiction_envs.experiments.plots import save
-from stiction_envs.gap.identification import FOLDS, MODELS, identify
-from stiction_envs.gap.identification_rosdyn import rosdyn
-from stiction_envs.gap.logs.data import GUARD, assemble
-from stiction_envs.gap.signals import prepare
-from stiction_envs.measured.logs import JointLog, read_logs
+from stiction_envs.experiments.sje.plots import save
+from stiction_envs.gap.signals.dataset import GUARD, assemble
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.identification.excitation import ExcitationSettings, excite
+from stiction_envs.identification.excitation_plots import plot_excitation
+from stiction_envs.identification.identify import FOLDS, MODELS, identify
+from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
-from tests.gap import excited
+from stiction_envs.testing import excited_logs as excited
+from stiction_envs.thesis.rosdyn import rosdyn
 
 HERE = Path(__file__).parent
 REAL = HERE.parents[1] / "shared/measured/panda_exciting_trajectory"

@@ -19,15 +19,15 @@ import numpy as np
 from scipy.signal import lfilter
 from tqdm import tqdm
 
-from stiction_envs.gap.identification_rosdyn import Unconstrained, rosdyn
-from stiction_envs.gap.logs.data import inverse_dynamics
-from stiction_envs.gap.logs.diagnosis import Diagnosis, diagnose
-from stiction_envs.gap.logs.lsm import LeastSquares, least_squares, line
-from stiction_envs.gap.words import table
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.least_squares import LeastSquares, least_squares, line
+from stiction_envs.gap.signals.dataset import inverse_dynamics
 from stiction_envs.measured import thesis_table
-from stiction_envs.measured.logs import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.reporting.markdown import table
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import torque_regressor
+from stiction_envs.thesis.rosdyn import Unconstrained, rosdyn
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -324,7 +324,7 @@ def conclusions(results: dict[str, Result]) -> list[str]:
         f"{r2(lag):.2f}, and torques of inertia count as friction.",
         "- Least squares on links has no bound that keeps masses positive or inertias possible: "
         "torques show sums of parameters only, and what they do not show is filled up by "
-        "whatever stands beside it. `stiction_envs.gap.identification` keeps links possible. "
+        "whatever stands beside it. `stiction_envs.identification.identify` keeps links possible. "
         "Hundreds of kilograms, as in Table 4.1, come out of none of these logs.",
         f"- With nothing wrong at all R² is {r2(clean):.2f}: along a friction curve that is nearly "
         "flat there is no slope to explain. R² near zero, on which the thesis gave the method up, "

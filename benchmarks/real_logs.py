@@ -30,12 +30,15 @@ from _real_logs_fits import masses, tx40_arm, usual, without_body  # noqa: E402
 from _real_logs_page import draw, page  # noqa: E402
 
 import stiction_envs  # noqa: E402
-from stiction_envs.gap.logs.causes import CAUSES  # noqa: E402
-from stiction_envs.gap.logs.diagnosis import Diagnosis, diagnose  # noqa: E402
-from stiction_envs.gap.logs.record import record  # noqa: E402
-from stiction_envs.gap.logs.torque_late import mend_torques  # noqa: E402
-from stiction_envs.gap.signals import prepare  # noqa: E402
-from stiction_envs.measured.logs import JointLog, read_logs, read_poses  # noqa: E402
+from stiction_envs.gap.causes import CAUSES  # noqa: E402
+from stiction_envs.gap.diagnosis import (  # noqa: E402
+    Diagnosis,
+    diagnose,
+    model_of,
+)
+from stiction_envs.gap.signals.prepare import prepare  # noqa: E402
+from stiction_envs.gap.signals.torque_lag import mend_torques  # noqa: E402
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses  # noqa: E402
 from stiction_envs.robots import load_arm  # noqa: E402
 
 MEASURED = HERE.parents[1] / "shared" / "measured"
@@ -71,7 +74,7 @@ def iiwa_logs() -> tuple[list[JointLog], JointLog]:
 def iiwa_sweep(joint: int) -> Row:
     """A sweep beside what the poses say of gravity: one joint's motion cannot say it."""
     logs, poses = iiwa_logs()
-    gravity = record(diagnose([poses], "iiwa14", link_side=True))
+    gravity = model_of(diagnose([poses], "iiwa14", link_side=True))
     mine = logs[list(SWEEPS).index(joint)]
     d = diagnose([mine], "iiwa14", nominal=gravity, link_side=True)
     return told(d, (2, 4) if joint == 2 else (joint,))

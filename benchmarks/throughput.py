@@ -22,9 +22,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from stiction_envs.experiments.protocol import Job, configurations, load_protocol
-from stiction_envs.experiments.rig import BLOCK, RAMP
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Job, configurations, load_protocol
+from stiction_envs.experiments.sje.rig import BLOCK, RAMP
 
 HERE = Path(__file__).parent
 NSIM = 364

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from stiction_envs.experiments import plots
-from stiction_envs.experiments.protocol import Configuration, Job
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje import plots
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job
 
 experiment = SingleJointExperiment.of("panda", scatter=False)
 where = Configuration(7, "load", "+")

@@ -22,7 +22,7 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.friction.load import LoadSensor
+from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import (
     BRISTLE_DAMPING,
     BRISTLE_STIFFNESS,

@@ -12,8 +12,8 @@ import pytest
 
 from stiction_envs import plant as plant_module
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.protocol import Configuration, Job, load_protocol
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job, load_protocol
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import SLOW_STEPS, Plant

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.protocol import Configuration, Job, load_protocol
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job, load_protocol
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import Plant

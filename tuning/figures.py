@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments import plots
-from stiction_envs.experiments.protocol import (
+from stiction_envs.experiments.sje import plots
+from stiction_envs.experiments.sje.protocol import (
     LOADS,
     Configuration,
     Job,
@@ -18,9 +17,7 @@ from stiction_envs.experiments.protocol import (
     configurations,
 )
 from stiction_envs.measured import BaseTable, DitheredRow
-
-if TYPE_CHECKING:
-    from tuning.thesis import ThesisTuner
+from tuning.thesis import ThesisTuner
 
 Verified = dict[str, dict[Job, Measurement]]
 SIMULATED, MEASURED = "#1f5fa8", "#d1701a"

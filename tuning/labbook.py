@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.protocol import Configuration, Job, Measurement
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
 
 TRACE_POINTS = 150
 """Most points kept of a trace, for plots."""

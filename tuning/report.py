@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from stiction_envs.experiments.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
 from stiction_envs.measured import (
     BaseTable,
     DitheredRow,
@@ -15,12 +15,10 @@ from stiction_envs.measured import (
     thesis_dithered,
     thesis_table,
 )
-from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 from tuning import figures
 from tuning.rules import Choice
-
-if TYPE_CHECKING:
-    from tuning.thesis import ThesisTuner
+from tuning.thesis import ThesisTuner
 
 Verified = dict[str, dict[Job, Measurement]]
 LOAD_NAMES = {"load": "load", "no_load": "no load"}

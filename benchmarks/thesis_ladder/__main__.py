@@ -12,10 +12,10 @@ import time
 from pathlib import Path
 
 from stiction_envs.cli.progress import Progress
-from stiction_envs.gap.findings import Findings
-from stiction_envs.gap.ladder import SEEDS, Ladder
-from stiction_envs.gap.page import ladder_table, write_page
-from stiction_envs.gap.phase import study_phase
+from stiction_envs.thesis.nested_models import SEEDS, Ladder
+from stiction_envs.thesis.nyquist_phase import study_phase
+from stiction_envs.thesis.page import ladder_table, write_page
+from stiction_envs.thesis.scores import Findings
 
 HERE = Path(__file__).parent
 

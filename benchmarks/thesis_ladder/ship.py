@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.experiments.calibrate import Calibration, calibrate, calibrated_toml
-from stiction_envs.experiments.sje import SingleJointExperiment
+from stiction_envs.experiments.sje.calibrate import Calibration, calibrate, calibrated_toml
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import friction_path
-from stiction_envs.gap.ladder import Ladder
-from stiction_envs.gap.whole_arm import ROBOT, start_friction, with_parameters
 from stiction_envs.measured import thesis_base, write_text_atomic
+from stiction_envs.thesis.nested_models import Ladder
+from stiction_envs.thesis.whole_arm import ROBOT, start_friction, with_parameters
 
 HERE = Path(__file__).parent
 TABLE = friction_path(ROBOT).parents[1] / "measured" / "thesis" / "table_4_3.csv"
@@ -64,7 +64,7 @@ def with_sources(text: str, result: Calibration, rung: object) -> str:
             digest = hashlib.sha256((HERE / "ladder.json").read_bytes()).hexdigest()
             losses = ", ".join(f"{f[0]['seed']}" for f in rung.found.values())  # type: ignore[attr-defined]
             lines += [
-                'fit = "stiction_envs.gap.ladder, rung arm; Tables 4.3 and 4.6 only"',
+                'fit = "stiction_envs.thesis.nested_models, rung arm; Tables 4.3 and 4.6 only"',
                 f'fit_ladder_sha256 = "{digest}"',
                 f'fit_seeds_by_joint = "{losses}"',
                 f'fit_ramp_rate = "{rung.fixed["ramp_rate"]!r} N·m/s"',  # type: ignore[attr-defined]

@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out = args.out or Path("runs") / f"calibrate-{arm.name}" / "friction.toml"
     _check_file(out, force=args.force)
 
-    from stiction_envs.experiments.calibrate import ROUNDS, calibrate, calibrated_toml
-    from stiction_envs.experiments.sje import SingleJointExperiment
+    from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate, calibrated_toml
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.measured import write_text_atomic
 
     experiment = SingleJointExperiment.of(

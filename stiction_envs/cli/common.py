@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.sje import SingleJointExperiment
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.friction.parameters import FrictionParameters
     from stiction_envs.robots import Arm
 
@@ -263,7 +263,7 @@ def check_joints(arm: Arm, joints: list[int] | None) -> list[int]:
     Raises:
         StictionError: a joint the arm does not have.
     """
-    from stiction_envs.experiments.protocol import configurations
+    from stiction_envs.experiments.sje.protocol import configurations
 
     return sorted({c.joint for c in configurations(arm.n, joints)})
 

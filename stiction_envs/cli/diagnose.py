@@ -13,7 +13,7 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.gap.logs.record import Nominal
+    from stiction_envs.gap.model_file import Nominal
     from stiction_envs.robots import Arm
 
 
@@ -84,8 +84,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = provenance(args, {k: v for k, v in inputs.items() if v.is_file()})
     folder = OutputFolder(args.out or default_folder("diagnose", arm.name), found, force=args.force)
 
-    from stiction_envs.gap.logs.diagnosis import diagnose
-    from stiction_envs.measured.logs import read_logs, read_poses
+    from stiction_envs.gap.diagnosis import diagnose
+    from stiction_envs.measured.logs.reader import read_logs, read_poses
 
     with Progress("per cent") as progress:
 
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _models(args: argparse.Namespace) -> tuple[Arm, Nominal]:
     """Return the arm and what is judged; an earlier diagnosis knows its payload and tilt."""
-    from stiction_envs.gap.logs.record import read, resolve
+    from stiction_envs.gap.model_file import read, resolve
     from stiction_envs.robots import load_arm
 
     payload, tilt = args.payload, args.tilt
@@ -131,16 +131,16 @@ def _write(
     found: dict[str, Any],
     say: Any,
 ) -> dict[str, Any]:
-    from stiction_envs.gap.logs.extend import extend
-    from stiction_envs.gap.logs.forward import prove
-    from stiction_envs.gap.logs.lsm import least_squares
-    from stiction_envs.gap.logs.record import record
-    from stiction_envs.gap.logs.report import verdict_sentences, write_report
+    from stiction_envs.gap.diagnosis import model_of
+    from stiction_envs.gap.extended_model import extend
+    from stiction_envs.gap.forward_validation import prove
+    from stiction_envs.gap.least_squares import least_squares
+    from stiction_envs.gap.report import verdict_sentences, write_report
     from stiction_envs.measured import write_text_atomic
 
     base = diagnosis.base
     say("extended model", 0.0)
-    extension = extend(base, record(diagnosis))
+    extension = extend(base, model_of(diagnosis))
     say("forward proof", 0.0)
     proof = prove(diagnosis, nthread=args.threads)
     say("report", 0.0)

@@ -11,7 +11,7 @@ from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.excitation import ExcitationSettings
+    from stiction_envs.identification.excitation import ExcitationSettings
 
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = provenance(args, {k: v for k, v in inputs.items() if v.is_file()})
     folder = OutputFolder(args.out or default_folder("excite", arm.name), found, force=args.force)
 
-    from stiction_envs.experiments.excitation import excite
-    from stiction_envs.experiments.excitation_plots import plot_excitation
+    from stiction_envs.identification.excitation import excite
+    from stiction_envs.identification.excitation_plots import plot_excitation
     from stiction_envs.measured import write_text_atomic
 
     with common.working(), Progress("per cent") as progress:
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _settings(args: argparse.Namespace) -> ExcitationSettings:
-    from stiction_envs.experiments.excitation import ExcitationSettings
+    from stiction_envs.identification.excitation import ExcitationSettings
 
     given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
     return ExcitationSettings(**given)

@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = provenance(args, common.input_files(arm, args))
     folder = OutputFolder(args.out or default_folder("export", arm.name), found, force=args.force)
 
-    from stiction_envs.cli.plain_mjcf import plain_mjcf
     from stiction_envs.friction.model import build
+    from stiction_envs.friction.plain_mjcf import plain_mjcf
     from stiction_envs.measured import write_text_atomic
 
     sticking = build(arm, friction)

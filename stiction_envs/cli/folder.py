@@ -22,7 +22,7 @@ from typing import Any, Self
 import stiction_envs
 from stiction_envs.cli.common import plain
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 
 NAME = "provenance.json"
 PACKAGES = ("stiction-envs", "mujoco", "numpy", "scipy", "gymnasium", "optuna", "pin")

@@ -15,9 +15,9 @@ from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
     from stiction_envs.control.trajectory import Path as Course
-    from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-    from stiction_envs.experiments.gte_measures import Measures
-    from stiction_envs.experiments.gte_protocol import Case, Run
+    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.experiments.gte.measures import Measures
+    from stiction_envs.experiments.gte.protocol import Case, Run
     from stiction_envs.measured import AmplitudeRow
     from stiction_envs.robots import Arm
 
@@ -116,8 +116,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.out or default_folder("gte", arm.name), provenance(args, inputs), force=args.force
     )
 
-    from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-    from stiction_envs.experiments.gte_measures import measure
+    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.experiments.gte.measures import measure
 
     bench = GeneratedTrajectoryExperiment.of(
         arm,
@@ -207,7 +207,7 @@ def _cases(
     args: argparse.Namespace, course: Course | None, dither: tuple[AmplitudeRow, ...]
 ) -> list[Case]:
     """Return the case without dither, and the one with it if there is any."""
-    from stiction_envs.experiments.gte_protocol import Case
+    from stiction_envs.experiments.gte.protocol import Case
 
     plain = Case(
         trajectory=args.trajectory if course is None else course.name,
@@ -223,7 +223,8 @@ def _cases(
 def _write(
     path: Path, bench: GeneratedTrajectoryExperiment, measured: list[Measured], compared: bool
 ) -> None:
-    from stiction_envs.experiments import gte_plots, gte_table
+    from stiction_envs.experiments.gte import plots as gte_plots
+    from stiction_envs.experiments.gte import rows as gte_table
 
     robot, runs = bench.sticking.arm.name, [r for r, _ in measured]
     rows = [row for r, m in measured for row in gte_table.error_rows(r, m, robot)]
@@ -247,7 +248,7 @@ def _result(
     path: Path,
     args: argparse.Namespace,
 ) -> dict[str, Any]:
-    from stiction_envs.experiments.gte_table import error_rows, run_row, thesis_window_sums
+    from stiction_envs.experiments.gte.rows import error_rows, run_row, thesis_window_sums
 
     robot = bench.sticking.arm.name
     rows = []

@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = provenance(args, {k: v for k, v in inputs.items() if v.is_file()})
     folder = OutputFolder(args.out or default_folder("identify", arm.name), found, force=args.force)
 
-    from stiction_envs.gap.identification import identify
-    from stiction_envs.gap.identification_plots import plot_identification
+    from stiction_envs.identification.identify import identify
+    from stiction_envs.identification.plots import plot_identification
     from stiction_envs.measured import write_text_atomic
 
     with Progress("per cent") as progress:

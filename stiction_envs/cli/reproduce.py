@@ -12,7 +12,7 @@ from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.protocol import Job, Measurement
+    from stiction_envs.experiments.sje.protocol import Job, Measurement
 
 SEEDS = 5
 """Seeds of the optimiser: a parameter that some do not find again is not identified."""
@@ -117,9 +117,9 @@ def _tables(package: Path, target: str) -> dict[str, Path]:
 
 def _gap(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Climb the ladder, or go on with it; write its page."""
-    from stiction_envs.gap.ladder import Ladder
-    from stiction_envs.gap.page import write_page
-    from stiction_envs.gap.phase import study_phase
+    from stiction_envs.thesis.nested_models import Ladder
+    from stiction_envs.thesis.nyquist_phase import study_phase
+    from stiction_envs.thesis.page import write_page
 
     seeds = range(args.seed, args.seed + args.seeds)
     ladder = Ladder(folder, seeds=seeds, processes=args.threads)
@@ -139,10 +139,10 @@ def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from stiction_envs import __version__
-    from stiction_envs.experiments.reproduce import reproduce
-    from stiction_envs.experiments.reproduce_page import write_tables
-    from stiction_envs.experiments.sje import SingleJointExperiment
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.robots import load_arm
+    from stiction_envs.thesis.tables import reproduce
+    from stiction_envs.thesis.tables_page import write_tables
     from tuning.labbook import LabBook
     from tuning.rules import final_amplitude
 
@@ -181,8 +181,8 @@ def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 def _simulated_gte(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Simulate Table 4.11 and the figures of the Generated Trajectory Experiment."""
-    from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-    from stiction_envs.experiments.reproduce_gte import run_thesis_cases, thesis_cases, write_gte
+    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.thesis.gte import run_thesis_cases, thesis_cases, write_gte
 
     bench = GeneratedTrajectoryExperiment.of(
         "panda", scatter=not args.no_scatter, seed=args.seed, nthread=args.threads

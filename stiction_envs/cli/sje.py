@@ -13,8 +13,8 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.protocol import Job, Measurement
-    from stiction_envs.experiments.sje import SingleJointExperiment
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from stiction_envs.experiments.sje.protocol import Job, Measurement
     from stiction_envs.measured import AmplitudeRow
     from stiction_envs.robots import Arm
 
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.out or default_folder("sje", arm.name), provenance(args, inputs), force=args.force
     )
 
-    from stiction_envs.experiments.sje import SingleJointExperiment
-    from stiction_envs.experiments.tables import in_order, is_stuck
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from stiction_envs.experiments.sje.rows import in_order, is_stuck
 
     experiment = SingleJointExperiment.of(
         arm,
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _interface_and_protocol(arm: Arm, args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.control.torque_path import TorqueInterface
-    from stiction_envs.experiments.protocol import load_protocol
+    from stiction_envs.experiments.sje.protocol import load_protocol
 
     protocol = load_protocol(arm.name)
     if args.ramp_rate is not None:
@@ -172,7 +172,7 @@ def _jobs(
     joints: list[int],
     table: dict[int, AmplitudeRow],
 ) -> list[Job]:
-    from stiction_envs.experiments.protocol import Job
+    from stiction_envs.experiments.sje.protocol import Job
 
     base = [
         job
@@ -196,8 +196,8 @@ def _jobs(
 
 
 def _write(path: Path, experiment: SingleJointExperiment, measured: list[Measurement]) -> None:
-    from stiction_envs.experiments.plots import plot_sje
-    from stiction_envs.experiments.tables import is_base, sje_rows
+    from stiction_envs.experiments.sje.plots import plot_sje
+    from stiction_envs.experiments.sje.rows import is_base, sje_rows
     from stiction_envs.measured import write_sje
 
     robot, protocol = experiment.sticking.arm.name, experiment.protocol
@@ -222,7 +222,7 @@ def _write(path: Path, experiment: SingleJointExperiment, measured: list[Measure
 def _stuck_text(stuck: list[Measurement]) -> str:
     import numpy as np
 
-    from stiction_envs.experiments.plots import dither_text
+    from stiction_envs.experiments.sje.plots import dither_text
 
     names = [
         f"joint {m.job.configuration.joint} {m.job.configuration.load} "
@@ -240,7 +240,7 @@ def _result(
     path: Path,
     args: argparse.Namespace,
 ) -> dict[str, Any]:
-    from stiction_envs.experiments.tables import is_stuck, sje_rows
+    from stiction_envs.experiments.sje.rows import is_stuck, sje_rows
 
     robot = experiment.sticking.arm.name
     rows = sje_rows(measured, robot)

@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         resumable=True,
     )
 
-    from stiction_envs.experiments.sje import SingleJointExperiment
-    from tuning.thesis import tune
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from tuning.tune import tune
 
     # whatever is wrong with arm and friction is found before a file is touched
     SingleJointExperiment.of(arm, friction=friction, seed=args.seed, nthread=args.threads)
@@ -147,7 +147,7 @@ def _check_frequencies(frequencies: list[float] | tuple[()], rate_hz: float) -> 
     Raises:
         StictionError: a frequency above the rate, or one that repeats.
     """
-    from stiction_envs.dither import check_frequency
+    from stiction_envs.dither.dither import check_frequency
 
     if len(set(frequencies)) != len(frequencies):
         raise StictionError("--frequencies: each is allowed once")

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.cycle import impedance_cycle
+from stiction_envs.control.filters import Filtered, Rows, fill, rows_of
+from stiction_envs.control.kernels import impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, pseudoinverse_projector, renew
 from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
-from stiction_envs.control.rows import Filtered, Rows, fill, rows_of
 from stiction_envs.control.settings import ImpedanceSettings, stiffness_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits

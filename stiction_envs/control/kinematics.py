@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.cycle import site_kinematics
+from stiction_envs.control.kernels import site_kinematics
 from stiction_envs.friction.model import StickingModel
 
 Array = NDArray[np.float64]

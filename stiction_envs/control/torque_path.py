@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from stiction_envs.control.cycle import pass_torque
+from stiction_envs.control.kernels import pass_torque
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 

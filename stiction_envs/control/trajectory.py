@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.courses import Course, Index, Profile, Reference, accept, plan, sample
 from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import gte_default
+from stiction_envs.control.trapezoid import Course, Index, Profile, Reference, accept, plan, sample
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import read_header, read_lines
 

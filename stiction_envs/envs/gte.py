@@ -7,8 +7,8 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from stiction_envs.envs.gte_core import GTECore
-from stiction_envs.envs.render_gte import PathRenderer
-from stiction_envs.envs.skin import ArmEnv, ArmVectorEnv
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
+from stiction_envs.envs.render.frames_gte import PathRenderer
 
 
 class GTEEnv(ArmEnv):

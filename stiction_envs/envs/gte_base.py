@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.base import digest
 from stiction_envs.envs.gte_layout import Stiffness
+from stiction_envs.envs.sje_base import digest
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte_measures import measure, sample_period
-from stiction_envs.experiments.gte_protocol import Case, Run
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure, sample_period
+from stiction_envs.experiments.gte.protocol import Case, Run
 from stiction_envs.friction.parameters import QUANTITIES
 
 Array = NDArray[np.float64]

@@ -18,6 +18,14 @@ from numpy.typing import NDArray
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.envs.batch_core import (
+    Array,
+    Index,
+    Outcome,
+    Slots,
+    check_arguments,
+    count_blocks,
+)
 from stiction_envs.envs.gte_base import Key, Undithered, undithered
 from stiction_envs.envs.gte_layout import (
     CAPACITY,
@@ -27,12 +35,11 @@ from stiction_envs.envs.gte_layout import (
     drawn_stiffness,
     stiffness_units,
 )
-from stiction_envs.envs.gte_record import Recorder, pose_error
-from stiction_envs.envs.layout import action_bounds
-from stiction_envs.envs.slots import Array, Index, Outcome, Slots, check_arguments, count_blocks
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte_protocol import TRAJECTORIES
-from stiction_envs.experiments.poses import find_poses
+from stiction_envs.envs.gte_log import Recorder, pose_error
+from stiction_envs.envs.sje_layout import action_bounds
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm

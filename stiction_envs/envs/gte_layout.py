@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.control.trajectory import POSITION
-from stiction_envs.envs.layout import GROUPS as SJE_GROUPS
-from stiction_envs.envs.layout import Group, named_options
+from stiction_envs.envs.sje_layout import GROUPS as SJE_GROUPS
+from stiction_envs.envs.sje_layout import Group, named_options
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.gte_protocol import AXES, TRAJECTORIES, Case, named_path
+from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case, named_path
 from stiction_envs.robots.tables import lookup, read_toml
 
 Stiffness = tuple[float, float, float]

@@ -6,9 +6,9 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from stiction_envs.envs.core import Core
-from stiction_envs.envs.render import JointRenderer
-from stiction_envs.envs.skin import ArmEnv, ArmVectorEnv
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
+from stiction_envs.envs.render.frames import JointRenderer
+from stiction_envs.envs.sje_core import Core
 
 
 class SJEEnv(ArmEnv):

@@ -1,1 +1,1 @@
-"""Simulation against measurement: residual, causes, extended model, gain."""
+"""Measured log or table, named causes, extended model, forward validation."""

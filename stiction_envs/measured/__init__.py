@@ -1,8 +1,7 @@
 """Measured data: the thesis's tables and the user's, checked when they are read."""
 
-from stiction_envs.measured.atomic import write_text_atomic
-from stiction_envs.measured.check_plausible import check_fits, check_parameters, check_sje
-from stiction_envs.measured.check_rules import (
+from stiction_envs.measured.checks.plausible import check_fits, check_parameters, check_sje
+from stiction_envs.measured.checks.rules import (
     Defect,
     check_amplitudes,
     check_differences,
@@ -13,7 +12,7 @@ from stiction_envs.measured.check_rules import (
     check_signs,
     check_units,
 )
-from stiction_envs.measured.check_tables import check_files, check_tables, check_thesis
+from stiction_envs.measured.checks.tables import check_files, check_tables, check_thesis
 from stiction_envs.measured.tables import (
     DIRECTIONS,
     LOADS,
@@ -33,6 +32,7 @@ from stiction_envs.measured.thesis_tables import (
     thesis_dithered,
     thesis_table,
 )
+from stiction_envs.reporting.atomic import write_text_atomic
 
 __all__ = [
     "DIRECTIONS",

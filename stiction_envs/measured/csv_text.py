@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.atomic import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 
 
 class Line:

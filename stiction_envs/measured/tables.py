@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither import WAVEFORMS, check_frequency
+from stiction_envs.dither.dither import WAVEFORMS, check_frequency
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
 
@@ -78,7 +78,7 @@ class AmplitudeRow:
     amplitude_nm: float
     """N·m, ≥ 0."""
     waveform: str = "sine"
-    """One of :data:`stiction_envs.dither.WAVEFORMS`."""
+    """One of :data:`stiction_envs.dither.dither.WAVEFORMS`."""
     offset_nm: float = 0.0
     """Constant torque, N·m."""
 

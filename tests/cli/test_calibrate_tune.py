@@ -42,7 +42,7 @@ def test_calibrate(cli, work, two, base):
 
 
 def test_calibrate_that_fails_writes_nothing(cli, work, two, base, monkeypatch):
-    from stiction_envs.experiments import calibrate
+    from stiction_envs.experiments.sje import calibrate
 
     monkeypatch.setattr(calibrate, "ROUNDS", 1)
     monkeypatch.setattr(calibrate, "TOLERANCE", 1e-9)
@@ -71,19 +71,19 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
 
 
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
-    import tuning.thesis
+    import tuning.tune
 
     def some_work(arm, *, out, **options):
         (out / "labbook.jsonl").write_text("half\n")
         raise KeyboardInterrupt
 
     calls = []
-    monkeypatch.setattr(tuning.thesis, "tune", some_work)
+    monkeypatch.setattr(tuning.tune, "tune", some_work)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 1
     assert "run the same command again" in ran.err
     assert len(ran.lines) == 1
-    monkeypatch.setattr(tuning.thesis, "tune", lambda arm, **o: calls.append(o) or {})
+    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: calls.append(o) or {})
     assert cli("tune", two, *TUNE, "--out", "t", "--threads", 1).code == 0
     assert (work / "t" / "labbook.jsonl").read_text() == "half\n"
     assert calls[0]["frequencies"] == (15.0,)
@@ -91,7 +91,7 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
 
 
 def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
-    import tuning.thesis
+    import tuning.tune
 
     def killed(arm, *, out, **options):
         (out / "plots").mkdir()
@@ -99,22 +99,22 @@ def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
         (out / "labbook.jsonl").write_text("old")
         raise RuntimeError("power went out")
 
-    monkeypatch.setattr(tuning.thesis, "tune", killed)
+    monkeypatch.setattr(tuning.tune, "tune", killed)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 1
     assert "RuntimeError: power went out" in ran.err
-    monkeypatch.setattr(tuning.thesis, "tune", lambda arm, **o: {})
+    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: {})
     assert cli("tune", two, *TUNE, "--seed", 2, "--out", "t", "--force").code == 0
     assert [p.name for p in (work / "t").iterdir()] == ["provenance.json"]
 
 
 def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two, monkeypatch):
-    import tuning.thesis
+    import tuning.tune
 
     def refuse(arm, **options):
         raise StictionError("scale 7: allowed is\nabove 0 up to 5")
 
-    monkeypatch.setattr(tuning.thesis, "tune", refuse)
+    monkeypatch.setattr(tuning.tune, "tune", refuse)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 2
     assert ran.lines == ["error: scale 7: allowed is above 0 up to 5"]
@@ -122,10 +122,10 @@ def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two, monkeypatc
 
 
 def test_tune_warns_of_aliases_once(cli, monkeypatch):
-    import tuning.thesis
+    import tuning.tune
 
     text = "dither of 150 Hz at a 200 Hz controller aliases to 50 Hz"
-    monkeypatch.setattr(tuning.thesis, "tune", lambda arm, **o: {"warnings": [text]})
+    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: {"warnings": [text]})
     ran = cli("tune", "iiwa7", "--frequencies", 150, "--out", "t")
     assert ran.code == 0
     assert ran.lines == [f"warning: {text}"]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.gap.logs.causes import CAUSES
-from stiction_envs.gap.logs.data import gravity_torque
+from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.signals.dataset import gravity_torque
 from stiction_envs.robots import load_arm
-from tests.gap.logs.small_logs import hidden, sliding, write_csv
+from tests.gap.small_logs import hidden, sliding, write_csv
 
 PARAMETERS = {c.name: {p.name for p in c.parameters} for c in CAUSES}
 VERDICTS = {"explained", "partly explained", "no discrepancy", "cannot tell"}

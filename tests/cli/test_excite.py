@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.excitation import ExcitationSettings
+from stiction_envs.identification.excitation import ExcitationSettings
 from stiction_envs.robots import load_arm
 
 FILES = {"trajectory.csv", "excitation.json", "excitation.png", "provenance.json"}
@@ -15,7 +15,7 @@ QUICK = ["--harmonics", 3, "--base-frequency", 0.2]
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
     """Few iterations: what is tested here is what becomes of the motion."""
-    from stiction_envs.experiments import excitation_motion
+    from stiction_envs.identification import excitation_motion
 
     table = excitation_motion._table()
     for name, value in {"iterations": 6, "randoms": 3, "starts": 1}.items():

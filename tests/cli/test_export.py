@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.cli.plain_mjcf import differences
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import dump_friction, friction_text, load_friction
+from stiction_envs.friction.plain_mjcf import differences
 from stiction_envs.robots import load_arm
 from tests.robots.own_arms import MJCF, TETRA
 

@@ -12,11 +12,11 @@ import pytest
 from stiction_envs.cli import gte
 from stiction_envs.control import settings
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.dither import WAVEFORMS
-from stiction_envs.experiments import gte as experiment
-from stiction_envs.experiments import gte_protocol
-from stiction_envs.experiments.gte_protocol import AXES
-from stiction_envs.experiments.gte_table import CASES
+from stiction_envs.dither.dither import WAVEFORMS
+from stiction_envs.experiments.gte import experiment
+from stiction_envs.experiments.gte import protocol as gte_protocol
+from stiction_envs.experiments.gte.protocol import AXES
+from stiction_envs.experiments.gte.rows import CASES
 from stiction_envs.measured import thesis_table
 
 HEADER = "joint,frequency_hz,amplitude_nm"

@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from stiction_envs.gap.identification import MODELS
+from stiction_envs.identification.identify import MODELS
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters
-from tests.gap import excited
-from tests.gap.logs.small_logs import RATE, motion, write_csv
+from stiction_envs.testing import excited_logs as excited
+from tests.gap.small_logs import RATE, motion, write_csv
 
 FILES = {"identification.json", "report.md", "model.xml", "residual.png", "provenance.json"}
 

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from stiction_envs.cli import reproduce as command
-from stiction_envs.experiments import reproduce as tables
-from stiction_envs.experiments import reproduce_gte, reproduce_page
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.protocol import Job, Measurement
-from stiction_envs.experiments.sje import SingleJointExperiment
-from stiction_envs.gap import figures, ladder, page, phase
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Job, Measurement
 from stiction_envs.measured import thesis_base, thesis_dithered
-from tests.experiments.test_reproduce_gte import as_printed
-from tests.gap.made_up import made_up, phase_study
+from stiction_envs.thesis import figures, page, tables
+from stiction_envs.thesis import gte as reproduce_gte
+from stiction_envs.thesis import nested_models as ladder
+from stiction_envs.thesis import nyquist_phase as phase
+from stiction_envs.thesis import tables_page as reproduce_page
+from tests.thesis.made_up import made_up, phase_study
+from tests.thesis.test_gte import as_printed
 
 TABLES = ["tables", "--iterations", 2]
 FILES = {"tables.csv", "tables.md", "tables.png", "plots", "panda.jsonl", "iiwa7.jsonl"}

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from stiction_envs.experiments import protocol
+from stiction_envs.experiments.sje import protocol
 from stiction_envs.measured import read_sje
 
 QUICK = ["--joint", 7, "--iterations", 1]

@@ -14,9 +14,9 @@ from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.gte_base import fingerprint
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte_measures import measure
-from stiction_envs.experiments.gte_protocol import Case
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm

@@ -9,15 +9,15 @@ import pytest
 
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs import gte_core, gte_layout
-from stiction_envs.envs.core import BLOCK_S, TERMS
 from stiction_envs.envs.gte import GTEEnv
-from stiction_envs.envs.layout import (
+from stiction_envs.envs.sje import SJEEnv
+from stiction_envs.envs.sje_core import BLOCK_S, TERMS
+from stiction_envs.envs.sje_layout import (
     action_table,
     observation_bounds,
     observation_names,
     observation_table,
 )
-from stiction_envs.envs.sje import SJEEnv
 
 PAGE = inspect.getdoc(SJEEnv) or ""
 

@@ -104,7 +104,7 @@ def test_observations_are_fresh_arrays():
 
 
 def test_the_base_does_not_depend_on_who_asked_for_it(monkeypatch):
-    from stiction_envs.envs import base
+    from stiction_envs.envs import sje_base as base
 
     alone = make()
     alone.reset(seed=0, options=QUICK)

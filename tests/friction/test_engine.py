@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.friction.law import simulate_joint
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import Plant, rollout
+from stiction_envs.testing.friction_law import simulate_joint
 from tests.friction.gyro import ARM, J_A, J_B, MASS, law_of, pendulum, sticking
 
 A, B = 0, 1

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiction_envs.friction.law import LuGre, simulate_joint
 from stiction_envs.friction.lone_joint import LoneJoints, breakaway
 from stiction_envs.friction.parameters import bristle_damping
+from stiction_envs.testing.friction_law import LuGre, simulate_joint
 
 
 def joints(**changes: Any) -> LoneJoints:

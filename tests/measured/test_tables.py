@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiction_envs.measured as measured
-from stiction_envs.dither import Dither
+from stiction_envs.dither.dither import Dither
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import (
     AmplitudeRow,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs.experiments.protocol import Protocol, load_protocol
+from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.robots import Arm, load_arm
 from tests.robots.own_arms import chain
 

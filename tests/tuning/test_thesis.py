@@ -8,7 +8,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
 from tuning.rules import final_amplitude, frequencies_of, settings
-from tuning.thesis import tune
+from tuning.tune import tune
 
 FILES = ("base", "frequency", "scale", "intermediate", "final", "verification")
 

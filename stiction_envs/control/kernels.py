@@ -1,0 +1,266 @@
+"""What a controller does to every arm in every cycle, compiled by numba.
+
+With some tens of arms numpy spends most of a cycle between its calls. One arm after the other, in
+plain arithmetic: an arm's result is the same bits in any batch. NaN passes through.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_TINY = np.finfo(np.float64).tiny
+
+
+@compiled
+def site_kinematics(
+    anchor: Array,
+    axis: Array,
+    xpos: Array,
+    xquat: Array,
+    joints: Index,
+    turn: Array,
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+) -> None:
+    """Write position, orientation and geometric Jacobian of a site.
+
+    Args:
+        anchor: (N, joints of the model, 3) a point of each joint's axis in the world [m].
+        axis: (N, joints of the model, 3) its direction.
+        xpos: (N, 3) of the site [m].
+        xquat: (N, 4) of its body, w, x, y, z.
+        joints: (n,) the joints that move it.
+        turn: (4, 4) the site in its body: q ⊗ q_site as a matrix on q.
+        position: (N, 3), written [m].
+        quaternion: (N, 4), written.
+        jacobian: (N, 6, n), written: translation above rotation [m/rad, 1].
+    """
+    for i in range(len(position)):
+        x, y, z = xpos[i, 0], xpos[i, 1], xpos[i, 2]
+        position[i, 0], position[i, 1], position[i, 2] = x, y, z
+        for k in range(4):
+            total = 0.0
+            for m in range(4):
+                total += turn[k, m] * xquat[i, m]
+            quaternion[i, k] = total
+        for j in range(len(joints)):
+            a, p = axis[i, joints[j]], anchor[i, joints[j]]
+            dx, dy, dz = x - p[0], y - p[1], z - p[2]
+            jacobian[i, 0, j] = a[1] * dz - a[2] * dy
+            jacobian[i, 1, j] = a[2] * dx - a[0] * dz
+            jacobian[i, 2, j] = a[0] * dy - a[1] * dx
+            jacobian[i, 3, j], jacobian[i, 4, j], jacobian[i, 5, j] = a[0], a[1], a[2]
+
+
+@compiled
+def impedance_cycle(
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    q: Array,
+    dq: Array,
+    coriolis: Array,
+    gravity_correction: Array,
+    dither: Array,
+    dither_after: bool,
+    rate: float,
+    limit: Array,
+    reference: Array,
+    error_matrix: Array,
+    gain: Array,
+    external: Array,
+    null_active: bool,
+    null_q: Array,
+    null_stiffness: Array,
+    null_damping: Array,
+    projector: Array,
+    state: Array,
+    seen: Array,
+    wanted: Array,
+    sent: Array,
+    command: Array,
+) -> None:
+    """Write the commands (N, n) of a `CartesianImpedance`, behind its filters.
+
+    Torques are (N, n) [N·m]; the others are as in the functions below. ``dither_after`` adds the
+    dither behind the saturation. Written are ``state``, ``seen`` (the angles), ``wanted`` (before
+    the saturation), ``sent`` (behind it) and ``command``.
+    """
+    impedance_torque(
+        position, quaternion, jacobian, dq, reference, error_matrix, gain, external, state, wanted
+    )
+    if null_active:
+        add_nullspace(q, dq, null_q, null_stiffness, null_damping, projector, wanted)
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            seen[i, j] = q[i, j]
+            wanted[i, j] += coriolis[i, j]
+            wanted[i, j] += gravity_correction[i, j]
+            if not dither_after:
+                wanted[i, j] += dither[i, j]
+    saturate(wanted, rate, limit, sent)
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            command[i, j] = sent[i, j]
+            if dither_after:
+                command[i, j] = _between(sent[i, j] + dither[i, j], -limit[j], limit[j])
+
+
+@compiled
+def impedance_torque(
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    dq: Array,
+    reference: Array,
+    error_matrix: Array,
+    gain: Array,
+    external: Array,
+    state: Array,
+    tau: Array,
+) -> None:
+    """Write the error and what the Cartesian impedance makes of it.
+
+    Args:
+        position: (N, 3) measured [m].
+        quaternion: (N, 4) measured.
+        jacobian: (N, 6, n).
+        dq: (N, n) [rad/s].
+        reference: (N, 3) [m].
+        error_matrix: (N, 4, 4) of `rotation.error_matrix`.
+        gain: (N, 6, 12) wrench per state.
+        external: (N, 6) wrench to add [N, N·m].
+        state: (N, 12), written: error [m, rad], then J q̇ [m/s, rad/s].
+        tau: (N, n), written: Jᵀ (gain · state + external) [N·m].
+    """
+    turned, wrench = np.empty(4), np.empty(6)
+    n = dq.shape[1]
+    for i in range(len(position)):
+        for k in range(3):
+            state[i, k] = position[i, k] - reference[i, k]
+        for k in range(4):
+            total = 0.0
+            for m in range(4):
+                total += error_matrix[i, k, m] * quaternion[i, m]
+            turned[k] = total
+        # as rotation.rotation_vector
+        length = np.sqrt(turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
+        factor = 2.0 * np.arctan2(length, abs(turned[0])) / max(length, _TINY)
+        factor = np.copysign(factor, turned[0])
+        for k in range(3):
+            state[i, 3 + k] = factor * turned[1 + k]
+        for k in range(6):
+            speed = 0.0
+            for j in range(n):
+                speed += jacobian[i, k, j] * dq[i, j]
+            state[i, 6 + k] = speed
+        for k in range(6):
+            total = external[i, k]
+            for m in range(12):
+                total += gain[i, k, m] * state[i, m]
+            wrench[k] = total
+        for j in range(n):
+            total = 0.0
+            for k in range(6):
+                total += jacobian[i, k, j] * wrench[k]
+            tau[i, j] = total
+
+
+@compiled
+def add_nullspace(
+    q: Array,
+    dq: Array,
+    wanted: Array,
+    stiffness: Array,
+    damping: Array,
+    projector: Array,
+    tau: Array,
+) -> None:
+    """Add P (k_n (q_d − q) − d_n q̇) to the torque (N, n) [N·m].
+
+    Args:
+        q: (N, n) [rad].
+        dq: (N, n) [rad/s].
+        wanted: (N, n) q_d [rad].
+        stiffness: (N, n) k_n [N·m/rad].
+        damping: (N, n) d_n [N·m·s/rad].
+        projector: (N, n, n) P.
+        tau: (N, n), changed [N·m].
+    """
+    n = q.shape[1]
+    joint = np.empty(n)
+    for i in range(len(q)):
+        for j in range(n):
+            joint[j] = stiffness[i, j] * (wanted[i, j] - q[i, j]) - damping[i, j] * dq[i, j]
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += projector[i, j, m] * joint[m]
+            tau[i, j] += total
+
+
+@compiled
+def saturate(wanted: Array, rate: float, limit: Array, sent: Array) -> None:
+    """Follow what is wanted as far as torque rate and torque limits allow.
+
+    Args:
+        wanted: (N, n) [N·m].
+        rate: largest change per cycle [N·m].
+        limit: (n,) [N·m].
+        sent: (N, n) the last command, written: the next [N·m].
+    """
+    for i in range(len(wanted)):
+        for j in range(len(limit)):
+            sent[i, j] = _between(
+                wanted[i, j], max(sent[i, j] - rate, -limit[j]), min(sent[i, j] + rate, limit[j])
+            )
+
+
+@compiled
+def pass_torque(
+    command: Array,
+    step: Array,
+    gain: float,
+    limit: Array,
+    limited: Array,
+    filtered: Array,
+    out: Array,
+) -> None:
+    """Write (N, n) torque behind rate limit, low-pass and torque limit [N·m].
+
+    Args:
+        command: (N, n) [N·m].
+        step: (N, n) largest change per control step [N·m].
+        gain: of the low-pass, 1 is off [-].
+        limit: (N, n) [N·m].
+        limited: (N, n) state behind the rate limit, changed [N·m].
+        filtered: (N, n) state behind the low-pass, changed [N·m].
+        out: (N, n), written [N·m].
+    """
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            u = command[i, j]
+            # exactly the command wherever it is within reach, as in a block
+            if not abs(u - limited[i, j]) <= 0.999 * step[i, j]:
+                u = _between(u, limited[i, j] - step[i, j], limited[i, j] + step[i, j])
+            limited[i, j] = u
+            # as lfilter adds it up, so that a block and its cycles agree bit for bit
+            y = filtered[i, j] * (1.0 - gain) + u * gain if gain < 1.0 else u
+            filtered[i, j] = y
+            out[i, j] = _between(y, -limit[i, j], limit[i, j])
+
+
+@compiled
+def _between(x: float, low: float, high: float) -> float:
+    """Return x within low and high; NaN stays NaN."""
+    if x < low:
+        return low
+    if x > high:
+        return high
+    return x

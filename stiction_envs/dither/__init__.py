@@ -1,0 +1,1 @@
+"""Dither: waveforms, their application to many joints at once, gating by speed."""

@@ -1,0 +1,1 @@
+"""The Generated Trajectory Experiment: paths under Cartesian impedance control."""

@@ -1,0 +1,365 @@
+"""Generated Trajectory Experiment (thesis 3.2, 4.2): paths under Cartesian impedance control.
+
+bench = GeneratedTrajectoryExperiment.of("panda")
+for run in bench.run([Case(trajectory="triangle", stiffness=(200, 20, 0))]):
+    print(run.case, np.abs(run.error).max(axis=(0, 1)))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path as File
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+from stiction_envs.control.rotation import to_rpy
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte.protocol import (
+    FLAGS,
+    TRAJECTORIES,
+    Case,
+    GTEProtocol,
+    Run,
+    load_gte_protocol,
+    named_path,
+    start_pose,
+)
+from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm, load_arm
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+MAX_SLOTS = 128
+"""Simulations run at once."""
+_PART = 10  # samples between two looks whether all arms are done
+_RECORDS = ("reference", "actual", "shaking", "power", "rate", "flags")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneratedTrajectoryExperiment:
+    """One arm, its friction, its controller and the protocol: all that defines a result."""
+
+    sticking: StickingModel
+    protocol: GTEProtocol
+    approach: Protocol
+    settings: ImpedanceSettings
+    motion: MotionLimits
+    interface: TorqueInterface
+    start: Array
+    paths: Mapping[str, Path] = field(default_factory=dict)
+    """Paths beside the triangle and the pentagon, by name."""
+    belief: Arm | None = None
+    scatter: bool = True
+    seed: int = 0
+    nthread: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        robot: str | File | Arm,
+        *,
+        friction: FrictionParameters | None = None,
+        protocol: GTEProtocol | None = None,
+        settings: ImpedanceSettings | None = None,
+        motion: MotionLimits | None = None,
+        interface: TorqueInterface | None = None,
+        start: Array | None = None,
+        paths: Mapping[str, Path] | None = None,
+        belief: Arm | None = None,
+        scatter: bool = True,
+        seed: int = 0,
+        timestep: float = 1e-3,
+        nthread: int = 0,
+    ) -> GeneratedTrajectoryExperiment:
+        """Set the experiment up for a robot name, a model path or an `Arm`.
+
+        Args:
+            robot: the arm.
+            friction: parameters of one arm; None for the TOML of that name.
+            protocol: None for the default.
+            settings: of the controller; None for the robot's controller rate and the defaults.
+            motion: of the trajectory generator.
+            interface: None for the robot's.
+            start: (n,) joint angles at the start [rad]; None for the robot's.
+            paths: own paths by name.
+            belief: the controller's own model of the arm; None for the true one.
+            scatter: whether iterations differ.
+            seed: of the scatter.
+            timestep: physics step [s].
+            nthread: threads, 0 for all processors.
+
+        Raises:
+            StictionError: anything wrong with the arm, its friction or the start.
+        """
+        arm = robot if isinstance(robot, Arm) else load_arm(robot)
+        interface = TorqueInterface.of(arm) if interface is None else interface
+        if settings is None:
+            settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
+        if belief is not None and belief.joint_names != arm.joint_names:
+            raise StictionError("the controller's model must have the joints of the arm")
+        begin = start_pose(arm) if start is None else np.asarray(start, dtype=float)
+        low, high = arm.limits.position.T
+        if begin.shape != (arm.n,) or not np.all((begin > low) & (begin < high)):
+            raise StictionError(f"start {begin}: allowed are {arm.n} angles within the limits")
+        return cls(
+            sticking=build(arm, friction, timestep=timestep),
+            protocol=load_gte_protocol() if protocol is None else protocol,
+            approach=load_protocol(arm.name),
+            settings=settings,
+            motion=MotionLimits() if motion is None else motion,
+            interface=interface,
+            start=begin,
+            paths=dict(paths or {}),
+            belief=belief,
+            scatter=scatter,
+            seed=seed,
+            nthread=nthread,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.sticking.n
+
+    def path(self, name: str) -> Path:
+        """Return a path by name.
+
+        Raises:
+            StictionError: no such path.
+        """
+        if name in self.paths:
+            return self.paths[name]
+        if name not in TRAJECTORIES:
+            raise unknown("trajectory", name, [*TRAJECTORIES, *self.paths])
+        return named_path(name)
+
+    def rig(self, nsim: int, capacity: int) -> GTERig:
+        """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals."""
+        return GTERig(
+            self.sticking,
+            nsim,
+            protocol=self.protocol,
+            approach=self.approach,
+            settings=self.settings,
+            motion=self.motion,
+            interface=self.interface,
+            capacity=capacity,
+            start=self.start,
+            belief=self.belief,
+            scatter=self.scatter,
+            seed=self.seed,
+            nthread=self.nthread,
+        )
+
+    def nominal_duration(self, path: Path) -> float:
+        """Return the time a path takes an arm that follows exactly [s]."""
+        ends = np.arange(len(path.position))
+        return float(self._durations(path, ends - 1, ends).sum())
+
+    def horizon(self, path: Path) -> float:
+        """Return when a path is given up [s].
+
+        An arm that lags may start a movement from anywhere it has been: each is given half as
+        much again as from the farthest earlier point. Waiting at the goals comes on top.
+        """
+        goals = len(path.position)
+        ends = np.repeat(np.arange(goals), goals)
+        starts = np.minimum(np.tile(np.arange(goals), goals), ends) - 1
+        longest = self._durations(path, starts, ends).reshape(goals, goals).max(axis=1).sum()
+        wait = goals * self.motion.patience
+        return float(1.5 * longest + (wait if np.isfinite(wait) else 0.0) + self.protocol.patience)
+
+    def _durations(self, path: Path, starts: Index, ends: Index) -> Array:
+        """Return times of the movements between goals (M,), −1 being the start, to goals (M,)."""
+        position = np.concatenate([np.zeros((1, 3)), path.position])
+        quaternion = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], path.quaternion])
+        segment = Segment(len(ends), self.motion)
+        begin, goal = starts + 1, ends + 1
+        segment.start(position[begin], quaternion[begin], position[goal], quaternion[goal])
+        return segment.duration
+
+    def run(
+        self,
+        cases: Sequence[Case],
+        *,
+        iterations: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> list[Run]:
+        """Run all iterations of all cases; a case's result does not depend on the others.
+
+        Args:
+            cases: what to run.
+            iterations: None for the protocol's.
+            progress: called with the simulated seconds of every part, summed over arms.
+
+        Raises:
+            StictionError: a case of an unknown path, or dither of a joint the arm lacks.
+            ExperimentError: a simulation that the engine stopped.
+        """
+        repeats = self.protocol.iterations if iterations is None else iterations
+        out: list[Run] = []
+        most = max(1, MAX_SLOTS // repeats)
+        for k in range(0, len(cases), most):
+            out += self._run_together(cases[k : k + most], repeats, progress)
+        return out
+
+    def _run_together(
+        self, cases: Sequence[Case], repeats: int, progress: Callable[[float], None] | None
+    ) -> list[Run]:
+        paths = [self.path(c.trajectory) for c in cases]
+        nsim = len(cases) * repeats
+        ids = np.arange(nsim)
+        rig = self.rig(nsim, max(len(p.position) for p in paths))
+        of = [int(i) // repeats for i in ids]
+        # the same iteration starts alike in every case: what differs is the case
+        rig.begin(
+            ids,
+            [paths[i] for i in of],
+            np.array([cases[i].stiffness for i in of]),
+            [(int(i % repeats),) for i in ids],
+        )
+        dither = [self.dither_of(c) for c in cases]
+        rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
+        watch = _Watch(rig, self.protocol)
+        block = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        horizon = np.array([self.horizon(paths[i]) for i in of])
+        while watch.time < np.max(watch.end(horizon)):
+            for _ in range(_PART):
+                rig.advance(block, watch.step)
+                watch.sample()
+            if progress is not None:
+                progress(nsim * _PART * block * CONTROL_DT)
+        return [
+            watch.run(case, np.array(of) == i, len(paths[i].position), horizon)
+            for i, case in enumerate(cases)
+        ]
+
+    def dither_of(self, case: Case) -> dict[str, Array]:
+        """Return (n,) arguments of `GTERig.set_dither` for a case.
+
+        Raises:
+            StictionError: a joint the arm lacks.
+        """
+        n = self.n
+        out = {
+            "amplitude": np.zeros(n),
+            "frequency": np.ones(n),
+            "offset": np.zeros(n),
+            "gate_velocity": np.full(n, case.gate_velocity),
+            "phase": np.zeros(n),
+            "drawn": np.full(n, case.phases == "random"),
+            "waveform": np.full(n, "sine", dtype="U16"),
+        }
+        for row in case.dither:
+            if not 1 <= row.joint <= n:
+                raise unknown("joint", row.joint, range(1, n + 1))
+            j = row.joint - 1
+            out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
+            out["waveform"][j] = row.waveform
+            if row.amplitude_nm > 0:
+                out["frequency"][j] = row.frequency_hz
+        if case.phases == "spread":
+            out["phase"] = 2 * np.pi * np.arange(n) / n
+        return out
+
+
+class _Watch:
+    """Writes down what a rig does, sample by sample."""
+
+    def __init__(self, rig: GTERig, protocol: GTEProtocol) -> None:
+        self._rig, self._protocol = rig, protocol
+        self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
+        rate = 1.0 / CONTROL_DT
+        self._band = butter(2, protocol.vibration_low, "highpass", fs=rate, output="sos")
+        # the arms have rested where they are: the filter starts settled
+        self._state = np.zeros((len(self._band), rig.nsim, 3, 2))
+        self._still = rig.flange.position.copy()
+        self._previous = rig.applied.copy()
+        self._positions: list[Array] = []
+        self._records: dict[str, list[Array]] = {name: [] for name in _RECORDS}
+        self._fresh()
+
+    def _fresh(self) -> None:
+        """Begin a sample."""
+        rig = self._rig
+        self._positions = []
+        self._power, self._rate = np.zeros(rig.nsim), np.zeros((rig.nsim, rig.n))
+        self._flags = np.zeros((rig.nsim, len(FLAGS)), dtype=bool)
+
+    @property
+    def time(self) -> float:
+        """Simulated since the first goal [s]."""
+        return len(self._records["actual"]) / self._protocol.sample_rate
+
+    def step(self) -> None:
+        """One control step."""
+        rig = self._rig
+        if not self._positions:
+            position, quaternion = rig.controller.reference
+            self._put("reference", np.concatenate([position, to_rpy(quaternion)], axis=1))
+            pose = [rig.flange.position, to_rpy(rig.flange.quaternion)]
+            self._put("actual", np.concatenate(pose, axis=1))
+        self._positions.append(rig.flange.position - self._still)
+        self._power += np.abs(rig.shaking * self._speed[:, self._motor]).sum(axis=1)
+        np.maximum(self._rate, np.abs(rig.applied - self._previous) / CONTROL_DT, out=self._rate)
+        self._previous[:] = rig.applied
+        flags = rig.controller.flags
+        for k, name in enumerate(FLAGS):
+            self._flags[:, k] |= getattr(flags, name)
+
+    def sample(self) -> None:
+        """End of a sample's control steps."""
+        block = np.stack(self._positions, axis=-1)
+        # the filter's state runs on from block to block
+        filtered, self._state = sosfilt(self._band, block, axis=-1, zi=self._state)
+        self._put("shaking", np.sqrt(np.mean(filtered**2, axis=-1)))
+        self._put("power", self._power / block.shape[-1])
+        self._put("rate", self._rate)
+        self._put("flags", self._flags)
+        self._fresh()
+
+    def _put(self, name: str, value: Array) -> None:
+        self._records[name].append(value)
+
+    def end(self, horizon: Array) -> Array:
+        """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
+
+        Args:
+            horizon: (N,) when each is given up [s].
+        """
+        keeper = self._rig.keeper
+        last = np.nanmax(keeper.reached_at, axis=1, where=np.isfinite(keeper.reached_at), initial=0)
+        known = keeper.finished | (self.time >= horizon)
+        last = np.where(keeper.finished, np.minimum(last, horizon), horizon)
+        return np.where(known, last + self._protocol.tail, np.inf)
+
+    def run(self, case: Case, mine: NDArray[np.bool_], goals: int, horizon: Array) -> Run:
+        """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
+        rate, keeper = self._protocol.sample_rate, self._rig.keeper
+        count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))
+        record = {k: np.stack([x[mine] for x in v[:count]], 1) for k, v in self._records.items()}
+        given_up = horizon[mine][:, None]
+        accepted, reached = keeper.accepted_at[mine, :goals], keeper.reached_at[mine, :goals]
+        flags = np.any(record["flags"], axis=1)
+        return Run(
+            case=case,
+            time=np.arange(count) / rate,
+            reference=record["reference"],
+            actual=record["actual"],
+            accepted=np.where(accepted > given_up, np.nan, accepted),
+            reached=np.where(reached > given_up, np.nan, reached),
+            shaking=record["shaking"],
+            dither_power=record["power"],
+            torque_rate=record["rate"].max(axis=1),
+            flags={name: flags[:, k] for k, name in enumerate(FLAGS)},
+        )

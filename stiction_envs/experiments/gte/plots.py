@@ -1,0 +1,271 @@
+"""Plots of the Generated Trajectory Experiment, as the thesis's Figures 4.6 to 4.8, E.1, F.1, F.2.
+
+Grey is without dither, orange with it, black dashed the reference, purple dotted where goals were
+accepted. Beside them Table 4.11, simulated and measured.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
+from stiction_envs.experiments.gte.protocol import AXES, Case, Run
+from stiction_envs.experiments.gte.rows import thesis_window_sums, unit
+from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT, save
+
+Array = NDArray[np.float64]
+ACCEPTED = "#7b3fa0"
+"""Colour of accepted goals, purple as in the thesis."""
+MEASURED = "#2166ac"
+"""Colour of the thesis's own numbers."""
+NAMES = ("no dither", "dither")
+
+
+def colour(run: Run) -> str:
+    """Return the colour of a run."""
+    return WITH if run.case.dithered else WITHOUT
+
+
+def label(run: Run) -> str:
+    """Return what a run is called in a legend."""
+    return NAMES[int(run.case.dithered)]
+
+
+def case_text(case: Case) -> str:
+    """Return a case's path and stiffness as the thesis writes them."""
+    return f"{case.trajectory}, stiffness {'/'.join(f'{k:g}' for k in case.stiffness)}"
+
+
+def _title(run: Run, robot: str, what: str) -> str:
+    rounds = len(run.accepted)
+    count = f"{rounds} iterations" if rounds > 1 else "one iteration"
+    return f"{ROBOTS.get(robot, robot)}, {case_text(run.case)}: {what} ({count})"
+
+
+# ---- paths ---------------------------------------------------------------------------------------
+
+
+def published(run: Run) -> tuple[Array, Array]:
+    """Return the reference of the first iteration and its goals, (K, 3), (G, 3) [m].
+
+    NaN rows separate the movements: between them the reference goes to the measured pose at once.
+    A goal is where the reference rests when it is reached; one never reached is left out.
+    """
+    reference, period = run.reference[0, :, :3], sample_period(run)
+    reached = run.reached[0][np.isfinite(run.reached[0])]
+    goals = reference[np.maximum(np.rint(reached / period).astype(int) - 1, 0)]
+    accepted = run.accepted[0, 1:]
+    cuts = np.rint(accepted[np.isfinite(accepted)] / period).astype(int)
+    return np.insert(reference, cuts, np.nan, axis=0), goals
+
+
+def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str) -> None:
+    """Draw the paths of one case in the plane of the base's x and y (Figure 4.6).
+
+    Args:
+        runs: without dither, with it, or both.
+        path: PNG to write.
+        robot: name for the title.
+    """
+    figure = Figure(figsize=(7.6, 6.2), layout="constrained")
+    axes = figure.subplots()
+    goals = _paths(axes, runs, (0, 1))
+    for k, goal in enumerate(goals):
+        axes.annotate(
+            f"{k + 1}",
+            goal[:2],
+            xytext=(6, 6),
+            textcoords="offset points",
+            color=ACCEPTED,
+            fontsize=10,
+        )
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(handles=_path_legend(runs), loc="best", frameon=False, fontsize=9)
+    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
+    save(figure, path)
+
+
+def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str) -> None:
+    """Draw the paths of one case in space (Figure E.1); arguments as `plot_path_xy`."""
+    figure = Figure(figsize=(7.6, 6.4))
+    axes: Any = figure.add_axes((-0.03, 0.0, 1.0, 0.94), projection="3d")
+    _paths(axes, runs, (0, 1, 2))
+    drawn = [r.actual[:, :, :3].reshape(-1, 3) for r in runs] + [published(runs[0])[1]]
+    points = np.concatenate(drawn)
+    low, high = points.min(axis=0), points.max(axis=0)
+    # equal scales, so that lengths can be compared; a flat path keeps a third of the height
+    half = max(0.55 * float(np.max(high - low)), 0.01)
+    share = np.array([1.0, 1.0, max(1 / 3, 0.55 * float((high - low)[2]) / half)])
+    for k, name in enumerate("xyz"):
+        middle, reach = (low[k] + high[k]) / 2, share[k] * half
+        getattr(axes, f"set_{name}lim")(middle - reach, middle + reach)
+        getattr(axes, f"set_{name}label")(f"{name} [m]", labelpad=9)
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(5 if k < 2 else 3))
+    axes.set_box_aspect(tuple(share), zoom=1.0)
+    axes.view_init(elev=32, azim=-60)
+    figure.legend(
+        handles=_path_legend(runs), loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=False
+    )
+    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
+    save(figure, path)
+
+
+def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...]) -> Array:
+    """Draw paths and reference; return the goals (G, 3) [m]."""
+    for run in runs:
+        rounds = len(run.actual)
+        for k in range(rounds):
+            line = [run.actual[k, :, d] for d in dims]
+            axes.plot(*line, color=colour(run), lw=1.1, alpha=1.0 if rounds == 1 else 0.45)
+    # the reference of the run without dither, if there: the other's starts elsewhere at corners
+    reference, goals = published(runs[0])
+    axes.plot(*(reference[:, d] for d in dims), color="0.05", lw=1.2, ls=(0, (4, 3)), zorder=4)
+    axes.plot(*(goals[:, d] for d in dims), "o", color=ACCEPTED, ms=5, zorder=5)
+    return goals
+
+
+def _path_legend(runs: Sequence[Run]) -> list[Line2D]:
+    entries = [Line2D([], [], color=colour(run), lw=1.8, label=label(run)) for run in runs]
+    text = "reference" if len(runs) == 1 else f"reference ({label(runs[0])}, iteration 1)"
+    entries.append(Line2D([], [], color="0.05", lw=1.2, ls=(0, (4, 3)), label=text))
+    entries.append(Line2D([], [], color=ACCEPTED, marker="o", ls="", ms=5, label="goals"))
+    return entries
+
+
+# ---- errors against time -------------------------------------------------------------------------
+
+
+def plot_errors(
+    runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str, orientation: bool = False
+) -> None:
+    """Draw mean error and standard deviation against time (Figures 4.7, 4.8; F.1, F.2).
+
+    Args:
+        runs: without dither, with it, or both, of one path and stiffness.
+        path: PNG to write.
+        robot: name for the title.
+        orientation: roll, pitch and yaw instead of x, y and z.
+    """
+    columns = range(3, 6) if orientation else range(3)
+    symbol = "mrad" if orientation else "mm"
+    figure = Figure(figsize=(8.6, 7.4), layout="constrained")
+    panels: Sequence[Axes] = figure.subplots(3, 1, sharex=True)
+    for axes, k in zip(panels, columns, strict=True):
+        axes.axhline(0, color="0.7", lw=0.8, zorder=1)
+        for run in runs:
+            mean, spread = (1e3 * v[:, k] for v in error_against_time(run))
+            axes.fill_between(
+                run.time, mean - spread, mean + spread, color=colour(run), alpha=0.25, lw=0
+            )
+            axes.plot(run.time, mean, color=colour(run), lw=1.5, label=label(run), zorder=3)
+        _mark_goals(axes, runs)
+        axes.set_ylabel(f"{AXES[k]} error [{symbol}]")
+        axes.grid(alpha=0.25, lw=0.6)
+        axes.margins(x=0.01, y=0.08)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[-1].set_xlabel("time [s]")
+    handles, names = panels[0].get_legend_handles_labels()
+    for run, style in zip(runs, _DOTS, strict=False):
+        names.append("goal accepted" + (f", {label(run)}" if len(runs) > 1 else ""))
+        handles.append(Line2D([], [], color=ACCEPTED, lw=1.2, ls=style))
+    panels[0].legend(
+        handles,
+        names,
+        loc="lower left",
+        bbox_to_anchor=(0, 1.0),
+        ncols=4,
+        frameon=False,
+        fontsize=8.5,
+        columnspacing=1.4,
+    )
+    what = "orientation error, mean and std" if orientation else "position error, mean and std"
+    figure.suptitle(_title(runs[0], robot, what), fontsize=11)
+    save(figure, path)
+
+
+_DOTS: tuple[Any, ...] = ((0, (1, 1.5)), (0, (1, 4)))  # without dither, with it
+
+
+def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
+    for run, style in zip(runs, _DOTS, strict=False):
+        for k, t in enumerate(run.accepted.mean(axis=0)):
+            if np.isfinite(t) and (k > 0 or run is runs[0]):
+                axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)
+
+
+# ---- Table 4.11 ----------------------------------------------------------------------------------
+
+
+def plot_window_sums(
+    pairs: Sequence[tuple[tuple[Run, Measures], tuple[Run, Measures]]],
+    path: str | os.PathLike[str],
+    *,
+    robot: str,
+) -> None:
+    """Draw the sums of Table 4.11, simulated beside measured: an arrow is what dither does.
+
+    Args:
+        pairs: of each path and stiffness, the run without dither and the one with it.
+        path: PNG to write.
+        robot: name for the title.
+    """
+    columns = min(2, len(pairs))
+    rows = -(-len(pairs) // columns)
+    figure = Figure(figsize=(5.2 * columns + 0.6, 3.1 * rows + 0.9), layout="constrained")
+    grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for axes, ((plain, m_plain), (shaken, m_shaken)) in zip(grid, pairs, strict=False):
+        simulated = (m_plain.window_sum.mean(axis=0), m_shaken.window_sum.mean(axis=0))
+        _arrows(axes, simulated, WITH, -0.17)
+        printed = [thesis_window_sums(run.case) for run in (plain, shaken)]
+        if all(printed):
+            values = [np.array([p[a] for a in AXES]) for p in printed if p]
+            _arrows(axes, (values[0], values[1]), MEASURED, 0.17)
+        axes.set_title(case_text(plain.case), loc="left", fontsize=10)
+        axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
+        axes.invert_yaxis()
+        axes.set_xlim(left=0)
+        axes.grid(alpha=0.25, lw=0.6, axis="x")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xlabel("sum of |error| over 200 samples", fontsize=9)
+    for axes in grid[len(pairs) :]:
+        axes.set_visible(False)
+    figure.legend(handles=_arrow_legend(), loc="outside lower center", ncols=4, frameon=False)
+    figure.suptitle(
+        f"{ROBOTS.get(robot, robot)}: Table 4.11, from without dither (ring) to with it (dot)",
+        fontsize=11,
+    )
+    save(figure, path)
+
+
+def _arrows(axes: Axes, ends: tuple[Array, Array], shade: str, shift: float) -> None:
+    for k, (before, after) in enumerate(zip(*ends, strict=True)):
+        y = k + shift
+        axes.plot([before, after], [y, y], color=shade, lw=1.8, zorder=2)
+        axes.plot(before, y, "o", ms=6, mfc="white", mec=shade, mew=1.4, zorder=3)
+        axes.plot(after, y, "o", ms=5, color=shade, zorder=4)
+
+
+def _arrow_legend() -> list[Line2D]:
+    def entry(shade: str, text: str, fill: bool) -> Line2D:
+        face: Mapping[str, Any] = {"mfc": shade if fill else "white", "mec": shade}
+        return Line2D([], [], color=shade, marker="o", ms=5.5, lw=1.8, label=text, **face)
+
+    return [
+        entry(WITH, "simulated, no dither", False),
+        entry(WITH, "simulated, dither", True),
+        entry(MEASURED, "measured, no dither", False),
+        entry(MEASURED, "measured, dither", True),
+    ]

@@ -1,0 +1,224 @@
+"""Runs of the Generated Trajectory Experiment as table rows; the thesis's Table 4.11."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.experiments.gte.measures import Measures, error_against_time
+from stiction_envs.experiments.gte.protocol import AXES, FLAGS, Case, Run
+from stiction_envs.measured import AmplitudeRow, thesis_table
+from stiction_envs.measured.csv_text import write_lines
+
+CASES = ("no_dither", "dither")
+"""Names of the column ``case``."""
+_AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
+POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
+"""Of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
+TRACE_COLUMNS = ("case", "time_s", *_AXES, *(f"std_{axis}" for axis in _AXES))
+"""Of ``trace.csv``: mean error and its standard deviation over iterations."""
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One axis of one case, means over iterations; NaN where an iteration has no such number."""
+
+    robot: str
+    trajectory: str
+    stiffness_translation: float
+    """[N/m]."""
+    stiffness_rotation: float
+    """[N·m/rad]."""
+    stiffness_nullspace: float
+    """[N·m/rad]."""
+    case: str
+    """``no_dither`` or ``dither``."""
+    axis: str
+    unit: str
+    """Of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
+    window_sum: float
+    """Sum of the absolute error over the window, as in Table 4.11."""
+    window_sum_std: float
+    """Its standard deviation over iterations; NaN for one."""
+    window_sum_of_mean: float
+    """Its other reading: sum of the absolute mean error."""
+    mean: float
+    """Mean absolute error over the motion."""
+    rms: float
+    """Root mean square over the motion: of each iteration, then their mean."""
+    max: float
+    """Largest absolute error of any iteration."""
+    corner: float
+    """Mean absolute error when a new goal was accepted; NaN for a path of one goal."""
+    settling: float
+    """Mean absolute error left at the last goal, after the protocol's tail."""
+    iterations: int
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """What one case did as a whole, means over iterations."""
+
+    robot: str
+    trajectory: str
+    stiffness_translation: float
+    stiffness_rotation: float
+    stiffness_nullspace: float
+    case: str
+    """``no_dither`` or ``dither``."""
+    duration_s: float
+    """When the last goal was reached; NaN if an iteration never did."""
+    vibration_x_m: float
+    """Root mean square above the protocol's `vibration_low`; the next two likewise."""
+    vibration_y_m: float
+    vibration_z_m: float
+    vibration_m: float
+    """All three together."""
+    vibration_at_rest_m: float
+    """The same after the last goal was reached."""
+    dither_energy_j: float
+    peak_torque_rate_nm_s: float
+    """The largest of all iterations and joints."""
+    singular: int
+    """Iterations in which the controller raised this flag; the next two likewise."""
+    saturated: int
+    near_limit: int
+    goals_missed: int
+    """Goals of all iterations that the arm was not near when its time there was over."""
+    unfinished: int
+    """Iterations that never reached their last goal."""
+    iterations: int
+
+
+def case_name(case: Case) -> str:
+    """Return the name of a case in the column ``case``."""
+    return CASES[int(case.dithered)]
+
+
+def unit(axis: str) -> str:
+    """Return the unit of an axis's error."""
+    return "m" if axis in AXES[:3] else "rad"
+
+
+def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
+    """Return the row of each axis."""
+    m, count = measures, len(run.accepted)
+    spread = m.window_sum.std(axis=0, ddof=1) if count > 1 else np.full(6, np.nan)
+    # a path of one goal has no corner
+    corner = np.abs(m.corner).mean(axis=(0, 1)) if m.corner.shape[1] else np.full(6, np.nan)
+    columns = {
+        "window_sum": m.window_sum.mean(axis=0),
+        "window_sum_std": spread,
+        "window_sum_of_mean": m.window_sum_of_mean,
+        "mean": m.mean.mean(axis=0),
+        "rms": m.rms.mean(axis=0),
+        "max": m.maximum.max(axis=0),
+        "corner": corner,
+        "settling": np.abs(m.settling[:, -1]).mean(axis=0),
+    }
+    rows = []
+    for k, axis in enumerate(AXES):
+        numbers: dict[str, Any] = {name: float(values[k]) for name, values in columns.items()}
+        of = {**_key(run.case, robot), "axis": axis, "unit": unit(axis)}
+        rows.append(ErrorRow(**of, **numbers, iterations=count))
+    return rows
+
+
+def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
+    """Return the row of a run."""
+    m = measures
+    x, y, z = map(float, m.vibration.mean(axis=0))
+    flags: dict[str, Any] = {name: int(run.flags[name].sum()) for name in FLAGS}
+    return RunRow(
+        **_key(run.case, robot),
+        duration_s=float(m.duration.mean()),
+        vibration_x_m=x,
+        vibration_y_m=y,
+        vibration_z_m=z,
+        vibration_m=float(m.shaking.mean()),
+        vibration_at_rest_m=float(m.shaking_at_rest.mean()),
+        dither_energy_j=float(m.dither_energy.mean()),
+        peak_torque_rate_nm_s=float(m.torque_rate.max()),
+        **flags,
+        goals_missed=int(m.missed.sum()),
+        unfinished=int(np.isnan(m.duration).sum()),
+        iterations=len(run.accepted),
+    )
+
+
+def _key(case: Case, robot: str) -> dict[str, Any]:
+    kt, kr, kn = map(float, case.stiffness)
+    return {
+        "robot": robot,
+        "trajectory": case.trajectory,
+        "stiffness_translation": kt,
+        "stiffness_rotation": kr,
+        "stiffness_nullspace": kn,
+        "case": case_name(case),
+    }
+
+
+def write_rows(path: str | os.PathLike[str], rows: Sequence[ErrorRow] | Sequence[RunRow]) -> None:
+    """Write rows of one kind, at least one; the fields are the columns, NaN is ``nan``."""
+    table = [asdict(row) for row in rows]
+    write_lines(path, tuple(table[0]), [tuple(row.values()) for row in table])
+
+
+def write_points(path: str | os.PathLike[str], runs: Iterable[tuple[Run, Measures]]) -> None:
+    """Write when goals were accepted and reached and what error was left, `POINT_COLUMNS`."""
+    lines: list[tuple[object, ...]] = []
+    for run, m in runs:
+        accepted, reached = run.accepted.mean(axis=0), run.reached.mean(axis=0)
+        for k, error in enumerate(np.abs(m.settling).mean(axis=0)):
+            times = (float(accepted[k]), float(reached[k]))
+            lines.append((case_name(run.case), k + 1, *times, *map(float, error)))
+    write_lines(path, POINT_COLUMNS, lines)
+
+
+def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
+    """Write mean error and standard deviation against time, `TRACE_COLUMNS`."""
+    lines: list[tuple[object, ...]] = []
+    for run in runs:
+        values = np.concatenate(error_against_time(run), axis=1)
+        for t, row in zip(run.time, values, strict=True):
+            lines.append((case_name(run.case), float(t), *map(float, row)))
+    write_lines(path, TRACE_COLUMNS, lines)
+
+
+# ---- the thesis ----------------------------------------------------------------------------------
+
+
+def thesis_window_sums(case: Case) -> dict[str, float] | None:
+    """Return what Table 4.11 has for a case, by axis; None for a case it lacks."""
+    column = "mean_error_dither" if case.dithered else "mean_error_no_dither"
+    found = {
+        row["axis"]: float(row[column])
+        for row in thesis_table("4.11")
+        if (row["trajectory"], *_stiffness(row)) == (case.trajectory, *case.stiffness)
+    }
+    return found or None
+
+
+def thesis_stiffness() -> list[tuple[float, float, float]]:
+    """Return the stiffnesses of Table 4.11, in its order."""
+    return list(dict.fromkeys(_stiffness(row) for row in thesis_table("4.11")))
+
+
+def thesis_final_dither() -> tuple[AmplitudeRow, ...]:
+    """Return the dither of thesis 4.2: final amplitudes and frequencies of Table 4.9."""
+    rows = {row["joint"]: row for row in thesis_table("4.9")}
+    return tuple(
+        AmplitudeRow(joint, float(row["frequency_Hz"]), float(row["tau_final_Nm"]))
+        for joint, row in sorted(rows.items())
+    )
+
+
+def _stiffness(row: dict[str, object]) -> tuple[float, float, float]:
+    kt, kr, kn = (
+        float(str(row[f"stiffness_{name}"])) for name in ("translation", "rotation", "nullspace")
+    )
+    return kt, kr, kn

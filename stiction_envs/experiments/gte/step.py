@@ -1,0 +1,72 @@
+"""The fast part of a control step of `GTERig`, in one call of compiled code.
+
+Called one by one from Python, the functions spend half of the time on the way to each other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
+from stiction_envs.dither.kernels import sine
+from stiction_envs.friction.model import link_angles
+from stiction_envs.plant import CONTROL_DT
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def control_step(
+    due: bool,
+    site: tuple[Any, ...],
+    joints: tuple[Any, ...],
+    sines: tuple[Array, Array, Array],
+    step: NDArray[np.int64],
+    feedforward: tuple[Array, Array],
+    impedance: tuple[Any, ...],
+    path: tuple[Array, float, Array, Array, Array],
+    missing: Array,
+    shaking: Array,
+    applied: Array,
+    torque: Array,
+) -> None:
+    """Read the flange and, where ``due``, compute the next command; pass the command on.
+
+    The same functions in the same order as in `GTERig._control_step`, hence the same bits.
+
+    Args:
+        due: whether the controller computes in this step, or its command is held.
+        site: of `site_kinematics`; the last three are what it writes.
+        joints: (N, nq) positions [rad], (N, nv) speeds [rad/s], and the last two of `link_angles`.
+        sines: the first three of `sine`.
+        step: (N,) control steps since the arm began to follow.
+        feedforward: of `impedance_cycle`, Coriolis torque and gravity correction (N, n) [N·m].
+        impedance: of `impedance_cycle` behind the dither; the last is what it writes.
+        path: of `pass_torque` between command and result.
+        missing: (N, n) torque that acts besides, gravity compensated wrongly [N·m].
+        shaking: (N, n) dither, written where ``due`` [N·m].
+        applied: (N, n) what of the command reaches the joints, written [N·m].
+        torque: (N, n) the sum of that and ``missing``, written [N·m].
+    """
+    site_kinematics(*site)
+    if due:
+        qpos, qvel, motor, spring = joints
+        sine(*sines, step.astype(np.float64) * CONTROL_DT, shaking)
+        impedance_cycle(
+            site[-3],
+            site[-2],
+            site[-1],
+            link_angles(qpos, motor, spring),
+            link_angles(qvel, motor, spring),
+            *feedforward,
+            shaking,
+            *impedance,
+        )
+    pass_torque(impedance[-1], *path, applied)
+    for i in range(torque.shape[0]):
+        for j in range(torque.shape[1]):
+            torque[i, j] = applied[i, j] + missing[i, j]

@@ -1,0 +1,1 @@
+"""The Single Joint Experiment: the torque at which a joint breaks away."""

@@ -1,0 +1,196 @@
+"""Identify an arm's friction from its measured base torques: anyone's Table 4.3.
+
+Half the difference of the two directions is friction, half their sum an offset (gravity-model or
+sensor error) that dither cannot remove (physics.md 1.6). Both are known in two poses per joint:
+
+    stiction(L) = F_0 + k L          from the friction in the load and the no-load pose
+    offset(G)   = o_0 + e G          from the offset there, G the signed load
+
+The table's torques hold the slide to the 0.15 rad threshold too, so that F_0 is not read off but
+found: simulate the experiment, compare half-sums and half-differences, correct, repeat. It begins
+with the friction the arm has, or with the table's where that is far off.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import (
+    FrictionParameters,
+    dump_friction,
+    friction_text,
+)
+from stiction_envs.measured.tables import BaseTable
+
+Array = NDArray[np.float64]
+TOLERANCE = 0.002
+"""Rounds end when every base torque agrees this well, relative [-]."""
+SAME_LOAD_NM = 1e-6
+"""Loads of the two poses that differ by less cannot explain different friction [N·m]."""
+ROUNDS = 10
+"""Most rounds of simulate and correct."""
+FAR = 0.5
+"""Relative error past which the table is a better start than the arm's friction [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """What an identification found, and how well it reproduces the table."""
+
+    parameters: FrictionParameters
+    simulated: Array
+    """(n, 2, 2) base torques with these parameters, scatter off [N·m]."""
+    measured: BaseTable
+    error: float
+    """Largest |simulated − measured| / |measured| [-]."""
+    rounds: int
+    negative_load: tuple[int, ...]
+    """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
+
+
+def with_levels(
+    parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
+) -> FrictionParameters:
+    """Return parameters whose law passes through both poses of every joint.
+
+    Args:
+        parameters: of one arm; what is not dry friction or offset is kept.
+        poses: where the two poses are, and their loads.
+        friction: (n, 2) stiction in the load and the no-load pose [N·m].
+        offset: (n, 2) offset there [N·m].
+    """
+    high, low = poses.load[:, 0], poses.load[:, 1]
+
+    def line(values: Array, x: Array) -> tuple[Array, Array]:
+        """Return slope and intercept through both poses; their mean where x cannot tell them."""
+        run = x[:, 0] - x[:, 1]
+        flat = np.abs(run) < SAME_LOAD_NM
+        slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
+        return slope, np.where(flat, values.mean(axis=1), values[:, 1] - slope * x[:, 1])
+
+    slope, level = line(friction, poses.load)
+    gravity_error, bias = line(offset, poses.signed)
+    return parameters.replace(
+        stiction=np.repeat(level[:, None], 2, axis=1),
+        load_coefficient=slope,
+        load_low=low,
+        load_high=high,
+        offset=bias,
+        gravity_error=gravity_error,
+    )
+
+
+def calibrate(
+    table: BaseTable,
+    experiment: SingleJointExperiment,
+    *,
+    progress: Callable[[int, float], None] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Calibration:
+    """Identify stiction, load coefficient, offset and gravity error of every joint.
+
+    Args:
+        table: measured base torques.
+        experiment: the arm and the protocol it was measured with; its scatter is switched off.
+        progress: called with (round, largest relative error so far) after each round.
+        tolerance: relative error of every base torque at which to stop.
+
+    Raises:
+        StictionError: table of another number of joints, or friction that is not positive.
+        ExperimentError: no convergence (the message names the worst cell).
+    """
+    n = experiment.n
+    if table.n_joints != n:
+        raise StictionError(f"base table of {table.n_joints} joints, but the arm has {n}")
+    if (table.friction <= 0).any():
+        raise StictionError("base table: friction (half-difference of + and −) must be positive")
+    poses = experiment.poses
+    friction, offset = _levels(experiment)
+    best: Calibration | None = None
+    for round_ in range(1, ROUNDS + 1):
+        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
+        sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
+        trial = dataclasses.replace(experiment, sticking=sticking, scatter=False)
+        simulated = base_torques(trial)
+        error = np.abs(simulated - table.tau) / np.abs(table.tau)
+        worst = float(np.nan_to_num(error, nan=np.inf).max())
+        if best is None or worst < best.error:
+            best = Calibration(
+                parameters=parameters,
+                simulated=simulated,
+                measured=table,
+                error=worst,
+                rounds=round_,
+                negative_load=tuple(
+                    int(j) + 1 for j in np.flatnonzero(parameters.load_coefficient < 0)
+                ),
+            )
+        if progress is not None:
+            progress(round_, worst)
+        if best.error <= tolerance:
+            break
+        if round_ == 1 and worst > FAR:
+            friction, offset = table.friction.copy(), table.offset.copy()
+            continue
+        half_width = (simulated[..., 0] - simulated[..., 1]) / 2
+        middle = (simulated[..., 0] + simulated[..., 1]) / 2
+        # the slide to the threshold adds to the reading, whatever the friction
+        friction = np.maximum(friction + table.friction - half_width, 0.05 * table.friction)
+        offset = offset + table.offset - middle
+    assert best is not None
+    if best.error > 5 * tolerance:
+        cell = np.unravel_index(
+            np.argmax(np.abs(best.simulated - table.tau) / np.abs(table.tau)), table.tau.shape
+        )
+        raise ExperimentError(
+            f"calibration did not converge: joint {cell[0] + 1}, "
+            f"{('load', 'no_load')[cell[1]]}, {'+-'[cell[2]]}: simulated "
+            f"{best.simulated[cell]:.4f} N·m, measured {table.tau[cell]:.4f} N·m"
+        )
+    return best
+
+
+def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
+    """Return friction and offset (n, 2) an arm has in its load and no-load pose [N·m]."""
+    own, poses = experiment.sticking.parameters, experiment.poses
+    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
+    return friction, own.offset[:, None] + own.gravity_error[:, None] * poses.signed
+
+
+def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text: bytes) -> str:
+    """Return the friction TOML of a calibration: old sources kept, new ones stated."""
+    old = friction_text(robot)
+    sources = {k: str(v["source"]) for k, v in old.items() if k not in ("meta", "provenance")}
+    found = f"calibrated: stiction_envs.experiments.sje.calibrate on {table_name}"
+    for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
+        sources[name] = found
+    sources["load_coefficient"] = found
+    if result.negative_load:
+        joints = ", ".join(map(str, result.negative_load))
+        sources["load_coefficient"] += (
+            f"; negative for joints {joints}: measured friction was smaller in the load pose, "
+            "which load does not explain; kept so that both poses are met"
+        )
+    return dump_friction(
+        result.parameters,
+        sources=sources,
+        meta=old["meta"],
+        provenance={
+            "method": "stiction_envs.experiments.sje.calibrate: simulate, correct, repeat",
+            "table": table_name,
+            "table_sha256": hashlib.sha256(table_text).hexdigest(),
+            "rounds": str(result.rounds),
+            "largest_relative_error": repr(result.error),
+            "scatter": "off",
+        },
+    )

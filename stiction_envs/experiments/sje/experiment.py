@@ -1,0 +1,257 @@
+"""Single Joint Experiment (thesis 3.2): the torque at which a joint breaks away.
+
+bench = SingleJointExperiment.of("panda")
+for m in bench.run(bench.jobs()):
+    print(m.job.configuration, m.mean, m.std)
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.experiments.sje.poses import Poses, find_poses
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    Measurement,
+    Protocol,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.experiments.sje.rig import BLOCK, RAMP, Rig
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm, load_arm
+
+Array = NDArray[np.float64]
+MAX_SLOTS = 384
+"""Simulations run at once; more cost memory and gain nothing on a few cores."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SingleJointExperiment:
+    """One arm, its friction, its torque interface and the protocol: all that defines a result."""
+
+    sticking: StickingModel
+    protocol: Protocol
+    interface: TorqueInterface
+    poses: Poses
+    scatter: bool = True
+    seed: int = 0
+    nthread: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        robot: str | Path | Arm,
+        *,
+        friction: FrictionParameters | None = None,
+        protocol: Protocol | None = None,
+        interface: TorqueInterface | None = None,
+        scatter: bool = True,
+        seed: int = 0,
+        timestep: float = 1e-3,
+        nthread: int = 0,
+    ) -> SingleJointExperiment:
+        """Set the experiment up for a robot name, a model path or an `Arm`.
+
+        Args:
+            robot: the arm.
+            friction: parameters of one arm; None for the TOML of that name.
+            protocol: None for the robot's.
+            interface: None for the robot's.
+            scatter: whether iterations differ.
+            seed: of the scatter.
+            timestep: physics step [s].
+            nthread: threads, 0 for all processors.
+
+        Raises:
+            StictionError: anything wrong with the arm, its friction or its poses.
+        """
+        arm = robot if isinstance(robot, Arm) else load_arm(robot)
+        return cls(
+            sticking=build(arm, friction, timestep=timestep),
+            protocol=load_protocol(arm.name) if protocol is None else protocol,
+            interface=TorqueInterface.of(arm) if interface is None else interface,
+            poses=find_poses(arm),
+            scatter=scatter,
+            seed=seed,
+            nthread=nthread,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.sticking.n
+
+    def jobs(self, joints: list[int] | None = None) -> list[Job]:
+        """Return the undithered jobs of all configurations, or of some joints (1..n)."""
+        return [Job(c) for c in configurations(self.n, joints)]
+
+    def rig(
+        self,
+        nsim: int,
+        *,
+        parameters: FrictionParameters | None = None,
+        dither_all: bool = False,
+    ) -> Rig:
+        """Return the machine that runs ``nsim`` slots of this experiment."""
+        return Rig(
+            self.sticking,
+            nsim,
+            protocol=self.protocol,
+            interface=self.interface,
+            poses=self.poses,
+            scatter=self.scatter,
+            seed=self.seed,
+            dither_all=dither_all,
+            parameters=parameters,
+            nthread=self.nthread,
+        )
+
+    def expected(self, job: Job) -> float:
+        """Return a rough |torque| [N·m] of a job from its parameters, to plan the work."""
+        j, load, direction = job.configuration.index
+        p = self.sticking.parameters
+        stiction = p.stiction_at(self.poses.load[:, load])[j, direction]
+        offset = p.offset[j] + p.gravity_error[j] * self.poses.signed[j, load]
+        return float(abs(stiction * job.configuration.sign + offset))
+
+    def run(
+        self,
+        jobs: Sequence[Job],
+        *,
+        iterations: int | None = None,
+        progress: Callable[[float], None] | None = None,
+        slots: int = MAX_SLOTS,
+    ) -> Iterator[Measurement]:
+        """Run jobs, yielding each as it is done: a slot that is free takes the next job.
+
+        Args:
+            jobs: what to measure; the result of one does not depend on the others.
+            iterations: repeats, None for the protocol's.
+            progress: called with the simulated seconds of every block, summed over slots.
+            slots: most simulations at once.
+
+        Raises:
+            ExperimentError: an arm that cannot be held in its pose.
+        """
+        if not jobs:
+            return
+        repeats = int(self.protocol.iterations) if iterations is None else iterations
+        # the longest first: the last to finish should not be the last to start
+        queue = deque(sorted(jobs, key=self.expected, reverse=True))
+        rig = self.rig(min(len(jobs), slots))
+        book: dict[int, _Page] = {}
+        free = list(range(rig.nsim))
+        while queue or book:
+            fresh = [i for i in free if queue]
+            if fresh:
+                taken = [queue.popleft() for _ in fresh[: len(queue)]]
+                ids = np.array(sorted(free)[: len(taken)])
+                for i, job in zip(ids, taken, strict=True):
+                    book[int(i)] = _Page(job)
+                free = sorted(set(free) - set(book))
+                rig.place(ids, [j.configuration for j in taken])
+                self._begin(rig, ids, book)
+            busy = np.array(sorted(book))
+            ended = rig.advance(busy)
+            if progress is not None:
+                progress(len(busy) * BLOCK * CONTROL_DT)
+            self._trace(rig, busy, ended, book)
+            again = []
+            for i in map(int, ended):
+                book[i].close(rig, i)
+                if len(book[i].tau) < repeats:
+                    again.append(i)
+                else:
+                    yield book.pop(i).measurement()
+                    free.append(i)
+            if again:
+                self._begin(rig, np.array(again), book)
+
+    def _begin(self, rig: Rig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
+        jobs = [book[int(i)].job for i in ids]
+        keys = [
+            (*j.configuration.index, len(book[int(i)].tau), j.replica)
+            for i, j in zip(ids, jobs, strict=True)
+        ]
+        rig.approach(ids, keys)
+        rig.set_dither(
+            ids,
+            amplitude=np.array([[j.amplitude_nm] for j in jobs]),
+            frequency=np.array([[j.frequency_hz] for j in jobs]),
+            waveform=np.array([[j.waveform] for j in jobs]),
+            offset=np.array([[j.offset_nm] for j in jobs]),
+            gate_velocity=np.array([[j.gate_velocity] for j in jobs]),
+        )
+
+    @staticmethod
+    def _trace(
+        rig: Rig, busy: NDArray[np.int64], ended: NDArray[np.int64], book: dict[int, _Page]
+    ) -> None:
+        ramping = np.concatenate([busy[rig.phase[busy] == RAMP], ended])
+        if not len(ramping):
+            return
+        joint = rig.joint[ramping]
+        angle = rig.plant.position[ramping, joint] - rig.pose[ramping, joint]
+        for i, a in zip(ramping.tolist(), angle.tolist(), strict=True):
+            book[i].trace.append(a)
+
+
+class _Page:
+    """What is being written down about one slot."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.tau: list[float] = []
+        self.start: list[float] = []
+        self.start_torque: list[float] = []
+        self.deviation = 0.0
+        self.trace: list[float] = []
+        self.traces: list[NDArray[np.float32]] = []
+
+    def close(self, rig: Rig, i: int) -> None:
+        """End one iteration."""
+        self.tau.append(float(rig.tau[i]))
+        self.start.append(float(rig.start_angle[i] - rig.pose[i, rig.joint[i]]))
+        self.start_torque.append(float(rig.start_torque[i]))
+        self.deviation = max(self.deviation, float(rig.deviation[i]))
+        self.traces.append(np.array(self.trace, dtype=np.float32))
+        self.trace = []
+
+    def measurement(self) -> Measurement:
+        """Return the finished job."""
+        return Measurement(
+            job=self.job,
+            tau=np.array(self.tau),
+            start=np.array(self.start),
+            start_torque=np.array(self.start_torque),
+            deviation=self.deviation,
+            traces=tuple(self.traces),
+            trace_dt=BLOCK * CONTROL_DT,
+        )
+
+
+def base_torques(
+    experiment: SingleJointExperiment,
+    *,
+    iterations: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Return (n, 2, 2) base torques τ_b [N·m], signed: joint, load/no load, +/−."""
+    out = np.full((experiment.n, 2, 2), np.nan)
+    for m in experiment.run(experiment.jobs(), iterations=iterations, progress=progress):
+        out[m.job.configuration.index] = m.mean
+    return out
+
+
+__all__ = ["Configuration", "Job", "Measurement", "SingleJointExperiment", "base_torques"]

@@ -1,0 +1,298 @@
+"""Plots of the Single Joint Experiment, as in the thesis's appendices B, C and D.
+
+The commanded torque (dither excluded) runs to the right, counted along the ramp, so that it equals
+|τ| where the joint breaks away; the joint's displacement from its pose runs up. Warm colours are
+the positive direction, cold ones the negative.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
+from stiction_envs.experiments.sje.rig import BLOCK
+from stiction_envs.plant import CONTROL_DT
+
+Array = NDArray[np.float64]
+POSES = {"load": "load pose", "no_load": "no-load pose"}
+ROBOTS = {"panda": "Panda", "iiwa7": "LBR iiwa 7 R800", "iiwa14": "LBR iiwa 14 R820"}
+MAPS = {"+": "YlOrRd", "-": "GnBu"}
+SIGNS = {"+": "+", "-": "−"}
+WITHOUT, WITH = "0.45", "#d1701a"
+DPI = 130
+
+
+def save(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a PNG that is there in full or not at all, and the same for the same figure."""
+    path = Path(path)
+    text = io.BytesIO()
+    figure.savefig(text, format="png", dpi=DPI, metadata={"Software": None})
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(text.getvalue())
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def dither_text(job: Job) -> str:
+    """Say which dither a job has."""
+    if job.amplitude_nm == 0 and job.offset_nm == 0:
+        return "no dither"
+    shape = "" if job.waveform == "sine" else f" {job.waveform}"
+    offset = f" {job.offset_nm:+.3g} N·m" if job.offset_nm else ""
+    return f"{job.frequency_hz:g} Hz{shape}, {job.amplitude_nm:.3g} N·m{offset}"
+
+
+def ramps(m: Measurement, ramp_rate: float) -> list[tuple[Array, Array]]:
+    """Return per iteration the torque along the ramp [N·m] and the displacement [rad], (K,) each.
+
+    Args:
+        m: the measurement; its traces may be thinned.
+        ramp_rate: growth of the commanded torque [N·m/s].
+    """
+    sign = m.job.configuration.sign
+    out = []
+    for trace, start in zip(m.traces, m.start_torque, strict=True):
+        time = (np.arange(len(trace)) + 1) * m.trace_dt - BLOCK * CONTROL_DT
+        torque = np.asarray(sign * float(start) + ramp_rate * time, dtype=np.float64)
+        out.append((torque, np.array(trace, dtype=np.float64)))
+    return out
+
+
+def mean_ramp(m: Measurement, ramp_rate: float) -> tuple[Array, Array, Array, Array]:
+    """Return the mean and standard deviation of torque and displacement over the iterations.
+
+    Iterations that ended before the longest are extended with their last values (thesis 4.1).
+
+    Returns:
+        Torque mean, torque std [N·m], displacement mean, displacement std [rad], (K,) each.
+    """
+    lines = ramps(m, ramp_rate)
+    longest = max(len(torque) for torque, _ in lines)
+
+    def padded(k: int) -> Array:
+        return np.array(
+            [np.pad(line[k], (0, longest - len(line[k])), mode="edge") for line in lines]
+        )
+
+    torque, angle = padded(0), padded(1)
+    ddof = min(1, len(lines) - 1)
+    return (
+        torque.mean(axis=0),
+        torque.std(axis=0, ddof=ddof),
+        angle.mean(axis=0),
+        angle.std(axis=0, ddof=ddof),
+    )
+
+
+def plot_sje(
+    measurements: Sequence[Measurement],
+    path: str | os.PathLike[str],
+    *,
+    robot: str,
+    threshold: float,
+    ramp_rate: float,
+) -> None:
+    """Draw one joint in one pose: iterations above, mean and standard deviation below.
+
+    Args:
+        measurements: one or both directions of one joint and pose.
+        path: PNG to write.
+        robot: name for the title.
+        threshold: displacement from the start of a ramp that ends it [rad].
+        ramp_rate: growth of the commanded torque [N·m/s].
+    """
+    ordered = sorted(measurements, key=lambda m: DIRECTIONS.index(m.job.configuration.direction))
+    figure = Figure(figsize=(8.6, 7.4), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
+    for m in ordered:
+        _iterations(upper, m, ramp_rate)
+        _mean(lower, m, ramp_rate)
+        end = float(np.mean(m.start)) + m.job.configuration.sign * threshold
+        lower.axhline(end, color="0.35", lw=0.9, ls=(0, (4, 3)), zorder=1)
+        lower.annotate(
+            f"threshold: mean start {SIGNS[m.job.configuration.direction]} {threshold:g} rad",
+            (0.01, end),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, -3 if end > 0 else 3),
+            textcoords="offset points",
+            va="top" if end > 0 else "bottom",
+            fontsize=8,
+            color="0.35",
+        )
+    for axes in (upper, lower):
+        axes.grid(alpha=0.25, lw=0.6)
+        axes.set_ylabel("joint displacement\nfrom the pose [rad]")
+        axes.margins(x=0.02, y=0.07)
+        axes.spines[["top", "right"]].set_visible(False)
+    upper.set_title(
+        f"iterations (dot: threshold passed, {threshold:g} rad from its own start)",
+        loc="left",
+        fontsize=10,
+    )
+    lower.set_title(
+        "mean and standard deviation, last values of finished iterations held",
+        loc="left",
+        fontsize=10,
+    )
+    lower.set_xlabel("commanded torque along the ramp, |τ| at breakaway [N·m]")
+    for axes in (upper, lower):
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8.5)
+    c = ordered[0].job.configuration
+    kinds = dict.fromkeys(dither_text(m.job) for m in ordered)
+    figure.suptitle(
+        f"{ROBOTS.get(robot, robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
+        fontsize=12,
+    )
+    save(figure, path)
+
+
+def _iterations(axes: Axes, m: Measurement, ramp_rate: float) -> None:
+    direction = m.job.configuration.direction
+    lines = ramps(m, ramp_rate)
+    shades = colormaps[MAPS[direction]](np.linspace(0.92, 0.45, len(lines)))
+    for k, ((torque, angle), shade) in enumerate(zip(lines, shades, strict=True)):
+        label = f"({SIGNS[direction]}) iteration {k + 1}"
+        stuck = not np.isfinite(m.tau[k])
+        axes.plot(
+            torque,
+            angle,
+            color=shade,
+            lw=1.6 if k == 0 else 1.2,
+            ls="--" if k == 0 else "-",
+            label=label + (", stuck" if stuck else ", after turning" if k == 0 else ""),
+            zorder=3,
+        )
+        if not stuck:
+            axes.plot(torque[-1], angle[-1], "o", color=shade, ms=4, zorder=4)
+
+
+def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
+    direction = m.job.configuration.direction
+    colour: Any = colormaps[MAPS[direction]](0.75)
+    torque, _, angle, spread = mean_ramp(m, ramp_rate)
+    axes.fill_between(torque, angle - spread, angle + spread, color=colour, alpha=0.22, lw=0)
+    axes.plot(
+        torque,
+        angle,
+        color=colour,
+        lw=1.8,
+        label=f"({SIGNS[direction]}) mean, std of angle",
+        zorder=3,
+    )
+    if np.isfinite(m.mean):
+        text = f"({SIGNS[direction]}) |τ| = {abs(m.mean):.3f} N·m"
+        text += f"\n     ± {m.std:.3f} N·m" if len(m.tau) > 1 else "\n     (one iteration)"
+        axes.errorbar(
+            abs(m.mean),
+            angle[-1],
+            xerr=m.std or None,
+            fmt="o",
+            color=colour,
+            ecolor="0.15",
+            capsize=4,
+            ms=5,
+            lw=1.3,
+            zorder=5,
+            label=text,
+        )
+
+
+def plot_with_and_without(
+    base: Measurement,
+    dithered: Measurement,
+    path: str | os.PathLike[str],
+    *,
+    robot: str,
+    threshold: float,
+    ramp_rate: float,
+) -> None:
+    """Draw one configuration with and without dither on one axis.
+
+    Args:
+        base: without dither.
+        dithered: with it.
+        path: PNG to write.
+        robot: name for the title.
+        threshold: displacement from the start of a ramp that ends it [rad].
+        ramp_rate: growth of the commanded torque [N·m/s].
+    """
+    figure = Figure(figsize=(8.6, 4.6), layout="constrained")
+    axes = figure.subplots()
+    c = base.job.configuration
+    name = f"dither {dither_text(dithered.job)}"
+    for m, other, colour, text in (
+        (base, dithered, WITHOUT, "no dither"),
+        (dithered, base, WITH, name),
+    ):
+        for k, (torque, angle) in enumerate(ramps(m, ramp_rate)):
+            moved = c.sign * (angle - m.start[k])
+            axes.plot(torque, moved, color=colour, lw=1.0, alpha=0.45, zorder=2)
+            axes.plot(torque[-1], moved[-1], "o", color=colour, ms=4, zorder=3)
+        axes.axvline(abs(m.mean), color=colour, lw=1.4, ls=(0, (4, 3)), zorder=1)
+        left = abs(m.mean) < abs(other.mean)
+        axes.annotate(
+            f"{text}\n|τ| = {abs(m.mean):.3f} N·m",
+            (abs(m.mean), 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(-6 if left else 6, -2),
+            textcoords="offset points",
+            ha="right" if left else "left",
+            va="top",
+            color=colour,
+            fontsize=10,
+        )
+    axes.axhline(threshold, color="0.35", lw=0.9, ls=(0, (1, 2)), zorder=1)
+    axes.annotate(
+        f"threshold {threshold:g} rad",
+        (0.01, threshold),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -4),
+        textcoords="offset points",
+        va="top",
+        fontsize=9,
+        color="0.35",
+    )
+    change = 100 * (abs(dithered.mean) / abs(base.mean) - 1)
+    level = 0.55 * threshold
+    axes.annotate(
+        "",
+        (abs(dithered.mean), level),
+        (abs(base.mean), level),
+        arrowprops={"arrowstyle": "-|>", "color": "0.15", "lw": 1.6, "shrinkA": 0, "shrinkB": 0},
+    )
+    axes.annotate(
+        f"{change:+.0f} %".replace("-", "−"),
+        ((abs(dithered.mean) + abs(base.mean)) / 2, level),
+        xytext=(0, 5),
+        textcoords="offset points",
+        ha="center",
+        fontsize=13,
+        fontweight="bold",
+        color="0.15",
+    )
+    axes.set_xlabel("commanded torque, dither excluded [N·m]")
+    axes.set_ylabel("joint displacement [rad]")
+    axes.set_title(
+        f"{ROBOTS.get(robot, robot)}, joint {c.joint}, {POSES[c.load]}, direction "
+        f"{SIGNS[c.direction]}: torque that moves the joint",
+        fontsize=12,
+    )
+    axes.set_ylim(top=1.4 * threshold)
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    most = max(abs(base.mean), abs(dithered.mean))
+    axes.set_xlim(right=1.22 * most)
+    save(figure, path)

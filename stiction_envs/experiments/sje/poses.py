@@ -1,0 +1,152 @@
+"""The *load* and *no load* pose of each joint, found by search.
+
+The thesis (3.2) moved the arm by hand and read the sensed torques: the load pose has the largest
+|torque| on the joint, the no-load pose the one closest to zero. Here the same quantity,
+`friction.load`, is searched: the gravity torque, or for a joint that never sees one (joint 1 of an
+upright arm) the tilting moment on its bearing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.load_sensor import LoadSensor
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+LOADS = ("load", "no_load")
+SWING = 0.15
+"""The joint is moved this far each way by the experiment [rad]; thesis 3.2."""
+MARGIN = 0.3
+"""Distance of the joint under test from its limits: swing, start tolerance, overshoot [rad]."""
+OTHERS_MARGIN = 0.1
+"""Distance of the other joints from their limits [rad]; assumed."""
+FLOOR = 0.05
+"""Least height of the outer links of an upright arm over its base plane [m]; assumed."""
+_SAMPLES, _KEEP, _ROUNDS = 2048, 64, 14
+
+
+@dataclass(frozen=True, kw_only=True)
+class Poses:
+    """Poses and loads of all joints."""
+
+    q: Array
+    """(n, 2, n) pose for joint [first axis] under [load, no_load] [rad]."""
+    signed: Array
+    """(n, 2) signed load of the joint there [N·m]."""
+    load: Array
+    """(n, 2) absolute load there [N·m]."""
+    bearing: NDArray[np.bool_]
+    """(n,) joints whose load is their bearing's tilting moment."""
+
+
+class _Evaluator:
+    """Loads and validity of many poses at once, on the rigid arm with contacts."""
+
+    def __init__(self, sticking: StickingModel) -> None:
+        self.arm = sticking.arm
+        model = sticking.model
+        # contacts on: they tell self-collision
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self.batch = Batch(model, 1024)
+        self.sticking = sticking
+        self.sensor = LoadSensor(sticking, self.batch)
+        self.floor = self.arm.builtin and self.arm.tilt == (0.0, 0.0)
+
+    def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return signed loads (M, n) [N·m] and validity (M,) of poses q (M, n) [rad]."""
+        signed, valid = np.empty_like(q), np.empty(len(q), dtype=bool)
+        for start in range(0, len(q), self.batch.nsim):
+            part = q[start : start + self.batch.nsim]
+            ids = np.arange(len(part))
+            qpos = np.zeros((len(part), self.sticking.model.nq))
+            qpos[:, self.sticking.motor] = part
+            self.batch.bind("qpos")[ids] = qpos
+            contacts, height = self.batch.bind("ncon"), self.batch.bind("xpos")
+            self.batch.forward(ids)
+            signed[start : start + len(part)] = self.sensor.read(ids)[0]
+            ok = contacts[ids].reshape(len(part)) == 0
+            if self.floor:
+                ok &= height[ids][:, 4:, 2].min(axis=1) > FLOOR
+            valid[start : start + len(part)] = ok
+        return signed, valid
+
+
+_found: dict[tuple[str, bytes], Poses] = {}
+
+
+def find_poses(arm: Arm) -> Poses:
+    """Return the load and no-load poses of an arm; the search has a fixed seed.
+
+    Raises:
+        StictionError: no pose free of self-collision within the joint limits.
+    """
+    key = (arm.xml, arm.limits.position.tobytes())
+    if key not in _found:
+        # friction plays no part here; the rigid model is only asked for gravity and contacts
+        sticking = build(arm, load_friction("generic", arm.n).rigid())
+        evaluate = _Evaluator(sticking)
+        q, signed = np.empty((arm.n, 2, arm.n)), np.empty((arm.n, 2))
+        for joint in range(arm.n):
+            for k in range(2):
+                q[joint, k] = _search(evaluate, joint, largest=k == 0)
+                signed[joint, k] = evaluate(q[joint, k][None])[0][0, joint]
+        _found[key] = Poses(q=q, signed=signed, load=np.abs(signed), bearing=sticking.bearing)
+    return _found[key]
+
+
+def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
+    """Random search, then shrinking random steps around the best poses."""
+    arm = evaluate.arm
+    rng = np.random.default_rng([joint, int(largest)])
+    margin = np.where(np.arange(arm.n) == joint, MARGIN, OTHERS_MARGIN)
+    low, high = arm.limits.position[:, 0] + margin, arm.limits.position[:, 1] - margin
+    span = high - low
+    if (span <= 0).any():
+        j = int(np.argmin(span))
+        raise StictionError(
+            f"{arm.name}: joint {j + 1} has a range of {span[j] + 2 * margin[j]:.3f} rad, the "
+            f"experiment needs more than {2 * margin[j]:.1f} rad"
+        )
+
+    def cost(q: Array) -> Array:
+        """Minus the load, or the largest load within the swing, plus a pull to the rest pose."""
+        values = np.zeros(len(q))
+        ok = np.ones(len(q), dtype=bool)
+        for shift in (-SWING, 0.0, SWING):
+            moved = q.copy()
+            moved[:, joint] += shift
+            signed, valid = evaluate(moved)
+            ok &= valid
+            load = np.abs(signed[:, joint])
+            if largest and shift == 0.0:
+                values = -load
+            elif not largest:
+                values = np.maximum(values, load)
+        away = np.sqrt((((q - arm.rest) / span) ** 2).mean(axis=1))
+        return np.where(ok, values + 0.02 * away, np.inf)
+
+    q = np.concatenate(
+        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (_SAMPLES, arm.n))]
+    )
+    costs = cost(q)
+    scale = 0.2
+    for _ in range(_ROUNDS):
+        best = np.argsort(costs, kind="stable")[:_KEEP]
+        q, costs = q[best], costs[best]
+        step = rng.normal(size=(4 * _KEEP, arm.n)) * scale * span
+        new = np.clip(np.tile(q, (4, 1)) + step, low, high)
+        q, costs = np.concatenate([q, new]), np.concatenate([costs, cost(new)])
+        scale *= 0.7
+    winner = int(np.argmin(costs))
+    if not np.isfinite(costs[winner]):
+        raise StictionError(f"{arm.name}: no collision-free pose found for joint {joint + 1}")
+    return q[winner]

@@ -1,0 +1,284 @@
+"""The Single Joint Experiment as a machine: N slots, each on its way through the protocol.
+
+    approach (servos bring the arm to the pose) -> ramp (the joint under test is free, its torque
+    grows) -> threshold: idle
+
+Friction is never reset between one ramp and the next: the arm is moved back (thesis 3.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface, TorquePath
+from stiction_envs.dither.dither import Dither
+from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.sje.protocol import Configuration, Protocol
+from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT, SLOW_STEPS, Plant
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+IDLE, APPROACH, RAMP = 0, 1, 2
+BLOCK = SLOW_STEPS
+"""Control steps of one `advance`."""
+
+
+class Rig:
+    """N slots of the experiment on one plant."""
+
+    def __init__(
+        self,
+        sticking: StickingModel,
+        nsim: int,
+        *,
+        protocol: Protocol,
+        interface: TorqueInterface,
+        poses: Poses,
+        scatter: bool = True,
+        seed: int = 0,
+        dither_all: bool = False,
+        parameters: FrictionParameters | None = None,
+        nthread: int = 0,
+    ) -> None:
+        """Make the rig; all slots idle.
+
+        Args:
+            sticking: the model.
+            nsim: number of slots.
+            protocol: numbers of the experiment.
+            interface: what the robot does to commanded torques.
+            poses: where each joint is tested.
+            scatter: whether iterations differ by pose, friction and torque noise.
+            seed: of that scatter; one stream per configuration and iteration.
+            dither_all: whether every joint is dithered (the environments) or the tested one.
+            parameters: friction of one arm or of each slot, None for the model's.
+            nthread: threads, 0 for all processors.
+        """
+        self.plant = Plant(sticking, nsim, parameters=parameters, nthread=nthread)
+        self.protocol, self.interface, self.poses = protocol, interface, poses
+        self.scatter, self.seed = scatter, seed
+        self.nsim, self.n = nsim, sticking.n
+        limits = sticking.arm.limits
+        self._hold = protocol.hold_stiffness * limits.torque
+        links = link_inertia(sticking.arm, poses.q.reshape(-1, self.n)).reshape(poses.q.shape)
+        inertia = links + sticking.parameters.rotor_inertia
+        # (n, 2, n): of every pose, as the arm's inertia changes with it
+        self._pose_damping = 2 * protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+        self._hold_damping = np.zeros((nsim, self.n))
+        self.columns = sticking.n if dither_all else 1
+        self._path = TorquePath(interface, nsim, self.columns)
+        self._limits = limits
+        self._set(Dither.none(nsim, self.columns))
+        self.phase = np.full(nsim, IDLE)
+        self.step = np.zeros(nsim, dtype=np.int64)
+        self.joint = np.zeros(nsim, dtype=np.int64)
+        self.sign = np.ones(nsim)
+        self.target = np.zeros((nsim, self.n))
+        self.pose = np.zeros((nsim, self.n))
+        self.start_torque = np.zeros(nsim)
+        self.start_angle = np.zeros(nsim)
+        self.phi = np.zeros((nsim, self.n))
+        self.noise = np.zeros(nsim)
+        self.tau = np.full(nsim, np.nan)
+        self.deviation = np.zeros(nsim)
+        self._origin = np.zeros((nsim, self.n))
+        self._torque_noise = np.zeros(nsim)
+        self._dither_seed = np.full(nsim, seed, dtype=np.uint64)
+        self._give_up = np.zeros(nsim)
+        self._approach_steps = round((protocol.return_time + protocol.settle_time) / CONTROL_DT)
+        self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
+        self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
+
+    def place(self, ids: Index, configurations: list[Configuration]) -> None:
+        """Put slots on new configurations, the arm displaced as if after the other direction."""
+        joint = np.array([c.joint - 1 for c in configurations])
+        load = np.array([c.index[1] for c in configurations])
+        self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
+        self.pose[ids] = self.poses.q[joint, load]
+        self._hold_damping[ids] = self._pose_damping[joint, load]
+        self.deviation[ids] = 0.0
+        start = self.pose[ids].copy()
+        start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
+        self.plant.reset(ids, start)
+        self.phase[ids] = IDLE
+        self._path.set_limits(ids, *self._column_limits(joint))
+
+    def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
+        """Move slots back to their pose; ``keys`` seed the scatter of this iteration."""
+        p = self.protocol
+        self._origin[ids] = self.plant.motor_position[ids]
+        target, factor = self.pose[ids].copy(), np.ones((len(ids), self.n))
+        for row, (i, key) in enumerate(zip(ids, keys, strict=True)):
+            self.phi[i], self.noise[i], self._torque_noise[i] = 0.0, 0.0, 0.0
+            if self.scatter:
+                rng = np.random.default_rng([self.seed, *key])
+                shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -0.05, 0.05)
+                target[row] += shift
+                factor[row] += np.clip(p.friction_scatter * rng.normal(size=self.n), -0.5, 0.5)
+                self.noise[i] = p.torque_noise * rng.normal()
+                samples = max(1.0, p.averaging_time / CONTROL_DT)
+                self._torque_noise[i] = p.torque_noise * rng.normal() / np.sqrt(samples)
+                self.phi[i] = rng.uniform(0, 2 * np.pi, size=self.n)
+                self._dither_seed[i] = rng.integers(2**32)
+        self.target[ids] = target
+        self.plant.scale_friction(ids, factor)
+        self.plant.set_servo(ids, self._hold, self._hold_damping[ids], self._origin[ids])
+        self.phase[ids], self.step[ids] = APPROACH, 0
+        self.tau[ids] = np.nan
+
+    def set_dither(
+        self,
+        ids: Index,
+        *,
+        amplitude: ArrayLike,
+        frequency: ArrayLike,
+        waveform: ArrayLike = "sine",
+        offset: ArrayLike = 0.0,
+        gate_velocity: ArrayLike = np.inf,
+    ) -> None:
+        """Dither slots ``ids``; arguments broadcast to (M, columns); phases are the slots' own."""
+        phi = self.phi[ids]
+        if self.columns == 1:
+            phi = phi[np.arange(len(ids)), self.joint[ids]][:, None]
+        shape = (len(ids), self.columns)
+        new = Dither(
+            amplitude=np.broadcast_to(np.asarray(amplitude, float), shape),
+            frequency=np.broadcast_to(np.asarray(frequency, float), shape),
+            phase=phi,
+            offset=np.broadcast_to(np.asarray(offset, float), shape),
+            waveform=np.broadcast_to(np.asarray(waveform), shape),
+            gate_velocity=np.broadcast_to(np.asarray(gate_velocity, float), shape),
+            seed=self._dither_seed[ids],
+        )
+        self._set(self.dither.set_rows(ids, new))
+
+    def retune(self, amplitude: Array, frequency: Array) -> None:
+        """Change A [N·m] and f [Hz] of all slots, (N, columns), keeping each phase continuous."""
+        t = np.multiply(self.interface.tick(self.step), CONTROL_DT, dtype=np.float64)
+        self._set(self.dither.retune(t, amplitude=amplitude, frequency=frequency))
+
+    def _set(self, dither: Dither) -> None:
+        self.dither = dither
+        self._dithered = bool(dither.amplitude.any() or dither.offset.any())
+
+    def displacement(self) -> Array:
+        """Return (N,) angle of the joint under test since its ramp started [rad]."""
+        q = self.plant.position[np.arange(self.nsim), self.joint]
+        return q - self.start_angle
+
+    def ramp_torque(self, ids: Index, step: Index) -> Array:
+        """Return (M, K) commanded torque without dither [N·m] at control steps (M, K) of a ramp."""
+        rate = self.sign[ids] * self.protocol.ramp_rate * CONTROL_DT
+        return self.start_torque[ids][:, None] + rate[:, None] * self.interface.tick(step)
+
+    def advance(self, ids: Index) -> Index:
+        """Advance busy slots ``ids`` (sorted) by one block; return those whose ramp ended.
+
+        A slot that ended is idle; ``tau`` holds its torque [N·m], NaN if it was given up as stuck.
+        """
+        m = len(ids)
+        ramping = self.phase[ids] == RAMP
+        step = self.step[ids][:, None] + np.arange(BLOCK)
+        torque = np.zeros((m, BLOCK, self.n))
+        rows = np.flatnonzero(ramping)
+        if len(rows):
+            self._command(torque, rows, ids[rows], step[rows])
+        setpoint = None
+        if not ramping.all():
+            setpoint = self._setpoints(ids, step, ramping)
+        angle = self.plant.run(torque, ids, setpoint=setpoint, joint=self.joint[ids])
+        self.step[ids] += BLOCK
+        self._start_ramps(ids[~ramping])
+        if not len(rows):
+            return ids[:0]
+        return self._finish(ids[rows], step[rows], angle[rows])
+
+    def _command(self, torque: Array, rows: Index, ids: Index, step: Index) -> None:
+        """Fill ``torque`` (M, K, n) [N·m] for ramping slots: command, dither, torque path."""
+        command = np.zeros((len(ids), BLOCK, self.columns))
+        mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
+        command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
+        if self._dithered:
+            speed = None
+            if self.dither.gated:
+                v = self.plant.velocity
+                speed = v if self.columns > 1 else v[np.arange(self.nsim), self.joint][:, None]
+            hold = self.interface.hold_steps
+            stride = hold if BLOCK % hold == 0 else 1
+            for k in range(0, BLOCK, stride):
+                t = np.multiply(self.interface.tick(self.step + k), CONTROL_DT, dtype=np.float64)
+                command[:, k : k + stride] += self.dither.torque(t, speed)[ids][:, None]
+        out = self._path.run(command, ids)
+        if self.columns > 1:
+            torque[rows] = out
+        else:
+            torque[rows, :, self.joint[ids]] = out[:, :, 0]
+
+    def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array:
+        """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held."""
+        x = np.clip(step / self._move_steps, 0.0, 1.0)
+        x = np.where(ramping[:, None], 1.0, x * x * x * (10.0 - 15.0 * x + 6.0 * x * x))
+        origin, target = self._origin[ids][:, None], self.target[ids][:, None]
+        return origin + x[:, :, None] * (target - origin)
+
+    def _start_ramps(self, ids: Index) -> None:
+        """Free the joint of slots whose approach is over, and note where the ramp starts."""
+        ids = ids[self.step[ids] >= self._approach_steps]
+        if not len(ids):
+            return
+        p = self.protocol
+        at_rest = np.abs(self.plant.velocity[ids]).max(axis=1) < p.rest_speed
+        ids = ids[at_rest | (self.step[ids] >= p.patience * self._approach_steps)]
+        if not len(ids):
+            return
+        rows, joint = np.arange(len(ids)), self.joint[ids]
+        q = self.plant.position[ids]
+        if np.abs(q - self.pose[ids]).max() > p.start_tolerance:
+            i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
+            raise ExperimentError(
+                f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
+                f"at most {p.start_tolerance} rad is allowed (raise hold_stiffness)"
+            )
+        self.start_angle[ids] = q[rows, joint]
+        offset = self.plant.offset[ids][rows, joint]
+        averaged = offset + self._torque_noise[ids]
+        self.start_torque[ids] = averaged if p.averaged_start_torque else 0.0
+        stiction = self.plant.stiction[ids][rows, joint]
+        self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
+        stiffness, damping = np.tile(self._hold, (len(ids), 1)), self._hold_damping[ids]
+        stiffness[rows, joint] = damping[rows, joint] = 0.0
+        self.plant.set_servo(ids, stiffness, damping, self.target[ids])
+        start = np.zeros((len(ids), self.columns))
+        start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
+        self._path.reset(ids, start)
+        self.phase[ids], self.step[ids] = RAMP, 0
+
+    def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
+        """Record ramps that reached the threshold or were given up; return their slots."""
+        others = np.abs(self.plant.position[ids] - self.pose[ids])
+        others[np.arange(len(ids)), self.joint[ids]] = 0.0
+        self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
+        moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
+        over = np.greater_equal(moved, self.protocol.threshold)
+        reached: NDArray[np.bool_] = np.any(over, axis=1)
+        first = over.argmax(axis=1)
+        torque = self.ramp_torque(ids, step)
+        stuck = ~reached & (np.abs(torque[:, -1] - self.start_torque[ids]) > self._give_up[ids])
+        done = np.flatnonzero(reached | stuck)
+        tau = torque[done, first[done]] + self.noise[ids[done]]
+        self.tau[ids[done]] = np.where(reached[done], tau, np.nan)
+        self.phase[ids[done]] = IDLE
+        return ids[done]
+
+    def _column_limits(self, joint: Index) -> tuple[Array, Array]:
+        rate, limit = self._limits.torque_rate, self._limits.torque
+        if self.columns == 1:
+            return rate[joint][:, None], limit[joint][:, None]
+        shape = (len(joint), self.n)
+        return np.broadcast_to(rate, shape), np.broadcast_to(limit, shape)

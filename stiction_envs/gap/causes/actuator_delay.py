@@ -1,0 +1,109 @@
+"""Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t).
+
+A log whose torque was measured late, or behind a filter, shows the same with T < 0: what is told is
+|T| in both cases, and in words which it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import lfilter
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.signals.dataset import Data
+
+LEAST = 1e-3
+"""Shortest delay that is called one [s]: a robot's cycle; assumed."""
+
+TRIED = tuple(s * x for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2))
+"""T' that are tried [s]; assumed."""
+LOWPASS = (0.5, 1.0)
+"""Second number of a shape whose torques were low-passed before they were logged: the part of |T'|
+that is the low-pass's time constant; the rest is a delay [-]; assumed."""
+LONGEST = 0.125
+"""Longest |T'| that is looked for [s]; assumed: what is longer has taken the motion away."""
+SMOOTHED = (1e-2, 2e-2, 4e-2, 8e-2)
+"""|T'| of these that are tried [s]; assumed."""
+
+
+def shifted(data: Data, torque: Array, shape: Shape) -> Array:
+    """Return (T,) [τ(t + T') − τ(t)]/T' of a torque τ (T,), per second.
+
+    τ(t + T') is that of a time, or behind a low-pass too (`LOWPASS`).
+    """
+    ahead, out = shape[0], np.zeros(len(data.t))
+    part = shape[1] if len(shape) > 1 else 0.0
+    for run in data.runs():
+        if run.stop - run.start <= 2:
+            continue
+        later = torque[run]
+        if part < 1.0:
+            later = np.interp(data.t[run] + (1 - part) * ahead, data.t[run], later)
+        if part > 0.0:
+            k = np.exp(data.dt / (part * ahead))
+            later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
+        out[run] = (later - torque[run]) / ahead
+    return out
+
+
+class ActuatorDelay(Cause):
+    """A delay or filter between the logged torque and the arm, one for all joints."""
+
+    name: ClassVar[str] = "actuator_delay"
+    what: ClassVar[str] = "torque acts late or filtered"
+    plain: ClassVar[bool] = False
+    record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
+    arm_wide: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("delay_s", "s", -0.2, 0.2),)
+
+    def __init__(self, tried: Sequence[float] = TRIED, torque: Array | None = None) -> None:
+        """Try some T' [s], with the torque (T, n) that acts late [N·m]: None for what is known."""
+        self.tried, self._torque = tuple(tried), torque
+
+    @property
+    def of_all(self) -> bool:
+        """Whether it shifts a torque that was given, and not what is known of it only."""
+        return self._torque is not None
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return `shifted` of the torque, for a T' near T."""
+        if self._torque is not None:
+            torque = self._torque[:, joint]
+        elif data.carried is not None:
+            torque = data.nominal[:, joint] + data.carried[:, joint]
+        else:
+            torque = data.nominal[:, joint]
+        return shifted(data, torque, shape)[:, None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return T' [s], both ways."""
+        found = [-x for x in self.tried if x < 0 and x not in TRIED]
+        return [
+            *((x,) for x in self.tried),
+            *((-x, part) for part in LOWPASS for x in (*SMOOTHED, *found)),
+        ]
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether the delay is below `LEAST`."""
+        return abs(float(coefficients[0])) < LEAST
+
+    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+        """Never: the coefficient holds the delay, T' only straightens its curve."""
+        return False
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return |T| [s]."""
+        return {"delay_s": abs(float(coefficients[0]))}
+
+    def said(self, coefficients: Array) -> str:
+        """Return whether torque acts after it was logged, or was logged after it acted."""
+        if coefficients[0] >= 0:
+            return self.what
+        return "torque is late in the log (measured late, or behind a filter)"
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the arm's torques change too little."""
+        return "" if np.any(data.rigid.std(axis=0) > 5 * data.noise) else "no torque changes"

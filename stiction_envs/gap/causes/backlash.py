@@ -1,0 +1,209 @@
+"""A dead zone where the transmitted torque changes sign: in the gap the motor drives no link."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.compiled import compiled
+from stiction_envs.gap.causes.base import (
+    EDGE,
+    SLOW,
+    Array,
+    Cause,
+    Parameter,
+    Shape,
+    rests,
+    turns,
+)
+from stiction_envs.gap.causes.deflection import (
+    gravity_slope,
+    mass_matrix,
+    own_torque_of,
+    seen_by,
+    torque_of,
+)
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.reversal_path import play
+
+GAPS = np.geomspace(2e-3, 0.1, 161)
+"""Gaps that are tried [rad]; assumed. When a link lands hangs on the gap: 2.5 % of it more, and the
+blows of a fast motion are elsewhere."""
+SIZED = 8
+"""Every so many of them the size of what they add is worked out, which changes slowly."""
+FLANK = 1e4
+"""Stiffness of a gear's flanks [N·m/rad]: harmonic drives of 100 N·m and more have as much
+(assumed)."""
+DAMPINGS = (0.05, 0.1, 0.2, 0.4, 1.0)
+"""Damping ratios of a link that strikes a flank, that are tried [-]; assumed: the motor gives way,
+and takes up much of the blow."""
+DRAGGED, LOST = 0.0, -1.0
+"""In the place of a damping ratio, for links that friction holds while the motor crosses the gap
+after a reversal: all of the load is missing, or the link just stays behind."""
+BEST = 6
+"""Shapes that go on to the selection."""
+LEAST, MOST = 0.2, 1.5
+"""Size of what comes over what the model foretells [-]; assumed. Blows foretold a little early or
+late count for less."""
+LEFT = 2.0
+"""Times the noise floor that a joint's residual must exceed for a search [-]; assumed."""
+
+
+def crossings(data: Data, joint: int, gap: float, damping: float = 0.3) -> Array:
+    """Return (T,) the link's angle less the motor's, δ, in a joint with a gap [rad].
+
+    The load L presses the link on one flank of stiffness K, which yields. When L changes sign the
+    link flies over to the other flank, and comes back from it:
+    M δ̈ = −L, and beyond the gap −L − K(δ ∓ gap/2) − Dδ̇. L is the load at the motor's angle and
+    its slope with gravity, to first order in δ. Derived here.
+    """
+    mass, load = mass_matrix(data)[:, joint, joint], data.rigid[:, joint]
+    slope = gravity_slope(data)[:, joint, joint]
+    out = np.empty(len(mass))
+    for run in data.runs():
+        out[run] = _fly(load[run], slope[run], mass[run], gap / 2, damping, data.dt)
+    return out
+
+
+@compiled
+def _fly(load: Array, slope: Array, mass: Array, half: float, ratio: float, h: float) -> Array:
+    """Return (T,) `crossings` of one run, from rest on the flank."""
+    out = np.empty(len(load))
+    x, u = -np.sign(load[0]) * half - load[0] / FLANK, 0.0
+    for i in range(len(load)):
+        a, k = -(load[i] + slope[i] * x) / mass[i], FLANK / mass[i]
+        over = x - min(max(x, -half), half)
+        u += h * (a - k * over)
+        if over != 0.0:
+            # the flank and its damping implicitly, so that stiff ones stay stable
+            u /= 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
+        x += h * u
+        out[i] = x
+    return out
+
+
+def dragged(data: Data, joint: int, gap: float) -> Array:
+    """Return (T,) part of the load, −1 or 0, that is missing after reversals of the motor."""
+    out = np.empty(len(data.q))
+    for run in data.runs():
+        out[run] = _missing(data.way[run, joint], gap)
+    return out
+
+
+@compiled
+def _missing(way: Array, gap: float) -> Array:
+    """Return (T,) `dragged` of one run."""
+    out = np.zeros(len(way))
+    side, turn, turned = 0.0, 0.0, False
+    for i in range(1, len(way)):
+        step = np.sign(way[i] - way[i - 1])
+        if step != 0.0 and step != side:
+            if side != 0.0:
+                turn, turned = way[i - 1], True
+            side = step
+        if turned and abs(way[i] - turn) < gap:
+            out[i] = -1.0
+    return out
+
+
+def lost(data: Data, joint: int, gap: float) -> Array:
+    """Return (T,) the link's angle less the motor's where friction holds the link [rad].
+
+    The motor drags it along by a slot of that gap: play as in Tao and Kokotović, "Adaptive control
+    of systems with actuator and sensor nonlinearities", 1996.
+    """
+    out = np.empty(len(data.q))
+    for run in data.runs():
+        x = data.way[run, joint]
+        out[run] = play(x, gap / 2) - x
+    return out
+
+
+class Backlash(Cause):
+    """Play in a gear."""
+
+    name: ClassVar[str] = "backlash"
+    what: ClassVar[str] = "dead zone at reversals"
+    rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
+    record: ClassVar[str] = "slow motion through the pose in which the joint's load changes sign"
+    coupled: ClassVar[bool] = True
+    tied: ClassVar[int] = 1
+    fickle: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the gap adds to all joints."""
+        gap, damping = (*shape, DAMPINGS[2])[:2]
+        if damping == DRAGGED:
+            torque = np.zeros_like(data.q)
+            torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, gap)
+        else:
+            torque = torque_of(data, joint, self._delta(data, joint, gap, damping))
+        return data.smooth(torque)[..., None]
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the gap adds to its own joint."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the gaps and dampings that the residual of the joint itself shows best."""
+        ok = data.block >= 0
+        if residual[ok].std() < LEFT * data.noise[joint]:
+            return []
+        # the filter is symmetric: a product with what it leaves is one with the filtered residual
+        target = data.smooth(np.where(ok, residual, 0.0))
+        some = np.unique([*range(0, len(GAPS), SIZED), len(GAPS) - 1])
+        scored = []
+        # a link that friction holds stays behind only where the motor moves
+        held = () if rests(data, joint) else (DRAGGED, LOST)
+        seen = {DRAGGED: target * data.rigid[:, joint]}
+        other = seen_by(data, joint, target)
+        for damping in (*DAMPINGS, *held):
+            opened = [self._delta(data, joint, float(g), damping) for g in GAPS]
+            along = np.array([seen.get(damping, other) @ x for x in opened])
+            torque = self._own(data, joint, np.stack([opened[k] for k in some], axis=1), damping)
+            size = np.square(data.smooth(torque)[ok]).sum(axis=0)
+            size = np.interp(np.log(GAPS), np.log(GAPS[some]), size)
+            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+            left = c * c * size - 2 * c * along
+            scored += [(float(x), float(g), damping) for x, g in zip(left, GAPS, strict=True)]
+        return [(gap, damping) for _, gap, damping in sorted(scored)[:BEST]]
+
+    def _delta(self, data: Data, joint: int, gap: float, damping: float) -> Array:
+        """Return (T,) the part of the load that is missing where it is dragged, else δ [rad]."""
+        if damping == DRAGGED:
+            return dragged(data, joint, gap)
+        return lost(data, joint, gap) if damping == LOST else crossings(data, joint, gap, damping)
+
+    def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
+        """Return (T, k) what `_delta` of k gaps adds to the joint itself, before the filter."""
+        if damping == DRAGGED:
+            return np.asarray(data.rigid[:, joint, None] * opened)
+        return own_torque_of(data, joint, opened)
+
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours on the grid of gaps."""
+        step = float(GAPS[1] / GAPS[0])
+        return shape[0] / step, shape[0] * step
+
+    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+        """Return whether the gap is at the end of what was tried, or next to it."""
+        return not GAPS[1] * EDGE < shape[0] < GAPS[-2] / EDGE
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return the model's own size, and some room for what it leaves out."""
+        return np.array([LEAST]), np.array([MOST])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the gap [rad]."""
+        return {"gap_rad": shape[0]}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether nothing turns."""
+        loads = turns(data.rigid[:, joint], data.noise[joint])
+        if loads < 3 and turns(data.dq[:, joint], SLOW) < 2:
+            return f"neither motion nor load of joint {joint + 1} changes sign"
+        return ""

@@ -1,0 +1,66 @@
+"""A base that leans: gravity has a part along the base's x and y."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, changes
+from stiction_envs.gap.signals.dataset import Data, gravity_torque
+
+LEAN = 0.05
+"""A lean that must be seen to change torques [rad]; assumed."""
+
+
+class BaseTilt(Cause):
+    """An inclined mount, of which the controller's or simulation's gravity knows nothing."""
+
+    name: ClassVar[str] = "base_tilt"
+    what: ClassVar[str] = "gravity points elsewhere (inclined mount)"
+    record: ClassVar[str] = "static poses with the arm stretched to all sides, joint 1 turned round"
+    arm_wide: ClassVar[bool] = True
+    parameters: ClassVar = (
+        Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
+        Parameter("azimuth_rad", "rad", low=0.0, high=0.3, size=1),
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque per sin(tilt) towards x and y, and per 1 − cos(tilt) lost."""
+        return data.cached("base_tilt", lambda: _sideways(data))[:, joint]
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the lean [rad] and the direction towards which the base leans [rad]."""
+        lean = float(np.hypot(*coefficients[:2]))
+        return {
+            "tilt_rad": float(np.arcsin(min(lean, 1.0))),
+            "azimuth_rad": float(np.arctan2(coefficients[1], coefficients[0])),
+        }
+
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
+        return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the arm holds one pose only."""
+        if float(np.ptp(data.q, axis=0).max()) < 0.05:
+            return "the arm holds one pose only"
+        for k in range(2):
+            sideways = data.cached("base_tilt", lambda: _sideways(data))[..., k]
+            if not changes(data, LEAN * sideways).any():
+                return "a lean of the base hardly changes any torque along this motion"
+        return ""
+
+
+def _sideways(data: Data) -> Array:
+    """Return (T, n, 3) gravity torque of g along x and along y, and minus that of the nominal."""
+    model = data.pinocchio.copy()
+    g = float(np.linalg.norm(model.gravity.linear))
+    out = np.empty((len(data.t), data.n, 3))
+    for k in range(2):
+        direction = np.zeros(3)
+        direction[k] = g
+        model.gravity.linear = direction
+        out[..., k] = gravity_torque(model, data.q)
+    out[..., 2] = -data.gravity
+    return out

@@ -1,0 +1,122 @@
+"""A spring between motor and link: the link is τ/K behind the measured motor angle."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.compiled import compiled
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.deflection import (
+    gravity_slope,
+    mass_matrix,
+    own_torque_of,
+    torque_of,
+)
+from stiction_envs.gap.signals.dataset import Data
+
+STIFFNESSES = np.geomspace(500.0, 32000.0, 25)
+"""That are tried, soft harmonic drives to stiff gears [N·m/rad]; assumed."""
+DAMPINGS = (0.01, 0.03, 0.1, 0.3)
+"""Damping ratios of the link on its spring that are tried [-]; assumed."""
+BEST = 6
+"""Shapes that go on to the selection."""
+LEAST, MOST = 0.3, 1.5
+"""Size of what comes over what the model foretells [-]; assumed. Room for stiffnesses between those
+tried."""
+
+
+class JointElasticity(Cause):
+    """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ."""
+
+    name: ClassVar[str] = "joint_elasticity"
+    what: ClassVar[str] = "spring between motor and link"
+    rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
+    record: ClassVar[str] = "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
+    coupled: ClassVar[bool] = True
+    tied: ClassVar[int] = 1
+    fickle: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque on the joint itself."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque of the link's deflection on all joints."""
+        delta = deflection(data, joint, *shape)
+        return data.smooth(torque_of(data, joint, delta))[..., None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
+        ok = data.block >= 0
+        tried = [(float(k), ratio) for ratio in DAMPINGS for k in STIFFNESSES]
+        delta = np.stack([deflection(data, joint, *x) for x in tried], axis=1)
+        columns = data.smooth(own_torque_of(data, joint, delta))[ok]
+        size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
+        c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+        return [tried[k] for k in np.argsort(c * c * size - 2 * c * along, kind="stable")[:BEST]]
+
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours on the grid of stiffnesses."""
+        step = float(STIFFNESSES[1] / STIFFNESSES[0])
+        return shape[0] / step, shape[0] * step
+
+    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+        """Return whether the stiffness is at the end of what was tried."""
+        return not STIFFNESSES[0] * 1.001 < shape[0] < STIFFNESSES[-1] * 0.999
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return the model's own size, and some room."""
+        return np.array([LEAST]), np.array([MOST])
+
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether next to nothing of it comes.
+
+        A logged motion without the resonance asks for a stiffer spring of more than its size: K is
+        then the size of the deflection alone.
+        """
+        return bool(coefficients[0] <= LEAST)
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return K [N·m/rad]."""
+        return {"stiffness_nm_per_rad": shape[0] / float(coefficients[0])}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the joint's torque changes too little."""
+        if float(data.rigid[:, joint].std()) < 5 * data.noise[joint]:
+            return f"joint {joint + 1} carries no torque that changes"
+        return ""
+
+
+def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:
+    """Return (T,) the link's angle less the motor's, M δ̈ + D δ̇ + K δ = −load(q + δ) [rad].
+
+    Newmark's average acceleration, which is stable for any K ("A method of computation for
+    structural dynamics", 1959); D is ``ratio`` of the critical. The load is that of the motor's
+    angle and its slope with gravity, to first order in δ.
+    """
+    load, mass = data.rigid[:, joint], mass_matrix(data)[:, joint, joint]
+    damping = 2 * ratio * np.sqrt(stiffness * mass)
+    total = np.maximum(stiffness + gravity_slope(data)[:, joint, joint], 0.1 * stiffness)
+    out = np.empty(len(load))
+    for run in data.runs():
+        out[run] = _swing(load[run], mass[run], damping[run], total[run], data.dt)
+    return out
+
+
+@compiled
+def _swing(load: Array, mass: Array, damping: Array, stiffness: Array, h: float) -> Array:
+    """Return (T,) `deflection` of one run, from rest."""
+    out = np.empty(len(load))
+    x, v, a = -load[0] / stiffness[0], 0.0, 0.0
+    for k in range(len(load)):
+        ahead, faster = x + h * v + h * h * a / 4, v + h * a / 2
+        force = -load[k] - damping[k] * faster - stiffness[k] * ahead
+        a = force / (mass[k] + damping[k] * h / 2 + stiffness[k] * h * h / 4)
+        x, v = ahead + h * h * a / 4, faster + h * a / 2
+        out[k] = x
+    return out

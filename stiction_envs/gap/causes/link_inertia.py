@@ -1,0 +1,40 @@
+"""Inertia that is missing or wrong on a joint's own axis: τ = ΔJ q̈."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, rests
+from stiction_envs.gap.causes.deflection import mass_matrix
+from stiction_envs.gap.signals.dataset import Data
+
+
+class LinkInertia(Cause):
+    """A rotor, or a link's inertia about its joint."""
+
+    name: ClassVar[str] = "link_inertia"
+    what: ClassVar[str] = "a link's or rotor's inertia wrong"
+    record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
+    parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the acceleration."""
+        return data.ddq[:, joint, None]
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return ΔJ with which the joint keeps a positive inertia in every pose of the log."""
+        inertia = data.cached("inertia", lambda: mass_matrix(data).diagonal(axis1=1, axis2=2))
+        return np.array([-float(inertia[:, joint].min())]), np.array([self.parameters[0].high])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return ΔJ [kg·m²]."""
+        return {"armature_kgm2": float(coefficients[0])}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the joint accelerates too little."""
+        if rests(data, joint):
+            return f"joint {joint + 1} does not move"
+        a = float(data.ddq[:, joint].std())
+        return f"joint {joint + 1} hardly accelerates" if a < 0.02 else ""

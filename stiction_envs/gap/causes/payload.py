@@ -1,0 +1,91 @@
+"""An unmodelled body on the flange: ten inertial parameters of the last link, linear in torque."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, changes
+from stiction_envs.gap.signals.dataset import Data
+
+HEAVY = 1.0
+"""A payload whose weight must be seen to change [kg]; assumed."""
+SMALL = 0.02
+"""Mass under which a centre of mass means nothing [kg]; assumed."""
+
+
+class Payload(Cause):
+    """A tool, a gripper, a cable's weight."""
+
+    name: ClassVar[str] = "payload"
+    what: ClassVar[str] = "unmodelled mass on the flange"
+    record: ClassVar[str] = "static poses with the flange turned all ways"
+    arm_wide: ClassVar[bool] = True
+    parameters: ClassVar = (
+        Parameter("mass_kg", "kg", 0.0),
+        Parameter("com_m", "m", size=3),
+        Parameter("inertia", "kg·m²", size=6),
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque per m, m c (3) and inertia (6) about the flange, in its axes."""
+        return data.cached("payload", lambda: _regressor(data))[:, joint]
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return mass [kg] and centre of mass in the flange's axes [m]."""
+        mass = float(coefficients[0])
+        com = coefficients[1:4] / mass if mass > SMALL else np.zeros(3)
+        return {"mass_kg": mass, "com_m": [float(x) for x in com]}
+
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether there is no mass."""
+        return bool(coefficients[0] <= 0)
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether its mass is none."""
+        return bool(coefficients[0] <= SMALL)
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the arm holds one pose only."""
+        if float(np.ptp(data.q, axis=0).max()) < 0.05:
+            return "the arm holds one pose only"
+        weight = data.cached("payload", lambda: _regressor(data))[..., 0]
+        if not changes(data, HEAVY * weight).any():
+            return "a payload's weight hardly changes any torque along this motion"
+        return ""
+
+
+def _regressor(data: Data) -> Array:
+    """Return (T, n, 10): torque of a body at the flange per inertial parameter in its axes."""
+    model = data.pinocchio
+    frame = model.frames[model.getFrameId(data.arm.end_effector)]
+    # a body at the flange seen from the last joint: its ten parameters transform linearly
+    change = np.empty((10, 10))
+    for k in range(10):
+        unit = np.zeros(10)
+        unit[k] = 1.0
+        change[:, k] = _moved(unit, frame.placement)
+    work = model.createData()
+    out = np.empty((len(data.t), data.n, 10))
+    for i, (q, dq, ddq) in enumerate(zip(data.q, data.dq, data.ddq, strict=True)):
+        out[i] = pin.computeJointTorqueRegressor(model, work, q, dq, ddq)[:, -10:] @ change
+    return out
+
+
+def _moved(parameters: Array, placement: pin.SE3) -> Array:
+    """Return pinocchio's ten parameters of a body, given in another frame, in the joint's.
+
+    m; m c; I about the frame's origin as (xx, xy, yy, xz, yz, zz).
+    """
+    m, h = parameters[0], parameters[1:4]
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    r, p = placement.rotation, placement.translation
+    turned, first = r @ inertia @ r.T, r @ h
+    # I' = R I Rᵀ + m (pᵀp 1 − ppᵀ) + 2 pᵀ(Rh) 1 − p (Rh)ᵀ − (Rh) pᵀ
+    moved = turned + m * (p @ p * np.eye(3) - np.outer(p, p))
+    moved += 2 * (p @ first) * np.eye(3) - np.outer(p, first) - np.outer(first, p)
+    i = moved
+    return np.array([m, *(first + m * p), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])

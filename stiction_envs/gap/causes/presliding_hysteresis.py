@@ -1,0 +1,66 @@
+"""Friction that lags reversals: a bristle ζ' = (q̇ − |q̇| ζ)/d in place of sign(q̇)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import (
+    SLOW,
+    Array,
+    Cause,
+    Parameter,
+    Shape,
+    along_runs,
+    lacks_both_directions,
+    log_grid,
+    turns,
+)
+from stiction_envs.gap.signals.bristle import bristles
+from stiction_envs.gap.signals.dataset import Data
+
+SHORTEST, LONGEST, COUNT = 1e-3, 5e-2, 9
+"""Presliding distances that are tried [rad]: a filtered log sees a sign under the shortest."""
+
+
+class PreslidingHysteresis(Cause):
+    """A joint that yields before it slides."""
+
+    name: ClassVar[str] = "presliding_hysteresis"
+    what: ClassVar[str] = "friction lags reversals (bristle)"
+    rough: ClassVar[bool] = True
+    lags: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
+    record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
+    needs: ClassVar = ("coulomb_friction",)
+    parameters: ClassVar = (
+        Parameter("bristle_stiffness", "N·m/rad", 0.0),
+        Parameter("bristle_damping", "N·m·s/rad", 0.0),
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the bristle adds to dry friction of 1 N·m, and its rate [rad/s]."""
+        zeta = bristles(data.way[:, [joint]], data.runs(), np.array([[shape[0]]]))[:, 0, 0]
+        lag = zeta - data.grip(joint)
+        return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return presliding distances F_c/σ0 [rad]; under the shortest a log sees a sign."""
+        return log_grid(SHORTEST, LONGEST, COUNT)
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""
+        return {"bristle_stiffness": float(coefficients[0]) / shape[0]}
+
+    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether nothing lags: without damping it may well be."""
+        return bool(coefficients[0] <= 0)
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether reversals are missing."""
+        missing = lacks_both_directions(data, joint)
+        count = turns(data.dq[:, joint], SLOW)
+        if not missing and count < 2:
+            missing = f"joint {joint + 1} reverses only {count} times"
+        return missing

@@ -1,0 +1,74 @@
+"""Extra friction near zero speed: τ = ΔF sign(q̇) exp(−(q̇/v_s)²)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import (
+    Array,
+    Cause,
+    Parameter,
+    Shape,
+    along_runs,
+    lacks_both_directions,
+    log_grid,
+    moving,
+)
+from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
+
+MOST_RATIO = 5.0
+"""ΔF over the level in motion past which bristles are taken as at this [-]; assumed."""
+
+
+class StribeckFriction(Cause):
+    """Friction that falls from its level at rest to its level in motion."""
+
+    name: ClassVar[str] = "stribeck_friction"
+    what: ClassVar[str] = "extra friction near zero speed"
+    rough: ClassVar[bool] = True
+    plain: ClassVar[bool] = False
+    record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
+    needs: ClassVar = ("coulomb_friction",)
+    parameters: ClassVar = (
+        Parameter("stiction_nm", "N·m", 0.0),
+        Parameter("stribeck_velocity", "rad/s", 0.0, size=0),
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the direction, faded out with speed."""
+        # of the way, whose filter is wider: the speed falls fast where a joint stops
+        speed = along_runs(data, data.way[:, joint])
+        fade = np.exp(-np.square(speed / shape[0]))
+        ratio = shape[1] if len(shape) > 1 else 0.0
+        return data.smooth(data.growth(joint, fade, ratio))[:, None]
+
+    def grown(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return v_s and ΔF over the level in motion, which bends the bristles further."""
+        if level <= 0:
+            return shape
+        return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return Stribeck velocities from what a filtered log resolves to speeds that are common.
+
+        Motion that is slower than that never leaves the effect behind: it is as good as constant.
+        """
+        top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
+        low = 3 * SIGN_SPEED
+        return log_grid(low, min(0.3, top), 10) if top > 1.1 * low else []
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""
+        return {"stiction_nm": float(coefficients[0]), "stribeck_velocity": shape[0]}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether slow or fast motion is missing."""
+        v = np.abs(data.dq[:, joint])
+        if not (missing := lacks_both_directions(data, joint)):
+            if ((v > SIGN_SPEED) & (v < 0.1)).mean() < 0.01:
+                missing = f"joint {joint + 1} never moves slowly"
+            elif moving(data, joint).mean() < 0.1:
+                missing = f"joint {joint + 1} hardly moves"
+        return missing

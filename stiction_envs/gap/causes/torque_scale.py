@@ -1,0 +1,51 @@
+"""A wrong torque gain: measured = s × true, so that the residual is (s − 1) times the torque."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.signals.dataset import Data
+
+LOW, HIGH = 0.5, 2.0
+"""Gains beyond which no sensor or ratio would have gone unnoticed: it is another mass, or friction
+[-]; assumed."""
+
+LEAST = 2e-3
+"""Error of a gain that is none [-]: torque sensors are linear to some tenths of a per cent
+(assumed)."""
+
+
+class TorqueScale(Cause):
+    """Gain of a torque sensor, motor constant or gear ratio."""
+
+    name: ClassVar[str] = "torque_scale"
+    what: ClassVar[str] = "torque gain wrong"
+    record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
+    parameters: ClassVar = (Parameter("scale", "1", LOW, HIGH, neutral=1.0),)
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the nominal torque and the load."""
+        torque = data.nominal[:, joint, None]
+        return torque if data.carried is None else torque + data.carried[:, joint, None]
+
+    def small(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether the gain is as right as gains are."""
+        return abs(float(coefficients[0])) < LEAST
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return the bounds of s − 1."""
+        return np.array([LOW - 1.0]), np.array([HIGH - 1.0])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return s [-]."""
+        return {"scale": 1.0 + float(coefficients[0])}
+
+    def lacking(self, data: Data, joint: int) -> str:
+        """Return whether the joint carries too little torque."""
+        size = float(data.nominal[:, joint].std())
+        if size < 5 * data.noise[joint]:
+            return f"joint {joint + 1} carries no torque that changes"
+        return ""

@@ -1,0 +1,109 @@
+"""Which causes these data cannot tell from one that was found."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.selection import Gain, gain
+
+Array = NDArray[np.float64]
+ALIKE = 0.1
+"""Part of a cause's own gain that it may lose to another which explains the same [-]; assumed."""
+
+
+def confused_with(
+    library: Library,
+    terms: list[Term],
+    mine: list[Term],
+    joints: tuple[int, ...],
+    own: Gain,
+    c: Array,
+) -> tuple[str, ...]:
+    """Return the causes that explain the same part: held-out gain of one once the other is in."""
+    name, rest = mine[0].cause, [t for t in terms if t not in mine]
+    data, cause = library.data, library.causes[name]
+    out = list(dict.fromkeys(x for t in mine for x in cause.alike(data, t.joint)))
+    taken = {t.cause for t in rest}
+    for other in library.causes:
+        if other == name or other in out or name in library.needs(other):
+            continue
+        if other in taken:
+            if _one_beside_the_other(library, other, terms, mine, c):
+                out.append(other)
+            continue
+        swap = _best_swap(library, other, {j - 1 for j in joints}, rest)
+        if swap is None:
+            if _looks_the_same(library, other, terms, mine, c):
+                out.append(other)
+            continue
+        still = gain(library, [*rest, *swap, *mine], mine)
+        if not still.stands or still.total < ALIKE * own.total:
+            out.append(other)
+    return tuple(out)
+
+
+def _looks_the_same(
+    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+) -> bool:
+    """Whether a cause that these data cannot show would look like the one that was found."""
+    data, cause = library.data, library.causes[other]
+    if cause.arm_wide or cause.coupled:
+        return False
+    parts = dict(zip(terms, library.split(terms, c), strict=True))
+    for term in mine:
+        j = term.joint
+        if (other, j) not in library.lacking or not cause.plain:
+            return False
+        beside = [library.columns(t, j) for t in terms if t not in mine and j in library.reach(t)]
+        target = library.columns(term, j) @ parts[term]
+        if _own_share(library, j, target, [cause.columns(data, j, ()), *beside]) > ALIKE:
+            return False
+    return True
+
+
+def _one_beside_the_other(
+    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+) -> bool:
+    """Whether two causes of a model on the same joints are hardly two along this motion."""
+    parts = dict(zip(terms, library.split(terms, c), strict=True))
+    for term in mine:
+        j = term.joint
+        if j == ARM or not any((t.cause, t.joint) == (other, j) for t in terms):
+            return False
+        rest = [t for t in terms if t not in mine and j in library.reach(t)]
+        target = library.columns(term, j) @ parts[term]
+        with_it, without = (
+            _own_share(library, j, target, [library.columns(t, j) for t in some])
+            for some in (rest, [t for t in rest if t.cause != other])
+        )
+        if with_it > ALIKE or without <= ALIKE:
+            return False
+    return True
+
+
+def _own_share(library: Library, joint: int, torque: Array, columns: list[Array]) -> float:
+    """Return the part of a torque (T,) that columns (T, ...) on its joint do not explain [-]."""
+    weight = np.sqrt(library.weight[:, joint] * (library.data.block >= 0))
+    target = torque * weight
+    x = np.concatenate([np.zeros((len(target), 1)), *columns], axis=1) * weight[:, None]
+    left = target - x @ np.linalg.lstsq(x, target, rcond=None)[0]
+    return float(left @ left) / max(float(target @ target), 1e-300)
+
+
+def _best_swap(
+    library: Library, other: str, joints: set[int], rest: list[Term]
+) -> list[Term] | None:
+    """Return the terms of another cause, with its best parameters, on the same joints."""
+    swap: list[Term] = []
+    arm_wide = library.causes[other].arm_wide
+    for joint in [ARM] if arm_wide else sorted(joints):
+        options = [t for t in library.terms if t.cause == other and t.joint == joint]
+        if not options:
+            return None
+        scored = []
+        for term in options:
+            scored.append(float(library.stack.errors(library.pick([*rest, *swap, term])).sum()))
+        swap.append(options[int(np.argmin(scored))])
+    return swap or None

@@ -1,0 +1,369 @@
+"""What the simulation gets wrong, by name: `diagnose(logs, robot) -> Diagnosis`.
+
+logs -> signals -> residual beside the nominal model -> causes that stand -> parameters
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.causes import CAUSES, ActuatorDelay, Cause
+from stiction_envs.gap.confusion import confused_with
+from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
+from stiction_envs.gap.model_file import Nominal, Part, resolve
+from stiction_envs.gap.refit import beside_what_was_found, found_again, settle
+from stiction_envs.gap.selection import Chooser, gain, pruned
+from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.poses import AT_REST
+from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.torque_lag import mend_torques
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import Arm, load_arm
+
+Array = NDArray[np.float64]
+MOST_ROWS = 40_000
+"""Rows of all logs together; longer logs are thinned out after the filter (stated in the notes)."""
+CLOSE = 3.0
+"""Held-out error over the noise floor under which nothing is left to explain [-]; assumed."""
+SMALL = 0.02
+"""The same over a joint's whole torque, root mean square [-]; assumed."""
+MOVES = 0.05
+"""Angle that some joint must turn before a log can say anything [rad]; assumed."""
+VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedCause:
+    """One cause that stands."""
+
+    name: str
+    joints: tuple[int, ...]
+    """From 1, where it stands; all for causes of the whole arm."""
+    gain_percent: float
+    """What is lost when it alone is taken out [%]."""
+    parameters: dict[int, dict[str, Estimate]]
+    """By joint (from 1), 0 for the whole arm."""
+    evidence: str
+    confused_with: tuple[str, ...]
+    tell_apart: str
+    """The motion that would tell it from those."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """The result, and what it was worked out from."""
+
+    robot: str
+    verdict: str
+    causes: tuple[NamedCause, ...]
+    nominal_rms: Array
+    """(n,) held out [N·m]."""
+    extended_rms: Array
+    """(n,) held out [N·m]."""
+    noise: Array
+    """(n,) [N·m]."""
+    lacking: dict[str, str]
+    """Causes that these data cannot show, and why."""
+    record: tuple[str, ...]
+    """What to record next."""
+    logs: tuple[JointLog, ...]
+    data: Data
+    library: Library
+    terms: tuple[Term, ...]
+    coefficients: Array
+    base: Data
+    """The logs beside the nominal friction alone, without causes of earlier diagnoses."""
+    stood_on: Nominal
+    """The nominal model."""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def gain_percent(self) -> float:
+        """100 (1 − mean over joints of extended over nominal held-out RMS) [%]."""
+        return float(100 * (1 - np.mean(self.extended_rms / self.nominal_rms)))
+
+    def torque(self, joint: int) -> Array:
+        """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""
+        return self.library.torque(self.terms, self.coefficients, joint)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return ``diagnosis.json`` of the contract."""
+        return {
+            "robot": self.robot,
+            "verdict": self.verdict,
+            "nominal": {"rms_nm": self.nominal_rms.tolist(), "held_out": True},
+            "extended": {"rms_nm": self.extended_rms.tolist(), "held_out": True},
+            "noise_floor_nm": self.noise.tolist(),
+            "gain_percent": self.gain_percent,
+            "causes": [
+                {
+                    "name": c.name,
+                    "joints": list(c.joints),
+                    "gain_percent": c.gain_percent,
+                    "parameters": _parameters(c),
+                    "evidence": c.evidence,
+                    "confused_with": list(c.confused_with),
+                }
+                for c in self.causes
+            ],
+            "record_next": list(self.record),
+            "notes": list(self.notes),
+        }
+
+
+def _parameters(cause: NamedCause) -> dict[str, Any]:
+    """Return the parameters: of the arm or a single joint as such, else by joint."""
+
+    def plain(found: dict[str, Estimate]) -> dict[str, Any]:
+        return {
+            k: {"value": e.value, "ci95": e.ci95, "on_bound": e.on_bound} for k, e in found.items()
+        }
+
+    first = plain(next(iter(cause.parameters.values())))
+    if len(cause.parameters) == 1:
+        return first
+    # the strongest joint's under the plain name, every joint's beside it
+    out: dict[str, Any] = dict(first)
+    out["by_joint"] = {str(j): plain(found) for j, found in cause.parameters.items()}
+    return out
+
+
+def diagnose(
+    logs: Sequence[str | Path] | Sequence[JointLog],
+    robot: str | Path | Arm,
+    *,
+    nominal: str | Path | FrictionParameters | Nominal = "rigid",
+    link_side: bool = False,
+    causes: Sequence[Cause] = CAUSES,
+    cutoff_hz: float | None = None,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Diagnosis:
+    """Name what a nominal model gets wrong about measured joint logs.
+
+    Args:
+        logs: files, or logs that were read.
+        robot: name, model file or arm.
+        nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
+            parameters.
+        link_side: whether torque was measured behind the gear.
+        causes: hypotheses.
+        cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
+        seed: of the bootstrap.
+        progress: called with a stage and its part done.
+
+    Raises:
+        StictionError: logs that cannot be read or do not fit the robot.
+    """
+    say = progress or (lambda *_: None)
+    arm = robot if isinstance(robot, Arm) else load_arm(robot)
+    if not logs:
+        raise StictionError("no logs: allowed is one or more")
+    read: list[JointLog] = []
+    for log in logs:
+        if isinstance(log, JointLog):
+            read.append(log)
+        else:
+            read += read_logs([log], arm.n, limits=arm.limits)
+        say("reading", len(read) / len(logs))
+    stood_on = resolve(nominal, arm)
+    read, signals = mend_torques(
+        read, arm, lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS)
+    )
+    say("inverse dynamics", 0.0)
+    base = assemble(arm, signals, friction=stood_on.friction, link_side=link_side)
+    data = stood_on.extend(base)
+    say("columns of all causes", 0.0)
+    if not np.isfinite(data.dt):  # poses without any motion
+        causes = [c for c in causes if c.name in AT_REST]
+    library = Library(data, causes)
+
+    def choose(library: Library, *some: Sequence[Term]) -> list[Term]:
+        return Chooser(library, lambda k: say("choosing causes", k / (k + 3)), *some).choose()
+
+    terms = choose(library)
+    again = beside_what_was_found(library, terms)
+    if again is not None and found_again(terms, beside := choose(again)):
+        library, terms = again, beside
+    terms = settle(library, sharpen(library, terms))
+    kept = pruned(library, terms)
+    if len(kept) < len(terms):
+        # what is none after all may have kept out something better
+        gone = [t for t in terms if t not in kept]
+        terms = settle(library, sharpen(library, choose(library, kept, gone)))
+        terms = pruned(library, terms)
+    return _conclude(stood_on, base, read, signals, library, terms, seed, say)
+
+
+def _conclude(
+    stood_on: Nominal,
+    base: Data,
+    logs: list[JointLog],
+    signals: Signals,
+    library: Library,
+    terms: list[Term],
+    seed: int,
+    say: Callable[[str, float], None],
+) -> Diagnosis:
+    data, stack = library.data, library.stack
+    nothing = stack.held_out(library.pick([]))
+    pick = library.pick(terms)
+    full = stack.held_out(pick)
+    count = np.array([g.count.sum() for g in stack.grams])
+    nominal_rms = np.sqrt(nothing.sum(axis=1) / count) * data.noise
+    extended_rms = np.sqrt(full.sum(axis=1) / count) * data.noise
+    c = stack.fit(pick)
+    draws = draw(library, terms, c, seed) if terms else None
+    names = list(dict.fromkeys(t.cause for t in terms))
+    named = []
+    for i, name in enumerate(names):
+        say("evidence", i / len(names))
+        mine = [t for t in terms if t.cause == name]
+        rest = [t for t in terms if t.cause != name]
+        without_sq = stack.held_out(library.pick(rest))
+        stands = gain(library, terms, mine)
+        if not stands.stands:
+            continue
+        without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
+        lost = float(100 * np.mean((without - extended_rms) / nominal_rms))
+        joints = tuple(sorted(t.joint + 1 for t in mine))
+        if mine[0].joint == ARM:
+            joints = tuple(int(j) + 1 for j in np.flatnonzero(stands.sure))
+        confused = confused_with(library, terms, mine, joints, stands, c)
+        named.append(
+            NamedCause(
+                name=name,
+                joints=joints,
+                gain_percent=lost,
+                parameters=estimates(library, terms, mine, c, draws),
+                evidence=_evidence(
+                    library.causes[name].said(library.split(terms, c)[terms.index(mine[0])]),
+                    joints,
+                    without,
+                    extended_rms,
+                ),
+                confused_with=confused,
+                tell_apart="; ".join(_motion(library, x) for x in confused),
+            )
+        )
+    named.sort(key=lambda x: -x.gain_percent)
+    lacking = {name: reason for (name, _), reason in library.lacking.items()}
+    verdict = _verdict(named, nominal_rms, extended_rms, data.noise, library)
+    return Diagnosis(
+        robot=data.arm.name,
+        verdict=verdict,
+        causes=tuple(named),
+        nominal_rms=nominal_rms,
+        extended_rms=extended_rms,
+        noise=data.noise,
+        lacking=lacking,
+        record=_record(library, named, lacking),
+        logs=tuple(logs),
+        data=data,
+        library=library,
+        terms=tuple(terms),
+        coefficients=c,
+        base=base,
+        stood_on=stood_on,
+        notes=(*signals.notes, *_told(logs)),
+    )
+
+
+def _told(logs: list[JointLog]) -> list[str]:
+    """Return what was mended in logs and what was found and not mended, each with its log."""
+    said = [(log, x) for log in logs for x in (*(m.text for m in log.mends), *log.warnings)]
+    return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
+
+
+def _evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) -> str:
+    """Return one sentence that can be checked against a plot."""
+    if not joints:
+        return f"{what}, on the arm as a whole"
+    j = max(joints, key=lambda k: (without[k - 1] - full[k - 1]) / without[k - 1]) - 1
+    return (
+        f"{what}: without it joint {j + 1} is off by {without[j]:.3g} N·m "
+        f"(held out, root mean square), with it by {full[j]:.3g} N·m"
+    )
+
+
+def _verdict(
+    named: list[NamedCause], nominal: Array, extended: Array, noise: Array, library: Library
+) -> str:
+    size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
+    enough = np.maximum(CLOSE * noise, SMALL * size)
+    left = extended > enough
+    seen = len(library.terms) > 0 and float(np.ptp(library.data.q, axis=0).max()) > MOVES
+    if not seen:
+        return "cannot tell"
+    if not named:
+        return "cannot tell" if (nominal > enough).any() else "no discrepancy"
+    if len(named) == 1 and named[0].confused_with and left.any():
+        return "cannot tell"
+    return "partly explained" if left.any() else "explained"
+
+
+def _motion(library: Library, name: str) -> str:
+    """Return the motion that shows a cause, of those too that are no hypothesis here."""
+    known = {c.name: c for c in CAUSES} | library.causes
+    return known[name].record
+
+
+def _record(library: Library, named: list[NamedCause], lacking: dict[str, str]) -> tuple[str, ...]:
+    """Return what to record next, most useful first."""
+    out = []
+    for c in named:
+        for other in c.confused_with:
+            out.append(
+                f"to tell {c.name} from {other}: {_motion(library, c.name)}; "
+                f"{_motion(library, other)}"
+            )
+    for name, reason in lacking.items():
+        out.append(f"to see {name} ({reason}): {_motion(library, name)}")
+    return tuple(dict.fromkeys(out))
+
+
+def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
+    """Return what a diagnosis found on top of what it stood on.
+
+    Args:
+        diagnosis: the result.
+        coefficients: (P,) others than those of the fit to all data.
+    """
+    before = diagnosis.stood_on
+    data, arm = diagnosis.data, diagnosis.data.arm
+    c = diagnosis.coefficients if coefficients is None else coefficients
+    level = 1 + max((p.level for p in before.parts), default=0)
+    split = diagnosis.library.split(diagnosis.terms, c)
+
+    def beside(term: Term) -> bool:
+        cause = diagnosis.library.causes[term.cause]
+        return cause.of_all if isinstance(cause, ActuatorDelay) else data.carried is not None
+
+    parts = tuple(
+        Part(
+            cause=t.cause,
+            joint=0 if t.joint == ARM else t.joint + 1,
+            shape=tuple(float(x) for x in t.shape),
+            coefficients=tuple(float(x) for x in mine),
+            level=level,
+            carried=beside(t),
+        )
+        for t, mine in zip(diagnosis.terms, split, strict=True)
+    )
+    return Nominal(
+        friction=before.friction,
+        parts=(*before.parts, *parts),
+        robot=arm.name,
+        payload=arm.payload,
+        tilt=arm.tilt,
+        distance=tuple(float(x) for x in data.distance),
+    )

@@ -1,0 +1,205 @@
+"""Parameters of the causes that stand: refined, and with intervals of the block bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.normal_equations import Gram, Pick, Stack, solve
+
+Array = NDArray[np.float64]
+RESAMPLES = 200
+WIDER = 2.2
+"""Standard deviations of the resamples in an interval: Student's t of 11 degrees of freedom."""
+FAR = 5.0
+"""Robust standard deviations at which resamples are cut off [-]; assumed."""
+MODEL = 0.03
+"""Part of a value to which any model is true at best [-]; assumed."""
+GROWN, NEAR = 2, 0.15
+"""Rounds in which shapes follow sizes, and how far the logarithm of a parameter then moves [-];
+assumed."""
+TANGENT = 0.1
+"""Step in the logarithm of a nonlinear parameter for its tangent [-]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """One parameter of a cause on one joint, or of the arm."""
+
+    value: float | list[float]
+    ci95: Any
+    """[low, high], or one such pair per number."""
+    on_bound: bool
+
+
+def sharpen(library: Library, terms: list[Term]) -> list[Term]:
+    """Refine nonlinear parameters between the grid's neighbours, and by the sizes that are found.
+
+    What hangs on a size is worked out anew with it, as often as `GROWN`.
+    """
+    out = _refined(library, terms)
+    for _ in range(GROWN):
+        c = library.split(out, library.stack.fit(library.pick(out)))
+        level = library.data.level.copy()
+        for term, mine in zip(out, c, strict=True):
+            if term.cause == "coulomb_friction":
+                level[term.joint] += float(mine[0])
+        larger = [
+            Term(t.cause, t.joint, library.causes[t.cause].grown(t.shape, x, float(level[t.joint])))
+            for t, x in zip(out, c, strict=True)
+        ]
+        if larger == out:
+            break
+        library.refine(larger)
+        out = _refined(library, larger, NEAR)
+    return out
+
+
+def _refined(library: Library, terms: list[Term], near: float | None = None) -> list[Term]:
+    """Refine nonlinear parameters one after the other, within ``near`` or the grid's neighbours."""
+    out = list(terms)
+    data = library.data
+    c = library.split(out, library.stack.fit(library.pick(out)))
+    for i, term in enumerate(out):
+        if not term.shape or term.joint == ARM or not library.causes[term.cause].sharpen:
+            continue
+        j = term.joint
+        cause, rest = library.causes[term.cause], term.shape[1:]
+        if near is None:
+            ends = np.log(cause.between(term.shape, library.tried(term)))
+        else:
+            ends = np.log(term.shape[0]) + np.array([-near, near])
+        local = [k for k, t in enumerate(out) if library.reach(t) == [j] and k != i]
+        arm = [k for k, t in enumerate(out) if j in library.reach(t) and k not in (i, *local)]
+        left = data.residual[:, j].copy()
+        for k in arm:
+            left -= library.columns(out[k], j) @ c[k]
+        fixed = [library.columns(out[k], j) for k in local]
+        bounds = [library.causes[out[k].cause].bounds(data, j) for k in [*local, i]]
+        low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
+        weight = library.weight[:, j] * (data.block >= 0)
+
+        def loss(
+            log: float,
+            term: Term = term,
+            rest: tuple[float, ...] = rest,
+            fixed: list[Array] = fixed,
+            left: Array = left,
+            weight: Array = weight,
+            low: Array = low,
+            high: Array = high,
+        ) -> float:
+            own = library.columns(
+                Term(term.cause, term.joint, (float(np.exp(log)), *rest)), term.joint
+            )
+            x = np.concatenate([*fixed, own], axis=1)
+            xx, xr = x.T @ (x * weight[:, None]), x.T @ (left * weight)
+            best = solve(xx, xr, low, high)
+            return float(best @ xx @ best - 2 * xr @ best)
+
+        found = minimize_scalar(
+            loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.005, "maxiter": 20}
+        )
+        if found.fun < loss(float(np.log(term.shape[0]))):
+            out[i] = Term(term.cause, j, (float(np.exp(found.x)), *rest))
+    library.refine(t for t in out if t not in terms)
+    return out
+
+
+def estimates(
+    library: Library, terms: list[Term], mine: list[Term], c: Array, draws: Draws | None
+) -> dict[int, dict[str, Estimate]]:
+    """Return the parameters of one cause with intervals of the block bootstrap."""
+    out: dict[int, dict[str, Estimate]] = {}
+    for i, (term, best) in enumerate(zip(terms, library.split(terms, c), strict=True)):
+        if term not in mine:
+            continue
+        cause = library.causes[term.cause]
+        values = cause.values(best, term.shape)
+        drawn = draws[i] if draws is not None else [(best, term.shape)]
+        samples = [cause.values(x, shape) for x, shape in drawn]
+        neutral = {p.name: p.neutral for p in cause.parameters}
+        tried = library.tried(term)
+        bound = cause.bounded(best, library.data, term.joint) or cause.at_edge(term.shape, tried)
+        out[term.joint + 1] = {
+            key: Estimate(
+                value=value,
+                ci95=_interval(
+                    np.array([s[key] for s in samples]), np.array(value), neutral.get(key, 0.0)
+                ),
+                on_bound=bound,
+            )
+            for key, value in values.items()
+        }
+    return out
+
+
+def _interval(samples: Array, value: Array, neutral: float) -> Any:
+    """Return [low, high] about a value, or one pair per number.
+
+    Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
+    for (`MODEL`): the percentiles of 12 blocks are too narrow. Samples far out, such as a quotient
+    whose divisor came near zero, count as if they were `FAR` deviations out.
+    """
+    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
+    far = FAR * (high - low) / 2
+    near = np.clip(samples, middle - far, middle + far)
+    spread = WIDER * near.std(axis=0) + MODEL * np.max(np.abs(value - neutral))
+    return np.stack([value - spread, value + spread], axis=-1).tolist()
+
+
+Draws = list[list[tuple[Array, tuple[float, ...]]]]
+"""For each term its (coefficients, nonlinear parameters) of every resample."""
+
+
+def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
+    """Return resamples of the blocks, in which nonlinear parameters move along their tangents."""
+    data = library.data
+    parts = library.split(terms, c)
+    start = np.cumsum([0, *(len(x) for x in parts)])
+    bent = [i for i, t in enumerate(terms) if t.shape and library.causes[t.cause].sharpen]
+    where = {i: int(start[-1]) + k for k, i in enumerate(bent)}
+    size = int(start[-1]) + len(bent)
+    grams, columns, coefficients = [], [], []
+    for j in range(data.n):
+        stacked: list[Array] = []
+        at: list[int] = []
+        for i, term in enumerate(terms):
+            if j not in library.reach(term):
+                continue
+            stacked.append(library.columns(term, j))
+            at += range(start[i], start[i + 1])
+            if i in where:
+                up, down = (
+                    Term(term.cause, term.joint, (term.shape[0] * np.exp(s), *term.shape[1:]))
+                    for s in (TANGENT, -TANGENT)
+                )
+                slope = (library.columns(up, j) - library.columns(down, j)) / (2 * TANGENT)
+                stacked.append((slope @ parts[i])[:, None])
+                at.append(where[i])
+        x = np.concatenate(stacked, axis=1) if stacked else np.zeros((len(data.t), 0))
+        weight = library.weight[:, j] / data.noise[j] ** 2
+        grams.append(Gram.of(x, data.residual[:, j], data.block, weight, data.blocks))
+        columns.append(tuple(range(x.shape[1])))
+        coefficients.append(tuple(at))
+    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    for i, term in enumerate(terms):
+        low[start[i] : start[i + 1]], high[start[i] : start[i + 1]] = library.causes[
+            term.cause
+        ].bounds(data, term.joint)
+    pick = Pick(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
+    draws = Stack(grams).resample(pick, RESAMPLES, np.random.default_rng(seed))
+    out: Draws = []
+    for i, term in enumerate(terms):
+        own = draws[:, start[i] : start[i + 1]]
+        shapes = [term.shape] * len(own)
+        if i in where:
+            moved = np.clip(draws[:, where[i]] - np.median(draws[:, where[i]]), -1, 1)
+            shapes = [(float(term.shape[0] * np.exp(m)), *term.shape[1:]) for m in moved]
+        out.append(list(zip(own, shapes, strict=True)))
+    return out

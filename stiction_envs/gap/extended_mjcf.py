@@ -1,0 +1,137 @@
+"""Plain MJCF of a diagnosed arm: payloads, gravity, springs and offsets beside native friction."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.robots import Arm, mjcf
+
+Array = NDArray[np.float64]
+TIMESTEP = 1e-3
+"""Of the model [s]."""
+PAYLOAD_RADIUS = 0.03
+"""Of the solid sphere of a payload whose inertia was not found [m]; as `load_arm`, assumed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A payload in the flange's axes."""
+
+    mass: float
+    """[kg]."""
+    com: Array
+    """(3,) [m]."""
+    inertia: Array | None
+    """(3, 3) about the centre of mass [kg·m²]; None for a solid sphere's."""
+
+
+def with_bodies(arm: Arm, payloads: Sequence[Body], gravity: Array) -> Arm:
+    """Return an arm with payloads and a gravity that leans.
+
+    Args:
+        arm: the arm.
+        payloads: bodies on the flange.
+        gravity: (2,) part of gravity towards x and y [-]; its size stays.
+    """
+    if not payloads and not gravity.any():
+        return arm
+    root = ET.fromstring(arm.xml)
+    for body in payloads:
+        x, y, z = (float(v) for v in body.com)
+        place = (body.mass, x, y, z)
+        before = set(root.iter("body"))
+        mjcf.add_payload(root, arm.end_effector, place, PAYLOAD_RADIUS)
+        (new,) = set(root.iter("body")) - before
+        element = new.find("inertial")
+        if body.inertia is not None and element is not None:
+            i = body.inertia
+            del element.attrib["diaginertia"]
+            full = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+            element.set("fullinertia", mjcf.numbers(full))
+    if gravity.any():
+        option = root.find("option")
+        if option is None:
+            option = ET.Element("option")
+            root.insert(0, option)
+        was = np.array(mjcf.read_numbers(option, "gravity", (0.0, 0.0, -9.81)))
+        g = float(np.linalg.norm(was))
+        side = was[:2] + g * gravity
+        down = np.sign(was[2]) * np.sqrt(max(g * g - float(side @ side), 0.0))
+        option.set("gravity", mjcf.numbers([*side, down]))
+    return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
+
+
+_COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.
+     Controls are joint torques [N m] as in the logs: they carry gravity themselves, nothing is
+     compensated here. Friction is a LuGre bristle in each dcmotor, rotor inertia is armature,
+     viscous friction damping. Keep integrator Euler and a timestep of at most {timestep:g} s.
+     Contacts are off. What was found and MuJoCo cannot express:
+{missing} """
+
+
+def write_mjcf(
+    arm: Arm,
+    friction: FrictionParameters,
+    *,
+    pull: Array,
+    offset: Array,
+    missing: Sequence[str],
+) -> str:
+    """Return plain MJCF of an arm that sticks.
+
+    Args:
+        arm: with its payloads and gravity.
+        friction: what MuJoCo can hold of it.
+        pull: (n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world.
+        offset: (n,) constant torque that a motor must overcome [N·m].
+        missing: what MuJoCo cannot express, for the comment.
+
+    Raises:
+        StictionError: MuJoCo cannot hold the model.
+    """
+    text = plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
+    root = ET.fromstring(text)
+    for body in root.iter("body"):
+        body.attrib.pop("gravcomp", None)
+    compiler = root.find("compiler")
+    degrees = compiler is None or compiler.get("angle", "degree") == "degree"
+    joints = {e.get("name"): e for e in root.iter("joint")}
+    actuators = root.find("actuator")
+    assert actuators is not None
+    for j, name in enumerate(arm.joint_names):
+        stiffness, rest = pull[j]
+        if stiffness > 0:
+            joints[name].set("stiffness", repr(float(stiffness)))
+            joints[name].set("springref", repr(float(np.degrees(rest) if degrees else rest)))
+        if offset[j]:
+            ET.SubElement(
+                actuators,
+                "general",
+                name=f"{name}_offset",
+                joint=name,
+                gainprm="0",
+                biastype="affine",
+                biasprm=f"{-float(offset[j])!r} 0 0",
+            )
+    listed = [f"     - {m}" for m in missing] or ["     - nothing"]
+    comment = _COMMENT.format(
+        name=arm.name, timestep=TIMESTEP, missing="\n".join(listed).replace("--", "- -")
+    )
+    ET.indent(root)
+    out = f"<!--{comment}-->\n{ET.tostring(root, encoding='unicode')}\n"
+    try:
+        mujoco.MjModel.from_xml_string(out)
+    except ValueError as error:
+        raise StictionError(f"{arm.name}: the extended model cannot be built: {error}") from None
+    return out

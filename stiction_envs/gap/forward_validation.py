@@ -1,0 +1,243 @@
+"""Forward proof: the logs' torques drive the nominal and the extended model in stock MuJoCo.
+
+Short windows start from the measured state, so that errors have no time to grow. Twice:
+
+* replay: the measured torques alone; what counts is how far the arm strays from the log;
+* tracking: a servo adds what it takes to stay on the measured motion; what counts is that torque.
+
+Coefficients come from the blocks that are not simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import BRISTLE_STIFFNESS, COULOMB
+from stiction_envs.gap.diagnosis import model_of
+from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.plant import steer
+
+if TYPE_CHECKING:
+    from stiction_envs.gap.diagnosis import Diagnosis
+
+Array = NDArray[np.float64]
+EVERY = 3
+"""Every third block is simulated and not fitted."""
+SECONDS = 0.5
+"""Length of a window [s]; assumed."""
+REPLAY = 0.2
+"""Start of a window in which the replay counts: its errors grow with the square of time [s];
+assumed."""
+MOST = 64
+"""Windows, evenly picked."""
+LEAST = 2
+BANDWIDTH = 40.0
+"""Of the tracking servo [rad/s]; assumed: faster than the motion of logs, slower than its noise."""
+SETTLE = 0.15
+"""Start of a window in which the servo settles; does not count [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One model in all windows."""
+
+    angle: Array
+    """(W, K, n) simulated angles under the measured torques alone [rad]."""
+    position_rms: Array
+    """(n,) from the measured angles [rad]."""
+    torque_rms: Array
+    """(n,) of what the tracking servo adds [N·m]."""
+    torque: Array
+    """(W, K, n) what it adds [N·m]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proof:
+    """Nominal against extended, on windows of blocks that were not fitted."""
+
+    time: Array
+    """(K,) since the start of a window [s]."""
+    measured: Array
+    """(W, K, n) [rad]."""
+    nominal: Run
+    extended: Run
+    start: Array
+    """(W,) start of each window on its log's clock [s]."""
+
+    @property
+    def position_gain(self) -> Array:
+        """(n,) how much less the extended model strays [%]."""
+        return _gain(self.nominal.position_rms, self.extended.position_rms)
+
+    @property
+    def torque_gain(self) -> Array:
+        """(n,) how much less the servo adds [%]."""
+        return _gain(self.nominal.torque_rms, self.extended.torque_rms)
+
+
+def _gain(before: Array, after: Array) -> Array:
+    return np.asarray(100 * (1 - after / np.maximum(before, 1e-12)))
+
+
+def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
+    """Simulate windows of held-out blocks with both models.
+
+    Args:
+        diagnosis: the result.
+        nthread: threads, 0 for all processors.
+
+    Returns:
+        The proof, or why there is none.
+    """
+    base, nominal = diagnosis.base or diagnosis.data, diagnosis.stood_on
+    blocks = diagnosis.library.stack.blocks
+    held = np.arange(1, blocks, EVERY)
+    if not np.isfinite(base.dt) or len(held) == 0:
+        return "the logs hold no motion"
+    windows = _windows(base, held)
+    if len(windows) < LEAST:
+        return f"no {LEAST} windows of {SECONDS:g} s without a gap in the held-out blocks"
+    weight = np.ones(blocks)
+    weight[held] = 0.0
+    pick = diagnosis.library.pick(diagnosis.terms)
+    found = model_of(diagnosis, diagnosis.library.stack.fit(pick, weight))
+    runs = []
+    try:
+        for model in (nominal, found):
+            made = extend(base, model)
+            runs.append(_simulate(made.xml, base, windows, made.left_out, nthread))
+    except StictionError as error:
+        return str(error)
+    return Proof(
+        time=_times(),
+        measured=_resampled(base, windows, base.q),
+        nominal=runs[0],
+        extended=runs[1],
+        start=np.array([base.t[w.start] for w in windows]),
+    )
+
+
+def _times() -> Array:
+    return np.asarray(np.arange(1, round(SECONDS / 1e-3) + 1) * 1e-3, dtype=np.float64)
+
+
+def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
+    """Return rows of windows within one segment and one held-out block, evenly picked."""
+    count = int(np.ceil(SECONDS / data.dt)) + 1
+    out = []
+    for run in data.runs():
+        block = data.block[run]
+        edges = np.flatnonzero(np.diff(block)) + 1
+        for a, b in zip([0, *edges], [*edges, len(block)], strict=True):
+            if block[a] in held:
+                first = run.start + a
+                out += [slice(k, k + count) for k in range(first, run.start + b - count, count)]
+    if len(out) > MOST:
+        out = [out[int(k)] for k in np.linspace(0, len(out) - 1, MOST)]
+    return out
+
+
+def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) -> Array:
+    """Return (W, K, ...) of a signal, or of its derivative, at the simulation's times."""
+    out = []
+    for w in windows:
+        spline = CubicSpline(np.arange(w.stop - w.start) * data.dt, signal[w])
+        out.append(spline(_times(), order))
+    return np.array(out)
+
+
+def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthread: int) -> Run:
+    model = mujoco.MjModel.from_xml_string(text)
+    names = data.arm.joint_names
+    dof = np.array([model.joint(j).dofadr[0] for j in names])
+    act = np.array([model.actuator(f"{j}_torque").id for j in names])
+    starts = np.array([w.start for w in windows])
+    bristle = _bristle(data, model, act)[starts]
+    measured = _resampled(data, windows, data.q)
+    speed = _resampled(data, windows, data.q, 1)
+    # a torque is held for one step: that of the step's start
+    torque = _resampled(data, windows, data.tau - left_out)
+    torque = np.concatenate([(data.tau - left_out)[starts][:, None], torque[:, :-1]], axis=1)
+
+    start = {
+        "qpos": np.zeros((len(windows), model.nq)),
+        "qvel": np.zeros((len(windows), model.nv)),
+        "act": np.zeros((len(windows), model.na)),
+    }
+    start["qpos"][:, dof], start["qvel"][:, dof] = data.q[starts], data.dq[starts]
+    start["act"][:, model.actuator_actadr[act]] = bristle
+    control = np.zeros((*torque.shape[:2], model.nu))
+    control[:, :, act] = torque
+    steps = control.shape[1]
+    replayed = steer(model, start, lambda k, _: control[:, k], steps, nthread=nthread)
+    angle = _link(replayed, model, names)
+    added = np.empty_like(torque)
+    inertia = np.array([_mass(model, data.q[k], dof) for k in starts])
+
+    def servo(k: int, batch: Batch) -> Array:
+        want = measured[:, k - 1] if k else data.q[starts]
+        want_speed = speed[:, k - 1] if k else data.dq[starts]
+        off = want - batch.bind("qpos")[:, dof]
+        off_speed = want_speed - batch.bind("qvel")[:, dof]
+        pull = BANDWIDTH**2 * off + 2 * BANDWIDTH * off_speed
+        added[:, k] = np.einsum("wij,wj->wi", inertia, pull)
+        out = control[:, k].copy()
+        out[:, act] += added[:, k]
+        return out
+
+    steer(model, start, servo, steps, nthread=nthread)
+    settled = _times() > SETTLE
+    return Run(
+        angle=angle,
+        position_rms=_rms((angle - measured)[:, _times() <= REPLAY]),
+        torque_rms=_rms(added[:, settled]),
+        torque=added,
+    )
+
+
+def _rms(x: Array) -> Array:
+    """Return (n,) root mean square of (W, K, n)."""
+    return np.asarray(np.sqrt(np.mean(np.square(x), axis=(0, 1))))
+
+
+def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:
+    """Return (W, K, n) link angles."""
+    out = qpos[..., [model.joint(j).qposadr[0] for j in names]]
+    known = {model.joint(k).name: model.joint(k).qposadr[0] for k in range(model.njnt)}
+    for i, j in enumerate(names):
+        if f"{j}_spring" in known:
+            out[..., i] += qpos[..., known[f"{j}_spring"]]
+    return out
+
+
+def _mass(model: mujoco.MjModel, q: Array, dof: NDArray[np.int64]) -> Array:
+    """Return the (n, n) mass matrix [kg·m²]."""
+    work = mujoco.MjData(model)
+    work.qpos[dof] = q
+    mujoco.mj_forward(model, work)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, work, full)
+    return np.asarray(full[np.ix_(dof, dof)])
+
+
+def _bristle(data: Data, model: mujoco.MjModel, act: NDArray[np.int64]) -> Array:
+    """Return (T, n) deflection [rad] of bristles dragged along the measured motion."""
+    stiffness = model.actuator_dynprm[act, BRISTLE_STIFFNESS]
+    most = model.actuator_biasprm[act, COULOMB] / np.maximum(stiffness, 1e-9)
+    out = np.zeros_like(data.q)
+    for run in data.runs():
+        z = np.clip(np.sign(data.dq[run.start]), -1, 1) * most
+        out[run.start] = z
+        for k in range(run.start + 1, run.stop):
+            z = np.clip(z + data.q[k] - data.q[k - 1], -most, most)
+            out[k] = z
+    return out

@@ -1,1 +1,0 @@
-"""From joint logs to named causes: what the simulation gets wrong, and the evidence."""

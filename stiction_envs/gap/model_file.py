@@ -1,0 +1,260 @@
+"""The exact record of a diagnosis: causes, coefficients and what they stand on, as TOML.
+
+`--nominal model.toml` reads it back, so that a diagnosis can be repeated on its own result.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
+from stiction_envs.gap.causes import CAUSES, ActuatorDelay, Cause
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+BY_NAME = {c.name: c for c in CAUSES}
+CARRIED = ("payload", "base_tilt")
+"""Causes whose torque the gear transmits: they change the load that friction depends on."""
+FRICTION = ("coulomb_friction", "viscous_friction")
+"""Causes after which a nominal model has friction, which may then be too much too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One cause on one joint, as it was found."""
+
+    cause: str
+    joint: int
+    """From 1; 0 is the whole arm."""
+    shape: tuple[float, ...]
+    """Nonlinear parameters."""
+    coefficients: tuple[float, ...]
+    """What its columns are multiplied by."""
+    level: int = 1
+    """Number of the diagnosis, from 1: a later one stands on the earlier ones."""
+    carried: bool = False
+    """Whether it was found beside what the gears carry of the same diagnosis; for a delay, whether
+    it is one of all torques of that diagnosis."""
+
+    def values(self) -> dict[str, Any]:
+        """Return the parameters as in ``diagnosis.json``."""
+        return BY_NAME[self.cause].values(np.array(self.coefficients), self.shape)
+
+    def torque(self, data: Data, cause: Cause | None = None) -> Array:
+        """Return (T, n) what it adds to the torque of a nominal model [N·m].
+
+        Args:
+            data: logs beside that model.
+            cause: in the place of that of its name.
+        """
+        cause, c = cause or BY_NAME[self.cause], np.array(self.coefficients)
+        out = np.zeros_like(data.q)
+        if cause.coupled:
+            spread = cause.spread(data, self.joint - 1, self.shape)
+            parts = {j: spread[:, j] for j in range(data.n)}
+        else:
+            joints = range(data.n) if self.joint == 0 else [self.joint - 1]
+            parts = {j: cause.columns(data, j, self.shape) for j in joints}
+        for j, columns in parts.items():
+            if columns.shape[1] != len(c):
+                raise StictionError(
+                    f"cause {self.cause}: {len(c)} coefficients, allowed are {columns.shape[1]}"
+                )
+            out[:, j] = columns @ c
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nominal:
+    """What a diagnosis stands on: friction, and causes of earlier diagnoses."""
+
+    friction: FrictionParameters | None = None
+    """None for a rigid body without any."""
+    parts: tuple[Part, ...] = ()
+    robot: str | None = None
+    """Name of the arm the parts were found on; None without parts."""
+    payload: tuple[float, float, float, float] | None = None
+    """Of that arm: mass [kg] and centre of mass in the flange's frame [m]."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """Of that arm: roll and pitch [rad]."""
+    distance: tuple[float, ...] | None = None
+    """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
+
+    def check(self, arm: Arm) -> None:
+        """Raise if an arm is not the one the parts were found on."""
+        if self.robot is None:
+            return
+        for what, mine, given in (
+            ("robot", self.robot, arm.name),
+            ("payload", self.payload, arm.payload),
+            ("tilt", self.tilt, arm.tilt),
+        ):
+            if mine != given:
+                raise StictionError(
+                    f"nominal model is of {what} {mine}, but the arm has {given}: allowed is the "
+                    "arm it was diagnosed on"
+                )
+        for part in self.parts:
+            if part.joint > arm.n:
+                raise StictionError(
+                    f"nominal model: cause {part.cause} on joint {part.joint}: {arm.name} has "
+                    f"{arm.n} joints"
+                )
+
+    def extend(self, data: Data) -> Data:
+        """Return data beside the nominal model with its causes."""
+        if not self.parts:
+            return data
+        own = data.distance
+        if self.distance is not None:
+            data = dataclasses.replace(data, distance=np.array(self.distance), memory={})
+        return dataclasses.replace(with_causes(data, self.parts), distance=own, memory={})
+
+
+def with_causes(data: Data, parts: Sequence[Part]) -> Data:
+    """Return data beside a nominal model to which causes were added."""
+    for level in sorted({p.level for p in parts}):
+        mine = [p for p in parts if p.level == level]
+        torque = sum((p.torque(data) for p in mine if p.cause in CARRIED), np.zeros_like(data.q))
+        beside = data.carrying(torque)
+        added = sound = np.zeros_like(data.q)
+        for p in mine:
+            if p.cause != ActuatorDelay.name:
+                more = p.torque(beside if p.carried else data)
+                added = added + more
+                if not BY_NAME[p.cause].lags:
+                    sound = sound + more
+        for p in mine:
+            if p.cause == ActuatorDelay.name:
+                whole = ActuatorDelay(torque=data.nominal + sound if p.carried else None)
+                added = added + p.torque(data, whole)
+        data = dataclasses.replace(
+            beside,
+            nominal=data.nominal + added,
+            carried=None,
+            diagnosed=True,
+            has_friction=data.has_friction or any(p.cause in FRICTION for p in mine),
+            memory={},
+        )
+    return data
+
+
+def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
+    """Return what ``rigid``, ``shipped``, a TOML or parameters mean for an arm.
+
+    Raises:
+        StictionError: another word, an unreadable file, or a model of another arm.
+    """
+    if isinstance(nominal, Nominal):
+        return nominal
+    if isinstance(nominal, FrictionParameters):
+        return Nominal(friction=nominal)
+    if nominal == "rigid":
+        return Nominal()
+    if nominal == "shipped":
+        return Nominal(friction=load_friction(arm.name if arm.builtin else "generic", arm.n))
+    path = Path(nominal)
+    if path.suffix != ".toml":
+        raise StictionError(f"nominal {nominal}: allowed are rigid, shipped and a path to a .toml")
+    found = read(path)
+    found.check(arm)
+    if found.friction is None and found.robot is None:
+        return Nominal(friction=load_friction(path, arm.n))
+    return found
+
+
+def read(path: Path) -> Nominal:
+    """Read the record of a ``model.toml``; without one (a friction TOML) it is empty.
+
+    Raises:
+        StictionError: unreadable, not TOML, or a record that is not whole.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StictionError(f"nominal {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StictionError(f"nominal {path}: not TOML ({error})") from None
+    if "arm" not in table:
+        return Nominal()
+    try:
+        arm = table["arm"]
+        base = arm.get("friction")
+        parts = tuple(
+            Part(
+                cause=str(c["name"]),
+                joint=int(c["joint"]),
+                shape=tuple(float(x) for x in c["shape"]),
+                coefficients=tuple(float(x) for x in c["coefficients"]),
+                level=int(c["level"]),
+                carried=bool(c.get("carried", False)),
+            )
+            for c in table.get("cause", [])
+        )
+        friction = base and FrictionParameters(**{k: np.array(base[k]) for k in QUANTITIES})
+        payload = tuple(float(x) for x in arm["payload"]) or None
+        tilt = float(arm["tilt"][0]), float(arm["tilt"][1])
+        robot = str(arm["robot"])
+        distance = tuple(float(x) for x in arm["distance"]) or None
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise StictionError(
+            f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
+        ) from None
+    for part in parts:
+        if part.cause not in BY_NAME or part.joint < 0:
+            raise StictionError(
+                f"nominal {path}: unknown cause {part.cause!r} on joint {part.joint}: allowed are "
+                f"{', '.join(BY_NAME)}"
+            )
+    if payload is not None and len(payload) != 4:
+        raise StictionError(f"nominal {path}: payload has {len(payload)} numbers, allowed are 4")
+    return Nominal(
+        friction=friction or None,
+        parts=parts,
+        robot=robot,
+        payload=payload,
+        tilt=tilt,
+        distance=distance,
+    )
+
+
+def dump(nominal: Nominal) -> str:
+    """Return the TOML tables ``[arm]`` and ``[[cause]]``; floats read back exactly."""
+
+    def text(value: str) -> str:
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+    lines = [
+        "",
+        "# What the causes stand on, and the causes exactly: for --nominal of stiction diagnose.",
+        "[arm]",
+        f"robot = {text(nominal.robot or '')}",
+        f"payload = {[float(x) for x in nominal.payload or ()]!r}",
+        f"tilt = {[float(x) for x in nominal.tilt]!r}",
+        f"distance = {[float(x) for x in nominal.distance or ()]!r}",
+    ]
+    if nominal.friction is not None:
+        lines += ["", "[arm.friction]"]
+        lines += [f"{k} = {getattr(nominal.friction, k).tolist()!r}" for k in QUANTITIES]
+    for part in nominal.parts:
+        lines += [
+            "",
+            "[[cause]]",
+            f"name = {text(part.cause)}",
+            f"joint = {part.joint}",
+            f"shape = {[float(x) for x in part.shape]!r}",
+            f"coefficients = {[float(x) for x in part.coefficients]!r}",
+            f"level = {part.level}",
+            f"carried = {str(part.carried).lower()}",
+        ]
+    return "\n".join(lines) + "\n"

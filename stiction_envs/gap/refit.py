@@ -1,0 +1,105 @@
+"""What was found is taken for granted: columns beside a payload, a tilt, a delay.
+
+Friction, gaps and springs feel what the gears carry. A delay is one of all torques, friction's too,
+and not its first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.causes import ActuatorDelay
+from stiction_envs.gap.causes.actuator_delay import LONGEST, TRIED, shifted
+from stiction_envs.gap.causes.base import Shape
+from stiction_envs.gap.model_file import CARRIED
+from stiction_envs.gap.signals.dataset import Data
+
+Array = NDArray[np.float64]
+STEPS = (0.8, 0.9, 1.0 - 1e-6, 1.1, 1.2)
+"""Factors of a delay's T' that are tried with the new torque, one of them as good as none [-].
+No two undo each other, since a term has its columns once; assumed."""
+ROUNDS = 3
+"""Times that a delay follows the model it is a part of; assumed."""
+
+
+def beside_what_was_found(library: Library, terms: Sequence[Term]) -> Library | None:
+    """Return columns as they are beside what the whole arm has, None if that is nothing."""
+    data, causes = library.data, library.causes
+    carried = [t for t in terms if t.cause in CARRIED]
+    late = _late(terms)
+    if not carried and late is None:
+        return None
+    if late is not None:
+        c = library.split(terms, library.stack.fit(library.pick(terms)))
+        lengths = c[list(terms).index(late)].tolist()
+        delay = ActuatorDelay([*TRIED, *lengths], data.nominal + _sound(library, terms))
+        causes = {**causes, delay.name: delay}
+        if not data.has_friction:
+            # as long as the delay was not known, it made reversals look longer
+            data = _biting_beside(data, late.shape, lengths[0])
+    if carried:
+        data = data.carrying(_torque(library, terms, carried))
+    return Library(data, list(causes.values()))
+
+
+def _biting_beside(data: Data, shape: Shape, length: float) -> Data:
+    """Return data in which dry friction bites within the distances that a delay leaves to it."""
+
+    def late(torque: Array) -> Array:
+        return torque + length * shifted(data, torque, shape)
+
+    logged = np.stack([late(x) for x in data.nominal.T], axis=1)
+    return data.biting(data.tau - logged, late)
+
+
+def found_again(terms: Sequence[Term], beside: Sequence[Term]) -> bool:
+    """Whether everything that was taken for granted is found beside itself."""
+    return {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in beside}
+
+
+def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
+    """Let a delay shift the torque of the very model it is a part of, as far as it fits better."""
+    out, stack = list(terms), library.stack
+    late = _late(out)
+    if late is None:
+        return out
+    at = out.index(late)
+    for _ in range(ROUNDS):
+        cause = library.causes[late.cause]
+        if not isinstance(cause, ActuatorDelay) or not cause.of_all:
+            break
+        torque = library.data.nominal + _sound(library, out)
+        lengths = (factor * out[at].shape[0] for factor in STEPS)
+        shapes = [(x, *out[at].shape[1:]) for x in lengths if abs(x) < LONGEST]
+        tried = [Term(late.cause, late.joint, x) for x in shapes]
+        before = float(stack.errors(library.pick(out)).sum())
+        library.causes[late.cause] = ActuatorDelay(cause.tried, torque)
+        library.refine(tried)
+        stack = library.stack
+        models = [[*out[:at], x, *out[at + 1 :]] for x in tried]
+        left = [float(stack.errors(library.pick(x)).sum()) for x in models]
+        if min(left, default=before) >= before:
+            library.causes[late.cause] = cause
+            break
+        out = models[int(np.argmin(left))]
+    return out
+
+
+def _late(terms: Sequence[Term]) -> Term | None:
+    return next((t for t in terms if t.cause == ActuatorDelay.name), None)
+
+
+def _sound(library: Library, terms: Sequence[Term]) -> Array:
+    """Return (T, n) torque of a model but for its delay and what may be a part of one [N·m]."""
+    some = [t for t in terms if t.cause != ActuatorDelay.name and not library.causes[t.cause].lags]
+    return _torque(library, terms, some)
+
+
+def _torque(library: Library, terms: Sequence[Term], some: Sequence[Term]) -> Array:
+    """Return (T, n) torque of some terms of a model [N·m]."""
+    only = library.stack.fit(library.pick(terms)) * library.own(terms, some)
+    return np.stack([library.torque(terms, only, j) for j in range(library.data.n)], axis=1)

@@ -1,0 +1,314 @@
+"""Which causes: forward and backward, by the error of blocks that were held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.causes import Shape
+
+Array = NDArray[np.float64]
+CHANCE = 0.01
+"""Chance that anything at all is named by noise, shared out over all that is tried [-]; assumed."""
+CLEAR = 0.1
+"""Part of a joint's held-out squared error that noise never explains [-]: it has thousands of
+rows. A cause that takes away more need not stand against chance over all that is tried; assumed."""
+LEAST_TORQUE = 0.5
+"""Least torque of a cause, root mean square, over the noise floor of some joint [-]; assumed."""
+SHAPE = 0.05
+"""Part of the torque of a joint's rough causes that a refinement must have [-]: better no law of
+friction is known (assumed). Coulomb and viscous friction are the law and refine nothing."""
+ALIKE_GAIN, ALIKE_ERRORS = 0.01, 2.0
+"""What explains as much but for this part, or for so many standard errors, is as good [-];
+assumed."""
+LEFT = 2.0
+"""Held-out error of a joint over its noise from which on pairs of causes are tried [-]; assumed."""
+ROUNDS = 3
+"""Times that is added and taken out at most."""
+MOST_TERMS = 40
+SHORTLIST = 6
+"""Causes per joint whose held-out error is worked out in each round."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """What some terms do to the held-out error of a model."""
+
+    less: Array
+    """(joints, B) squared error taken away, in units of noise variance."""
+    sure: NDArray[np.bool_]
+    """(joints,) where what the terms foretell comes true, and is large enough to matter."""
+    as_a_whole: bool
+    """Whether it does so over all joints together, and takes away more than it adds on others."""
+
+    @property
+    def total(self) -> float:
+        """Squared error taken away, in units of noise variance."""
+        return float(self.less.sum())
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stands against the noise from block to block."""
+        return self.total > 0 and self.as_a_whole and bool(self.sure.any())
+
+
+def gain(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> Gain:
+    """Judge terms of a model by blocks that were held out.
+
+    On each block they foretell a torque p beyond that of the model without them, both fitted to
+    the other blocks. Against what the smaller one leaves there, e, its slope a = Σpᵀe/Σpᵀp is one
+    where they are real and zero where not, however much blocks differ in size. Its standard error
+    is that between blocks, √(Σ(pᵀe − a pᵀp)²·B/(B − 1))/Σpᵀp (Liang and Zeger, "Longitudinal data
+    analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
+    freedom; `CHANCE` is shared out over all terms that are tried (Bonferroni).
+    """
+    stack, pick = library.stack, library.pick(terms)
+    rest = library.pick([t for t in terms if t not in added])
+    left = stack.held_out(rest)
+    less = left - stack.held_out(pick)
+    pe, pp = stack.foretold(pick, rest, library.own(terms, added))
+    strict, single = (
+        float(student.ppf(1 - CHANCE / tried, stack.blocks - 1))
+        for tried in (max(len(library.terms), 1), 1)
+    )
+    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
+    limit = np.where(part > CLEAR, single, strict)
+    whole = _slope(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
+    each = np.array([_slope(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)])
+    rough = [t for t in terms if library.causes[t.cause].rough and t not in added]
+    size, others = stack.gained(pick, rest), stack.sizes(pick, library.own(terms, rough))
+    share = 0.0 if all(library.causes[t.cause].law for t in added) else SHAPE
+    least = np.maximum(LEAST_TORQUE, np.maximum(share * others, library.known))
+    # noise of the acceleration is in columns as well as in residuals, and explains itself
+    count = np.array([g.count.sum() for g in stack.grams])
+    large = (size > least) & (left.sum(axis=1) > (1 + LEAST_TORQUE**2) * count)
+    # log-likelihood of joints each of which has noise of its own, at least the floor
+    better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
+    whole = whole and float(better.sum()) > 0
+    return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
+
+
+def _slope(pe: Array, pp: Array) -> float:
+    """Return the slope of what came over what was foretold, in standard errors."""
+    total = float(pp.sum())
+    if total <= 0 or len(pp) < 2:
+        return 0.0
+    a = float(pe.sum()) / total
+    error = float(np.sqrt(np.sum(np.square(pe - a * pp)) * len(pp) / (len(pp) - 1))) / total
+    return a / max(error, 1e-12)
+
+
+def means_nothing(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> bool:
+    """Whether a value is so small, or so far out, that its cause means nothing."""
+    c = library.split(terms, library.stack.fit(library.pick(terms)))
+    for term, mine in zip(terms, c, strict=True):
+        cause = library.causes[term.cause]
+        if term in added and (
+            cause.small(mine, term.shape)
+            or cause.bounded(mine, library.data, term.joint)
+            or cause.at_edge(term.shape, library.tried(term))
+        ):
+            return True
+    return False
+
+
+def pruned(library: Library, terms: Sequence[Term]) -> list[Term]:
+    """Return terms without those that no longer stand, of which the weakest goes first."""
+    out = list(terms)
+    while out:
+        weakest: tuple[float, Term] | None = None
+        for term in out:
+            found = gain(library, out, [term])
+            stands = found.stands and not means_nothing(library, out, [term])
+            if not library.causes[term.cause].alone:
+                have = {t.cause for t in out if t.joint == term.joint}
+                stands &= have.issuperset(library.needs(term.cause))
+            if not stands and (weakest is None or found.total < weakest[0]):
+                weakest = (found.total, term)
+        if weakest is None:
+            break
+        out = [t for t in out if t != weakest[1]]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Terms that could be added."""
+
+    added: list[Term]
+    found: Gain
+
+
+class Chooser:
+    """Builds a model term by term."""
+
+    def __init__(
+        self,
+        library: Library,
+        progress: Callable[[int], None] | None = None,
+        start: Sequence[Term] = (),
+        without: Sequence[Term] = (),
+    ) -> None:
+        """Begin with some terms; causes of ``without`` are not tried on their joints again."""
+        self.library = library
+        self._progress = progress or (lambda _: None)
+        self.terms = list(start)
+        self._without = {(t.cause, t.joint) for t in without}
+
+    def choose(self) -> list[Term]:
+        """Return the terms that stand, in the order in which they were found."""
+        before: list[Term] | None = None
+        for _ in range(ROUNDS):
+            self._add()
+            self.terms = pruned(self.library, self.terms)
+            # what was taken out may have kept out something better
+            if before is not None and set(before) == set(self.terms):
+                break
+            before = list(self.terms)
+        return self.terms
+
+    def _add(self) -> None:
+        """Add what stands, the best first."""
+        known: dict[int, list[Offer]] = {}
+        for step in range(MOST_TERMS):
+            for joint in [ARM, *range(self.library.data.n)]:
+                if joint not in known:
+                    known[joint] = self._standing(joint)
+            best = self._simplest(self._leading([x for y in known.values() for x in y]))
+            if best is None:
+                best = self._simplest([x for j in range(self.library.data.n) for x in self._two(j)])
+            if best is None:
+                return
+            self.terms += best.added
+            joint = best.added[-1].joint
+            if len(self.library.reach(best.added[-1])) > 1:
+                known.clear()
+            else:
+                known.pop(joint, None)
+                known.pop(ARM, None)
+            self._progress(step + 1)
+
+    def _leading(self, offers: list[Offer]) -> list[Offer]:
+        """Return the offers among which to choose: all of one joint, or of the whole arm.
+
+        A cause of single joints may be at work on all of them, so that it is by the sum over
+        joints that it is held against causes of the whole arm.
+        """
+        each: dict[tuple[str, int], float] = {}
+        for x in offers:
+            key = x.added[-1].cause, x.added[-1].joint
+            each[key] = max(each.get(key, 0.0), x.found.total)
+        total: dict[str, float] = {}
+        for (cause, _), size in each.items():
+            total[cause] = total.get(cause, 0.0) + size
+        arm = [x for x in offers if x.added[-1].joint == ARM]
+        if not arm:
+            return offers
+        most = max(x.found.total for x in arm)
+        better = [x for x in offers if x not in arm and total[x.added[-1].cause] > most]
+        return better or offers
+
+    def _simplest(self, offers: list[Offer]) -> Offer | None:
+        """Return the best offer, or one with fewer parameters that is as good."""
+        if not offers:
+            return None
+        best = max(offers, key=lambda x: x.found.total)
+        size = self.library.complexity
+        for other in sorted(offers, key=lambda x: (size(x.added), -x.found.total)):
+            if size(other.added) >= size(best.added):
+                break
+            each = (best.found.less - other.found.less).sum(axis=0)
+            error = float(each.std(ddof=1) * np.sqrt(len(each)))
+            lost = float(each.sum())
+            if lost < ALIKE_GAIN * best.found.total or (
+                lost < ALIKE_ERRORS * error and (lost < 5 * ALIKE_GAIN * best.found.total)
+            ):
+                return other
+        return best
+
+    def _standing(self, joint: int) -> list[Offer]:
+        """Return what stands on a joint, by held-out error."""
+        out = []
+        for _, added in self._offers(joint):
+            terms = [*self.terms, *added]
+            found = gain(self.library, terms, added)
+            if not found.stands:
+                continue
+            *parents, child = added
+            if parents and not gain(self.library, terms, parents).stands:
+                # what it usually comes with is not there
+                if not self.library.causes[child.cause].alone:
+                    continue
+                added, terms = [child], [*self.terms, child]
+                found = gain(self.library, terms, added)
+            if (
+                not means_nothing(self.library, terms, added)
+                and gain(self.library, terms, [child]).stands
+            ):
+                out.append(Offer(added, found))
+        return out
+
+    def _two(self, joint: int) -> list[Offer]:
+        """Return pairs of causes on a joint that stand together, where neither does alone.
+
+        Each by itself leaves the other's torque as noise that is not noise.
+        """
+        lib = self.library
+        errors = lib.stack.held_out(lib.pick(self.terms))[joint].sum()
+        if errors < LEFT**2 * lib.stack.grams[joint].count.sum():
+            return []
+        out = []
+        for (_, one), (_, two) in combinations(self._offers(joint), 2):
+            if one[-1].cause == two[-1].cause:
+                continue
+            added = list(dict.fromkeys([*one, *two]))
+            terms = [*self.terms, *added]
+            found = gain(lib, terms, added)
+            alone = (found.stands and gain(lib, terms, [x]).stands for x in added)
+            if all(alone) and not means_nothing(lib, terms, added):
+                out.append(Offer(added, found))
+        return out
+
+    def _offers(self, joint: int) -> list[tuple[float, list[Term]]]:
+        """Return the best term of each cause on a joint by its in-sample gain, best first.
+
+        All terms of causes whose nonlinear parameters foretell differently from step to step: the
+        best in the sample is then often not the one that foretells.
+        """
+        lib = self.library
+        have = {(t.cause, t.joint) for t in self.terms}
+        barred = have | self._without
+
+        def loss(terms: list[Term], joints: list[int]) -> float:
+            return float(lib.stack.errors(lib.pick(terms))[joints].sum())
+
+        everywhere = list(range(lib.data.n))
+        tied = [t for t in self.terms if joint in lib.reach(t)]
+        now = {1: loss(tied, [joint]) if joint != ARM else 0.0}
+        now[lib.data.n] = loss(self.terms, everywhere)
+        best: dict[tuple[str, Shape], tuple[float, list[Term]]] = {}
+        for term in lib.terms:
+            if term.joint != joint or (term.cause, joint) in barred:
+                continue
+            parents = [
+                t
+                for name in lib.needs(term.cause)
+                for t in lib.terms
+                if (t.cause, t.joint) == (name, joint) and (name, joint) not in have
+            ]
+            joints = lib.reach(term)
+            beside = tied if len(joints) == 1 else self.terms
+            added = [*parents, term]
+            value = now[len(joints)] - loss([*beside, *added], joints)
+            key = (term.cause, term.shape if lib.causes[term.cause].fickle else ())
+            if value > best.get(key, (0.0, []))[0]:
+                best[key] = (value, added)
+        ranked = sorted(best.values(), key=lambda x: -x[0])
+        short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[:SHORTLIST]
+        return [x for x in ranked if x[1][-1].cause in short]

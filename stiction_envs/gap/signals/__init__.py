@@ -1,0 +1,1 @@
+"""Joint logs as signals of one bandwidth, beside the nominal model."""

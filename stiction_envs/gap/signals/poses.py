@@ -1,0 +1,81 @@
+"""Poses at rest: no time runs between them, and friction holds each of them as it likes.
+
+A joint at rest can hold any torque inside its friction band. How much that scatters is seen where
+a pose was taken twice: neighbours that are nearly the same differ by noise and friction alone.
+A joint that rests throughout a log, while others move, is held by friction in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from stiction_envs.gap.signals.prepare import Segment
+
+Array = NDArray[np.float64]
+SAME = 0.03
+"""Poses nearer than this, over all joints, are one pose [rad]; assumed: 0.2 N·m of gravity in 7
+N·m/rad, before the model takes it out."""
+PAIRS = 10
+"""Fewer pairs say nothing of the scatter (assumed)."""
+STILL = 0.05
+"""A joint that turns by less does not move [rad]; assumed."""
+AT_REST = ("torque_offset", "torque_scale", "payload", "base_tilt", "external_spring")
+"""Causes that poses can show; all others need motion."""
+
+
+def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
+    """Return (T,) the number of the segment of each row; each pose is one of its own.
+
+    Args:
+        parts: segments, poses among them.
+        dt: time between samples of those with motion [s].
+    """
+    out: list[NDArray[np.int64]] = []
+    start = 0
+    for s in parts:
+        # poses are counted, not timed
+        timed = len(s.t) < 2 or not s.static or bool(np.isclose(s.t[1] - s.t[0], dt))
+        out.append(np.full(len(s.t), start) if timed else start + np.arange(len(s.t)))
+        start = int(out[-1][-1]) + 1
+    return np.concatenate(out)
+
+
+def scatter(q: Array, residual: Array) -> Array | None:
+    """Return (n,) scatter of the residual between poses that are the same [N·m], if there are any.
+
+    Args:
+        q: (T, n) [rad].
+        residual: (T, n) measured less nominal torque [N·m].
+    """
+    if len(q) < 2:
+        return None
+    distance, nearest = cKDTree(q).query(q, k=2)
+    first = np.flatnonzero(distance[:, 1] < SAME)
+    pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
+    if len(pairs) < PAIRS:
+        return None
+    apart = residual[pairs[:, 0]] - residual[pairs[:, 1]]
+    return np.asarray(np.sqrt(np.mean(np.square(apart), axis=0) / 2))
+
+
+def wander(q: Array, residual: Array, rigid: Array) -> Array:
+    """Return (n,) scatter of joints that never move [N·m], beside an offset and a scale; else 0.
+
+    Sensors see it creep within the friction band, far below their own noise in frequency: it is
+    no evidence of what a simulation gets wrong.
+
+    Args:
+        q: (T, n) [rad].
+        residual: (T, n) measured less nominal torque [N·m].
+        rigid: (T, n) torque of the rigid body, which others' motion changes [N·m].
+    """
+    out = np.zeros(q.shape[1])
+    for j in np.flatnonzero(np.ptp(q, axis=0) < STILL):
+        x = np.stack([np.ones(len(q)), rigid[:, j]], axis=1)
+        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
+        out[j] = left.std()
+    return out

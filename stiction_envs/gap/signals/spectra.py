@@ -1,0 +1,252 @@
+"""Spectra of joint logs: where the signal ends, how much noise there is, which joints move.
+
+A spectrum S stops falling where noise takes over: at the lowest frequency with S(f) ≤ 2·median of S
+over the three octaves above, where signal and noise are equal, or from which S stays within a
+factor of 3 for two octaves, if noise itself ends above. A sharp low-pass where signal and noise are
+equal has the least mean square error (Wiener, "Extrapolation, Interpolation, and Smoothing of
+Stationary Time Series", 1949).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfreqz, welch
+
+from stiction_envs.measured.logs.reader import JointLog
+
+ORDER = 4
+"""Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
+cutoff."""
+
+HARMONICS = 10.0
+"""The band of the torque reaches at least to this harmonic of the motion (assumed): dry friction
+jumps at each reversal."""
+
+MOTION_SHARE = 0.95
+"""The motion ends at the frequency below which this share of the speed's power lies (assumed)."""
+
+ACCURATE = 0.01
+"""Noise of the acceleration that does no harm, as a share of its root mean square (assumed)."""
+
+ACCURATE_ABSOLUTE = 0.05
+"""The same where the arm hardly accelerates, rad/s²: 0.05 N·m at 1 kg·m² (assumed)."""
+
+HIGHEST = 0.1
+"""Largest cutoff as a share of the sampling rate (assumed)."""
+
+LOWEST_HZ = 1.0
+"""Smallest cutoff that is chosen, Hz (assumed)."""
+
+PERIODS = 6.0
+"""Periods of the cutoff that a segment must last (assumed)."""
+
+_SPECTRUM_ROWS = 300_000
+_STRETCHES = 6
+
+
+class Spectra:
+    """Spectra of angles and torques over all segments of some logs."""
+
+    def __init__(self, logs: Sequence[JointLog], steps: Sequence[float]) -> None:
+        self.rate = 1 / max(steps)
+        self.n = logs[0].n
+        segments = [
+            (log.t[s][-1] - log.t[s][0], k, s)
+            for k, log in enumerate(logs)
+            for s in log.segments
+            if s.stop - s.start >= 64
+        ]
+        self.longest = max((seconds for seconds, _, _ in segments), default=0.0)
+        pieces = [(seconds, k, part) for seconds, k, s in segments for part in _samples_of(s)]
+        # The longest segments say enough, and a long log must not take minutes.
+        pieces.sort(key=lambda p: -p[0])
+        length = int(self.rate * min(4.0, self.longest / 4))
+        self.length = max(16, length // 2 * 2)
+        self.f = np.fft.rfftfreq(self.length, 1 / self.rate)
+        self.q = np.zeros((len(self.f), self.n))
+        self.tau = np.zeros((len(self.f), self.n))
+        self.grain = np.full(self.n, np.inf)
+        """Smallest step of each torque, N·m."""
+        motion: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        total, used = 0.0, 0
+        for _, k, rows in pieces:
+            if used >= _SPECTRUM_ROWS:
+                break
+            t, values = resample(logs[k], rows, 1 / self.rate)
+            if len(t) < 2 * self.length:
+                continue
+            used += len(t)
+            total += len(t)
+            for j in range(self.n):
+                # Differences keep the strong slow motion from leaking over the spectrum.
+                bend = np.diff(values["q"][:, j], 2)
+                self.q[:, j] += len(t) * self._welch(bend, 4)
+                self.tau[:, j] += len(t) * self._welch(np.diff(values["tau"][:, j]), 2)
+                change = np.abs(np.diff(logs[k].tau[rows, j]))
+                change = change[change > 0]
+                if len(change):
+                    self.grain[j] = min(self.grain[j], float(np.percentile(change, 1)))
+            v = np.diff(values["q"], axis=0) * self.rate
+            motion.append(spread_power(v, self.rate))
+        self.empty = not total
+        for array in (self.q, self.tau):
+            array /= max(total, 1.0)
+        self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
+        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q)
+        self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
+        self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
+        self.grain[~np.isfinite(self.grain)] = 0.0
+
+    def choose(self, notes: list[str]) -> float:
+        """Cutoff, Hz, for a low-pass that leaves signal and takes noise."""
+        highest = HIGHEST * self.rate
+        if self.empty:
+            notes.append(f"cutoff {highest:.3g} Hz: too short for a spectrum")
+            return highest
+        f_q = float(np.median([self.knee_q[j] for j in self.movers]))
+        f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
+        f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
+        lowest = max(LOWEST_HZ, min(PERIODS / self.longest, highest))
+        cutoff = min(max(f_q, f_ddq), max(f_tau, HARMONICS * self.motion_hz))
+        cutoff = float(np.clip(cutoff, lowest, highest))
+        notes.append(
+            f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
+            f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
+            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
+            f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
+        )
+        return cutoff
+
+    def noise(self, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Noise of the torques after and before the filter, standard deviations, (n,) each, N·m.
+
+        The spectrum just above the filter's band, and above where it stops falling, is taken to go
+        on within the band.
+        """
+        sos = butter(ORDER, min(cutoff / self.rate, 0.49), fs=1.0, output="sos")
+        gain = np.abs(sosfreqz(sos, 8192)[1]) ** 2
+        width = float(np.mean(gain**2)) * self.rate / 2
+        rounding = self.grain / np.sqrt(12)
+        nyquist = self.rate / 2
+        inside, raw = np.zeros(self.n), np.zeros(self.n)
+        for j, knee in enumerate(self.knee_tau if not self.empty else ()):
+            # A spectrum that falls to the end hides its noise; what is beside the band bounds it.
+            start = max(cutoff, knee) if knee < nyquist else cutoff
+            low = min(1.5 * start, 0.6 * nyquist)
+            above = (self.f >= low) & (self.f <= min(2 * low, 0.9 * nyquist))
+            floor = float(np.median(self.tau[above, j]))
+            inside[j] = np.sqrt(floor * width)
+            raw[j] = np.sqrt(np.where(self.f >= low, self.tau[:, j], floor).sum() * self.f[1])
+        return np.maximum(inside, rounding * np.sqrt(width / nyquist)), np.maximum(raw, rounding)
+
+    def filtered(self) -> bool:
+        """Whether nothing but rounding is left of the torques at high frequencies."""
+        top = (self.f > 0.6 * self.f[-1]) & (self.f < 0.95 * self.f[-1])
+        rounding = self.grain**2 / 12 / self.f[-1]
+        return bool(not self.empty and (np.median(self.tau[top], axis=0) < 4 * rounding).all())
+
+    def _welch(self, differences: NDArray[np.float64], power: int) -> NDArray[np.float64]:
+        # The median over windows ignores the few that hold a jump or a collision.
+        average = "median" if len(differences) >= 4 * self.length else "mean"
+        spectrum = welch(differences, self.rate, nperseg=self.length, average=average)[1]
+        gain = 2 * np.sin(np.pi * self.f / self.rate)
+        gain[0] = gain[1]
+        return np.asarray(spectrum / gain**power)
+
+    def _accurate(self, joint: int, acceleration: float) -> float:
+        """Cutoff at which the acceleration of ``joint`` has the noise that does no harm, Hz.
+
+        Args:
+            joint: from 0.
+            acceleration: its root mean square, rad/s².
+        """
+        above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
+        noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
+        most = max(ACCURATE * acceleration, ACCURATE_ABSOLUTE)
+        if noise <= 0:
+            return float(self.f[-1])
+        return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
+
+    def _knee(self, spectrum: NDArray[np.float64], start: float) -> float:
+        """Frequency from ``start``, Hz, from which the spectrum falls no more, Hz."""
+        edges = np.searchsorted(self.f, self.f[1] * 2 ** (np.arange(60) / 3) * (1 - 1e-9))
+        edges = np.unique(edges[edges < 0.95 * len(self.f)])
+        # By thirds of octaves, so that the highest octave does not outvote the others.
+        level = np.array([np.median(spectrum[a:b]) for a, b in pairwise(edges)])
+        for i in range(len(level) - 3):
+            low = float(self.f[edges[i]])
+            near = level[i : i + 7]
+            flat = len(near) == 7 and near.max() <= 3 * near.min()
+            if low >= start and (flat or level[i] <= 2 * np.median(level[i + 1 : i + 10])):
+                return low
+        return float(self.f[-1])
+
+
+def _samples_of(rows: slice) -> list[slice]:
+    """The rows, or stretches spread over them if there are very many."""
+    length = rows.stop - rows.start
+    if length <= _SPECTRUM_ROWS:
+        return [rows]
+    part = _SPECTRUM_ROWS // _STRETCHES
+    starts = np.linspace(rows.start, rows.stop - part, _STRETCHES).astype(int)
+    return [slice(int(a), int(a) + part) for a in starts]
+
+
+def nominal_step(step: float) -> float:
+    """The step without the last digits, which are rounding of the times."""
+    return float(f"{step:.6g}")
+
+
+def resample(
+    log: JointLog, rows: slice, step: float
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Even times, (K,), s, and q, tau and extra channels at them, (K, n) each."""
+    t = log.t[rows]
+    values = {"q": log.q[rows], "tau": log.tau[rows]}
+    values |= {name: array[rows] for name, array in log.extra.items()}
+    count = int(np.floor((t[-1] - t[0]) / step * (1 + 1e-9))) + 1
+    even = t[0] + step * np.arange(count)
+    if count == len(t) and np.abs(t - even).max() < 0.01 * step:
+        return even, values
+    # A spline through rows that nearly coincide would swing out.
+    smooth = np.diff(t).min() > 0.5 * step
+    out = {name: np.empty((count, log.n)) for name in values}
+    for name, array in values.items():
+        for j, x in enumerate(array.T):
+            out[name][:, j] = CubicSpline(t, x)(even) if smooth else np.interp(even, t, x)
+    return even, out
+
+
+def spread_power(
+    v: NDArray[np.float64], rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies, Hz, and the part of Σ v² of each speed ``v`` (K, n) at them."""
+    window = np.hanning(len(v))[:, None]
+    power = np.abs(np.fft.rfft((v - v.mean(axis=0)) * window, axis=0)) ** 2
+    return np.asarray(np.fft.rfftfreq(len(v), 1 / rate)), 2 * power / np.sum(window**2)
+
+
+def _motion(
+    pieces: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], most: Sequence[float]
+) -> tuple[NDArray[np.int64], float, NDArray[np.float64]]:
+    """Joints that move, the end of their band [Hz], and root mean square accelerations [rad/s²].
+
+    Each joint counts up to the frequency in ``most``, Hz, where its noise begins.
+    """
+    if not pieces:
+        return np.arange(len(most)), 0.0, np.zeros(len(most))
+    f = np.concatenate([f for f, _ in pieces])
+    power = np.concatenate([p for _, p in pieces])
+    power[f[:, None] > np.asarray(most)] = 0.0
+    each = power.sum(axis=0)
+    order = np.argsort(f, kind="stable")
+    total = np.cumsum(power.sum(axis=1)[order])
+    movers = np.flatnonzero(each >= 0.04 * each.max())
+    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
+    rows = sum(2 * len(f) for f, _ in pieces)
+    return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

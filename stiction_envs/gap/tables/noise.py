@@ -1,0 +1,159 @@
+"""Noise of torque tables, and how likely a residual is.
+
+Friction level and offset are only known from the base torques, to their noise. So each pose of each
+joint has a level and an offset of its own, nuisances that every fit adjusts: a base torque that was
+read 1 % high must not be explained as an effect on all the dithered ones.
+
+Losses are minus log likelihoods: Student's t for dithered torques, so that a bad reading counts
+little however far out it is, and normal (Huber from 4 sd) for base torques, which have no
+neighbours that could outvote them.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.tables.evidence import Readings
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t for dithered torques [-]; assumed."""
+HUBER = 4.0
+"""Where the loss of a base torque turns linear [sd]; assumed."""
+LEVEL_SD = 0.03
+"""How far a calibrated friction level may be off [-]; assumed: three times what four iterations of
+2 % scatter leave."""
+OFFSET_SD = 0.01
+"""How far a calibrated offset may be off, over friction [-]; assumed: what four iterations of 2 %
+scatter leave."""
+BASE_SD = 0.01
+"""Least noise of a base torque over friction [-]; assumed: what four iterations of 2 % scatter
+leave. A single base torque has no neighbours to tell its noise from."""
+LEAST_SD = 0.004
+"""Least noise of a reading over friction [-]: what one ramp per cell without scatter differs from
+the mean over dither phases and poses (joint 7, 80 Hz); measured by simulation."""
+
+
+def noise_of(readings: Readings, residual: Array) -> Array:
+    """Return (N,) standard deviation of a reading, per joint, from what no effect can explain.
+
+    An effect moves all four configurations of a joint alike, or all blocks of a configuration.
+    What is left of the residual after medians of both are taken out is noise. Where an effect
+    differs much by configuration that is too much: then the differences between neighbours in
+    amplitude tell. NaN where no joint has enough blocks to tell.
+
+    Args:
+        readings: N of them.
+        residual: (N,) over friction [-].
+    """
+    rng = np.random.default_rng(0)
+    found: dict[int, float] = {}
+    for joint in readings.joints:
+        rows = readings.of_joints([joint])
+        some = [readings.all[i] for i in rows]
+        wheres = sorted({r.where for r in some})
+        at = np.array([wheres.index(r.where) for r in some]), readings.block[rows]
+        if len(set(at[1])) < 3 or len(rows) < 8:
+            continue
+        order = sorted(
+            range(len(rows)), key=lambda i: (some[i].where, some[i].frequency, some[i].amplitude)
+        )
+        pairs = np.array(
+            [
+                (i, k)
+                for i, k in pairwise(order)
+                if (some[i].where, some[i].frequency) == (some[k].where, some[k].frequency)
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 2)
+        # what is taken away of the noise itself, from noise of the same pattern
+        pure = [rng.normal(size=len(rows)) for _ in range(30)]
+        scale = np.mean([_size(_polished(v, at)) for v in pure])
+        found[joint] = float(_size(_polished(residual[rows], at)) / scale)
+        if len(pairs) >= 8:
+            scale = np.mean([_size(v[pairs[:, 1]] - v[pairs[:, 0]]) for v in pure])
+            change = residual[rows][pairs[:, 1]] - residual[rows][pairs[:, 0]]
+            value = float(_size(change) / scale)
+            # by less than this the two differ by chance
+            if value < 0.7 * found[joint]:
+                found[joint] = value
+    out = np.full(len(readings.all), np.nan)
+    if found:
+        # single joints have too few readings to tell their noise well: a third is all joints'
+        pooled = float(np.median(list(found.values())))
+        for joint in readings.joints:
+            mixed = np.sqrt((2 * found.get(joint, pooled) ** 2 + pooled**2) / 3)
+            out[readings.of_joints([joint])] = max(float(mixed), LEAST_SD)
+        out[readings.base] = np.maximum(out[readings.base], BASE_SD)
+    return out
+
+
+def _polished(values: Array, at: tuple[Index, Index]) -> Array:
+    """Return what is left after row and column medians are taken out, but for zeros."""
+    v = values.copy()
+    for _ in range(3):
+        for index in at:
+            for k in np.unique(index):
+                some = index == k
+                if some.sum() > 1:
+                    v[some] -= np.median(v[some])
+    return v[v != 0.0]
+
+
+def _size(values: Array) -> float:
+    """Return the root mean square, tails clipped at four times the median."""
+    if not len(values):
+        return 0.0
+    edge = 4.0 * np.median(np.abs(values))
+    return float(np.sqrt((np.clip(values, -edge, edge) ** 2).mean()))
+
+
+def losses(z: Array, base: Mask) -> Array:
+    """Return minus log likelihood of residuals over noise, up to a constant [nats].
+
+    Args:
+        z: (..., N).
+        base: (N,) which are base torques.
+    """
+    a = np.abs(z)
+    student = (FREEDOM + 1) / 2 * np.log1p(z * z / FREEDOM)
+    return np.where(base, np.where(a < HUBER, z * z / 2, HUBER * (a - HUBER / 2)), student)
+
+
+def levelled(
+    z: Array, slope: Array, shift: Array, level: Index, base: Mask, used: Mask, rounds: int = 8
+) -> tuple[Array, Array]:
+    """Return residuals (m, N) after friction levels and offsets are adjusted, and that cost (m,).
+
+    Args:
+        z: (m, N) residuals over noise.
+        slope: (N,) change of a reading over noise per relative change of its friction level.
+        shift: (N,) the same per offset over friction.
+        level: (N,) which level and offset a reading has, from 0.
+        base: (N,) which are base torques.
+        used: (N,) which readings the adjustment may look at.
+        rounds: of iteratively reweighted least squares.
+    """
+    which = (level[:, None] == np.arange(int(level.max()) + 1)).astype(float)  # (N, levels)
+    left, cost = z, np.zeros(len(z))
+    for _ in range(rounds):
+        a = np.abs(left)
+        weight = np.where(base, HUBER / np.maximum(a, HUBER), (FREEDOM + 1) / (FREEDOM + a * a))
+        weight = weight * used
+        # two unknowns per level: normal equations with the priors on their diagonal
+        aa = (weight * slope**2) @ which + LEVEL_SD**-2
+        bb = (weight * shift**2) @ which + OFFSET_SD**-2
+        ab = (weight * slope * shift) @ which
+        za, zb = (weight * z * slope) @ which, (weight * z * shift) @ which
+        determinant = aa * bb - ab * ab
+        relative = (bb * za - ab * zb) / determinant
+        offset = (aa * zb - ab * za) / determinant
+        left = z - (relative @ which.T) * slope - (offset @ which.T) * shift
+        cost = (relative**2).sum(axis=1) / (2 * LEVEL_SD**2)
+        cost = cost + (offset**2).sum(axis=1) / (2 * OFFSET_SD**2)
+    return left, cost

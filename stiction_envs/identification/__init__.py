@@ -1,0 +1,1 @@
+"""Masses and inertias from joint logs, and the motion that excites them."""

@@ -1,0 +1,261 @@
+"""Excitation trajectories for dynamics identification: optimised Fourier series inside all limits.
+
+    from stiction_envs.identification.excitation import excite
+
+    motion = excite("panda", seed=0, sweeps=True)
+    print(motion.condition, motion.random_condition)
+    motion.to_csv("trajectory.csv", rate_hz=1000.0)
+
+The series rests at the start of every period (J. Swevers et al., 1997), stays inside position,
+speed, acceleration and torque limits and clear of the floor and itself, and has a small condition
+number of the regressor of the base parameters and of friction. Slow sweeps there and back may
+follow: a fast series alone says little about dry friction.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.identification.excitation_limits import acceleration_limits, used
+from stiction_envs.identification.excitation_motion import (
+    ExcitationSettings,
+    FourierSeries,
+    State,
+    Sweeps,
+    sweeps_from,
+)
+from stiction_envs.identification.excitation_search import Problem, search
+from stiction_envs.measured import write_text_atomic
+from stiction_envs.robots import Arm, load_arm
+
+__all__ = ["Excitation", "ExcitationSettings", "excite"]
+
+Array = NDArray[np.float64]
+SWEEP_TRIES = 20
+"""Directions of sweeps that are tried."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Excitation:
+    """A motion to run on a robot; at rest before its start and after its end."""
+
+    robot: str
+    series: FourierSeries
+    periods: int
+    sweeps: Sweeps | None
+    """After the series, or None."""
+    condition: float
+    """Condition number κ of the scaled regressor along one period."""
+    condition_si: float
+    """The same in SI units, not scaled."""
+    random_condition: Array
+    """(R,) κ of random motions inside the same limits."""
+    columns: tuple[str, ...]
+    """Base parameters, friction among them, that the regressor is of; sums in words."""
+    used: dict[str, float]
+    """Largest part of each limit that is used, margins taken off [-]."""
+    clearance: float
+    """Least distance to the floor and between links [m], 0.5 at most."""
+    notes: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.series.offset)
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest [s]."""
+        seconds = self.periods / self.series.base_frequency
+        return seconds + (self.sweeps.duration if self.sweeps is not None else 0.0)
+
+    def state(self, t: ArrayLike) -> State:
+        """Return angles [rad], speeds [rad/s], accelerations [rad/s²], (..., n) at times (...)."""
+        at = np.asarray(t, dtype=np.float64)
+        flat = np.clip(at.ravel(), 0.0, self.duration)
+        fourier = self.periods / self.series.base_frequency
+        out = self.series.state(np.minimum(flat, fourier))
+        later = flat > fourier
+        if self.sweeps is not None and later.any():
+            for whole, part in zip(out, self.sweeps.state(flat[later] - fourier), strict=True):
+                whole[later] = part
+        resting = (at.ravel() < 0) | (at.ravel() > self.duration)
+        out[1][resting], out[2][resting] = 0.0, 0.0
+        q, dq, ddq = (x.reshape(*at.shape, self.n) for x in out)
+        return q, dq, ddq
+
+    def q(self, t: ArrayLike) -> Array:
+        """Return (..., n) angles [rad] at times (...)."""
+        return self.state(t)[0]
+
+    def dq(self, t: ArrayLike) -> Array:
+        """Return (..., n) speeds [rad/s] at times (...)."""
+        return self.state(t)[1]
+
+    def ddq(self, t: ArrayLike) -> Array:
+        """Return (..., n) accelerations [rad/s²] at times (...)."""
+        return self.state(t)[2]
+
+    def times(self, rate_hz: float) -> Array:
+        """Return (T,) times of samples from start to end [s].
+
+        Raises:
+            StictionError: a rate that is not positive.
+        """
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise StictionError(f"rate {rate_hz} Hz: allowed are numbers above 0")
+        return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
+
+    def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
+        """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s].
+
+        Raises:
+            StictionError: a rate that is not positive.
+        """
+        t = self.times(rate_hz)
+        q, dq, _ = self.state(t)
+        joints = range(1, self.n + 1)
+        names = ["t", *(f"q{j}" for j in joints), *(f"dq{j}" for j in joints)]
+        lines = [",".join(names)]
+        lines += [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([t, q, dq])]
+        write_text_atomic(Path(path), "\n".join(lines) + "\n")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "robot": self.robot,
+            "duration_s": self.duration,
+            "condition": self.condition,
+            "condition_si": self.condition_si,
+            "random_condition": {
+                "median": float(np.median(self.random_condition)),
+                "least": float(self.random_condition.min()),
+                "motions": len(self.random_condition),
+            },
+            "used": self.used,
+            "clearance_m": self.clearance,
+            "base_frequency_hz": self.series.base_frequency,
+            "offset_rad": self.series.offset.tolist(),
+            "sine_rad_s": self.series.sine.tolist(),
+            "cosine_rad_s": self.series.cosine.tolist(),
+            "parameters": list(self.columns),
+            "notes": list(self.notes),
+        }
+
+
+def excite(
+    robot: str | Path | Arm,
+    settings: ExcitationSettings | None = None,
+    *,
+    sweeps: bool = False,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Excitation:
+    """Search for a motion that excites an arm's dynamics well.
+
+    Args:
+        robot: name, model file or arm.
+        settings: numbers of the search; None for those of ``excitation.toml``.
+        sweeps: whether slow sweeps with reversals for friction follow the series.
+        seed: of all that is random; the same seed gives the same motion.
+        progress: called with a stage and its part done.
+
+    Raises:
+        StictionError: the arm cannot be loaded.
+        ExperimentError: no motion keeps the limits.
+    """
+    say = progress or (lambda *_: None)
+    arm = robot if isinstance(robot, Arm) else load_arm(robot)
+    s = settings or ExcitationSettings()
+    rng = np.random.default_rng(seed)
+    problem = Problem(arm, s, rng)
+    points, conditions = [], []
+    for k in range(max(s.randoms, s.starts)):
+        points.append(problem.random(rng))
+        state = problem.series(points[-1]).state(problem.fine)
+        conditions.append(problem.condition(state)[0])
+        say("random motions", (k + 1) / max(s.randoms, s.starts))
+    order = np.argsort(conditions)
+    done, best = 0, (points[order[0]], conditions[order[0]])
+    total = s.starts * s.iterations
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        say("search", min(1.0, done / total))
+
+    for start in order[: s.starts]:
+        found = search(problem, points[start], count)
+        if found is not None and found[1] < best[1]:
+            best = found
+    say("search", 1.0)
+    series = problem.series(best[0])
+    return _finished(problem, series, np.array(conditions), sweeps)
+
+
+def _finished(
+    problem: Problem, series: FourierSeries, conditions: Array, sweeps: bool
+) -> Excitation:
+    """Return the motion with its sweeps, checked as a whole."""
+    arm, s = problem.arm, problem.settings
+    slow = _sweeps(problem, series.state(np.zeros(1))[0][0]) if sweeps else None
+    condition, plain = problem.condition(series.state(problem.fine))
+    notes = []
+    if not problem.clearance.own_geometry:
+        notes.append("the model has no collision geometry: only the flange was kept clear")
+    if not acceleration_limits(arm, s.acceleration_free)[1]:
+        notes.append(f"no acceleration limits are known: {s.acceleration_free:g} rad/s² assumed")
+    check = series.state(problem.fine)
+    if slow is not None:
+        check = _joined(check, slow.state(_times(slow, problem)))
+    return Excitation(
+        robot=arm.name,
+        series=series,
+        periods=s.periods,
+        sweeps=slow,
+        condition=condition,
+        condition_si=plain,
+        random_condition=conditions,
+        columns=problem.base.expressions(),
+        used=used(check, problem.torque(check), problem.bounds),
+        clearance=float(problem.clearance.least(check[0], max(0.5, 2 * s.clearance)).min()),
+        notes=tuple(notes),
+    )
+
+
+def _times(slow: Sweeps, problem: Problem) -> Array:
+    step = problem.settings.period / problem.settings.fine
+    return np.asarray(np.arange(0.0, slow.duration, step))
+
+
+def _joined(one: State, two: State) -> State:
+    q, dq, ddq = (np.vstack(pair) for pair in zip(one, two, strict=True))
+    return q, dq, ddq
+
+
+def _sweeps(problem: Problem, start: Array) -> Sweeps:
+    """Return sweeps inside all limits; first ways turn and shorten until they are.
+
+    Raises:
+        ExperimentError: none are.
+    """
+    rng = np.random.default_rng(0)
+    b = problem.bounds
+    for trial in range(SWEEP_TRIES):
+        side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))
+        part = 1.0 if trial < SWEEP_TRIES // 2 else 0.5
+        slow = sweeps_from(start, b.low, b.high, side=side, part=part)
+        if problem.inside(slow.state(_times(slow, problem))):
+            return slow
+    raise ExperimentError(
+        f"{problem.arm.name}: no sweeps keep the limits where the series begins: choose another "
+        "seed, or leave them out"
+    )

@@ -1,0 +1,172 @@
+"""What an excitation must keep: limits of position, speed, acceleration and torque, and distances.
+
+Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0.
+Pairs that touch at rest (a foot on the floor, neighbours) are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.identification.excitation_motion import ExcitationSettings, State
+from stiction_envs.robots import Arm
+from stiction_envs.robots.tables import lookup, per_joint, read_toml
+
+Array = NDArray[np.float64]
+FLANGE_BALL = 0.05
+"""Radius of the ball that stands for an arm without collision geometry [m]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bounds:
+    """Margins taken off; (n,) each."""
+
+    low: Array
+    """[rad]."""
+    high: Array
+    """[rad]."""
+    velocity: Array
+    """[rad/s]."""
+    acceleration: Array
+    """[rad/s²]."""
+    torque: Array
+    """[N·m]."""
+
+
+def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
+    """Return (n,) limits [rad/s²], and whether they are the robot's or assumed."""
+    if arm.builtin:
+        path = Path(str(files("stiction_envs.robots").joinpath(f"{arm.name}.toml")))
+        found = lookup(read_toml(path), "limits.acceleration")
+        if found is not None:
+            return per_joint(found, (arm.n,), f"{arm.name}.toml, limits.acceleration"), True
+    return np.full(arm.n, free), False
+
+
+def bounds_of(arm: Arm, settings: ExcitationSettings) -> Bounds:
+    """Return what an arm's limits leave after the margins."""
+    low, high = arm.limits.position.T
+    # a range narrower than both margins leaves its middle
+    margin = np.minimum(settings.position_margin, 0.45 * (high - low))
+    acceleration, _ = acceleration_limits(arm, settings.acceleration_free)
+    return Bounds(
+        low=low + margin,
+        high=high - margin,
+        velocity=settings.velocity_part * arm.limits.velocity,
+        acceleration=settings.acceleration_part * acceleration,
+        torque=settings.torque_part * arm.limits.torque,
+    )
+
+
+class Clearance:
+    """Distances between an arm's links, and to the floor, by MuJoCo; nothing is stepped."""
+
+    def __init__(self, arm: Arm) -> None:
+        """Look for the pairs of geometry that may come close."""
+        spec = arm.spec()
+        solid = [g for g in spec.geoms if g.contype or g.conaffinity]
+        self.own_geometry = bool(solid)
+        if not solid:
+            flange = next(s for s in spec.sites if s.name == arm.end_effector)
+            flange.parent.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                pos=flange.pos,
+                size=[FLANGE_BALL, 0, 0],
+                mass=0,
+                contype=1,
+                conaffinity=1,
+            )
+        spec.worldbody.add_geom(
+            name="excitation_floor",
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[5, 5, 0.1],
+            contype=1,
+            conaffinity=1,
+        )
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        pairs = self._candidates()
+        self._place(arm.rest)
+        at_rest = [self._distance(i, j, 1.0) for i, j in pairs]
+        self.pairs = [p for p, d in zip(pairs, at_rest, strict=True) if d > 1e-3]
+
+    def _candidates(self) -> list[tuple[int, int]]:
+        m = self.model
+        excluded = {int(s) for s in m.exclude_signature}
+        parent = m.body_weldid[m.body_parentid[m.body_weldid]]
+        out = []
+        for i in range(m.ngeom):
+            for j in range(i + 1, m.ngeom):
+                a, b = int(m.geom_bodyid[i]), int(m.geom_bodyid[j])
+                ours = (m.geom_contype[i] & m.geom_conaffinity[j]) | (
+                    m.geom_contype[j] & m.geom_conaffinity[i]
+                )
+                wa, wb = int(m.body_weldid[a]), int(m.body_weldid[b])
+                near = wa == wb or (wa and wb and (parent[wa] == wb or parent[wb] == wa))
+                low, high = min(a, b), max(a, b)
+                if ours and not near and (low << 16) + high not in excluded:
+                    out.append((i, j))
+        return out
+
+    def _place(self, q: Array) -> None:
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+
+    def _distance(self, i: int, j: int, most: float, ends: Array | None = None) -> float:
+        return float(mujoco.mj_geomDistance(self.model, self.data, i, j, most, ends))
+
+    def least(self, q: Array, most: float = 0.5) -> Array:
+        """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
+        out = np.full(len(q), most)
+        for k, pose in enumerate(q):
+            self._place(pose)
+            for i, j in self.pairs:
+                out[k] = min(out[k], self._distance(i, j, most))
+        return out
+
+    def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
+        """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
+
+        Args:
+            q: (T, n) [rad].
+            wanted: distance to keep [m].
+
+        Returns:
+            The sum, and (T, n) its derivative per rad.
+        """
+        total, gradient = 0.0, np.zeros_like(q)
+        ends = np.zeros((6, 1))
+        one, two = np.zeros((2, 3, self.model.nv))
+        for k, pose in enumerate(q):
+            self._place(pose)
+            for i, j in self.pairs:
+                d = self._distance(i, j, wanted, ends)
+                if d >= wanted:
+                    continue
+                a, b = ends[:3, 0], ends[3:, 0]
+                short = 1 - d / wanted
+                total += short**2
+                if abs(d) > 1e-9:
+                    mujoco.mj_jac(self.model, self.data, one, None, a, self.model.geom_bodyid[i])
+                    mujoco.mj_jac(self.model, self.data, two, None, b, self.model.geom_bodyid[j])
+                    gradient[k] -= 2 * short / wanted * (((b - a) / d) @ (two - one))
+        return total, gradient
+
+
+def used(state: State, torque: Array, bounds: Bounds) -> dict[str, float]:
+    """Return the largest part of each limit that a motion uses, margins included [-]."""
+    q, dq, ddq = state
+    half = (bounds.high - bounds.low) / 2
+    return {
+        "position": float(np.max(np.abs(q - bounds.low - half) / half)),
+        "velocity": float(np.max(np.abs(dq) / bounds.velocity)),
+        "acceleration": float(np.max(np.abs(ddq) / bounds.acceleration)),
+        "torque": float(np.max(np.abs(torque) / bounds.torque)),
+    }

@@ -1,0 +1,269 @@
+"""Search for the Fourier series whose regressor is conditioned best, inside all limits.
+
+Rows of the regressor are divided by the joints' torque limits, columns by their size over states
+drawn from the whole allowed range: a parameter that a motion hardly excites is then a small column,
+and not hidden by the motion's own scale. What is minimised is smooth, log κ_p with
+
+    κ_p² = ‖λ‖_p ‖1/λ‖_p,  λ eigenvalues of WᵀW,  p = 2,
+
+which lies above the condition number κ = √(λ_max/λ_min) by a bounded factor. Limits are penalties
+that grow from round to round; a motion that still breaks one in the end is made smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import logsumexp, softmax
+
+from stiction_envs.errors import ExperimentError
+from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
+from stiction_envs.identification.excitation_motion import (
+    ExcitationSettings,
+    FourierSeries,
+    State,
+    fourier_basis,
+    rest_basis,
+)
+from stiction_envs.robots import Arm
+from stiction_envs.robots.regressor import (
+    base_set,
+    inertial_names,
+    inertial_parameters,
+    torque_regressor,
+)
+
+Array = NDArray[np.float64]
+POWER = 2.0
+"""p of the smooth condition number."""
+ROUNDS = (1e1, 1e3, 1e5)
+"""Weights of the penalties."""
+TIGHT = 0.98
+"""Part of each limit at which the penalty begins, so that the end stays inside."""
+STEP = 1e-6
+"""Of the finite differences of the regressor [rad, rad/s, rad/s²]."""
+STATES = 300
+"""Random states from which base parameters and the columns' sizes are taken."""
+TRIES = 400
+"""Random motions that are looked at before none is believed to fit."""
+SHRINK = 0.97
+"""A motion that breaks a limit is made smaller by this factor."""
+
+
+class Problem:
+    """One arm's regressor and limits."""
+
+    def __init__(self, arm: Arm, settings: ExcitationSettings, rng: np.random.Generator) -> None:
+        """Find base parameters and scales from random states."""
+        self.arm, self.settings = arm, settings
+        self.bounds: Bounds = bounds_of(arm, settings)
+        self.clearance = Clearance(arm)
+        self.model = arm.pinocchio()
+        self.phi = inertial_parameters(self.model).ravel()
+        n = arm.n
+        b = self.bounds
+        q = rng.uniform(b.low, b.high, (STATES, n))
+        dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
+        ddq = rng.uniform(-1, 1, (STATES, n)) * b.acceleration
+        friction = [f"{name}{j}" for j in range(1, n + 1) for name in ("Fc", "Fv", "offset")]
+        names = (*inertial_names(n), *friction)
+        whole = self._whole(q, dq, ddq)
+        self.base = base_set(whole.reshape(-1, whole.shape[-1]), names)
+        picked = whole[:, :, self.base.kept] / arm.limits.torque[:, None]
+        self.size = np.sqrt(np.mean(np.square(picked), axis=(0, 1)))
+        self.basis = rest_basis(settings.harmonics)
+        t = np.arange(settings.samples) / settings.samples * settings.period
+        self.grid = t
+        p, v, a = fourier_basis(t, settings.base_frequency, settings.harmonics)
+        self.p, self.v, self.a = p @ self.basis, v @ self.basis, a @ self.basis
+        fine = np.arange(settings.fine) / settings.fine * settings.period
+        self.fine = fine
+
+    # ---- regressor ---------------------------------------------------------------------------
+
+    def _whole(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return (T, n, 13 n) columns of links, then of friction joint by joint."""
+        n = self.arm.n
+        friction = np.zeros((len(q), n, n, 3))
+        j = np.arange(n)
+        friction[:, j, j, 0] = np.tanh(dq / self.settings.sign_speed)
+        friction[:, j, j, 1] = dq
+        friction[:, j, j, 2] = 1.0
+        links = torque_regressor(self.model, q, dq, ddq)
+        return np.concatenate([links, friction.reshape(len(q), n, 3 * n)], axis=2)
+
+    def columns(self, state: State) -> Array:
+        """Return (T, n, r) scaled columns of the base parameters."""
+        whole = self._whole(*state)[:, :, self.base.kept]
+        return np.asarray(whole / self.arm.limits.torque[:, None] / self.size)
+
+    def condition(self, state: State) -> tuple[float, float]:
+        """Return the condition number of the regressor, scaled and as it is in SI units."""
+        whole = self._whole(*state)[:, :, self.base.kept]
+        plain = np.linalg.svd(whole.reshape(-1, self.base.size), compute_uv=False)
+        scaled = self.columns(state).reshape(-1, self.base.size)
+        s = np.linalg.svd(scaled, compute_uv=False)
+        return float(s[0] / max(s[-1], 1e-300)), float(plain[0] / max(plain[-1], 1e-300))
+
+    def torque(self, state: State) -> Array:
+        """Return (T, n) torque of the rigid arm [N·m]."""
+        return np.asarray(torque_regressor(self.model, *state) @ self.phi)
+
+    # ---- motions -----------------------------------------------------------------------------
+
+    def series(self, x: Array) -> FourierSeries:
+        """Return the series of a point (n (2 N − 1),): offsets, then free coefficients."""
+        n, k = self.arm.n, self.settings.harmonics
+        both = x[n:].reshape(n, -1) @ self.basis.T
+        return FourierSeries(
+            base_frequency=self.settings.base_frequency,
+            offset=x[:n].copy(),
+            sine=both[:, :k],
+            cosine=both[:, k:],
+        )
+
+    def _state(self, x: Array) -> State:
+        n = self.arm.n
+        c = x[n:].reshape(n, -1).T
+        return x[:n] + self.p @ c, self.v @ c, self.a @ c
+
+    def inside(self, state: State) -> bool:
+        """Whether a motion keeps every limit and distance."""
+        if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
+            return False
+        least = self.clearance.least(state[0], 2 * self.settings.clearance)
+        return bool(least.min() >= self.settings.clearance)
+
+    def random(self, rng: np.random.Generator) -> Array:
+        """Return a random point inside all limits.
+
+        Raises:
+            ExperimentError: none is found.
+        """
+        n, b = self.arm.n, self.bounds
+        for trial in range(TRIES):
+            c = rng.normal(size=(n, self.basis.shape[1]))
+            q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
+            reach = np.ptp(q, axis=0)
+            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / TRIES)
+            scale = np.min(
+                [
+                    part * (b.high - b.low) / reach,
+                    0.95 * b.velocity / np.abs(dq).max(axis=0),
+                    0.95 * b.acceleration / np.abs(ddq).max(axis=0),
+                ],
+                axis=0,
+            )
+            low = b.low - scale * q.min(axis=0)
+            high = b.high - scale * q.max(axis=0)
+            middle = rng.uniform(low, high)
+            x = np.concatenate([middle, (scale[:, None] * c).ravel()])
+            if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
+                return x
+        raise ExperimentError(
+            f"{self.arm.name}: none of {TRIES} random motions keeps the limits and "
+            f"{self.settings.clearance:g} m of clearance: give it more room"
+        )
+
+    def fitted(self, x: Array) -> Array | None:
+        """Return a point inside all limits on the fine grid, made smaller if need be, or None."""
+        n = self.arm.n
+        out = x.copy()
+        for _ in range(40):
+            if self.inside(self.series(out).state(self.fine)):
+                return out
+            out[n:] *= SHRINK
+        return None
+
+    # ---- objective ---------------------------------------------------------------------------
+
+    def value(self, x: Array, weight: float) -> tuple[float, Array]:
+        """Return the smooth log condition number with penalties, and its gradient."""
+        n = self.arm.n
+        state = self._state(x)
+        whole = self._whole(*state)
+        scale = 1.0 / (self.arm.limits.torque[:, None] * self.size)
+        w = whole[:, :, self.base.kept] * scale
+        flat = w.reshape(-1, self.base.size)
+        value, inner = smooth_condition(flat)
+        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ
+        outer = np.zeros_like(whole)
+        outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
+        torque = whole[:, :, : 10 * n] @ self.phi
+        limit = TIGHT * self.bounds.torque
+        over = np.maximum(np.abs(torque) / limit - 1, 0.0)
+        value += weight * float(np.sum(over**2)) / len(self.grid)
+        slope = weight * 2 * over * np.sign(torque) / limit / len(self.grid)
+        outer[:, :, : 10 * n] += slope[:, :, None] * self.phi
+
+        along = [np.empty_like(state[0]) for _ in range(3)]
+        for kind in range(3):
+            for j in range(n):
+                moved = [s.copy() if i == kind else s for i, s in enumerate(state)]
+                moved[kind][:, j] += STEP
+                change = (self._whole(*moved) - whole) / STEP
+                along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
+        more, pushes = self._penalties(state, weight)
+        value += more
+        gq, gv, ga = (g + push for g, push in zip(along, pushes, strict=True))
+        series = self.p.T @ gq + self.v.T @ gv + self.a.T @ ga
+        return value, np.concatenate([gq.sum(axis=0), series.T.ravel()])
+
+    def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
+        q, dq, ddq = state
+        b, share = self.bounds, weight / len(self.grid)
+        half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
+        value = 0.0
+        out = []
+        for x, limit in ((q - middle, half), (dq, b.velocity), (ddq, b.acceleration)):
+            most = TIGHT * limit
+            over = np.maximum(np.abs(x) / most - 1, 0.0)
+            value += share * float(np.sum(over**2))
+            out.append(share * 2 * over * np.sign(x) / most)
+        short, gradient = self.clearance.shortfall(q, self.settings.clearance / TIGHT + 0.01)
+        value += share * short
+        out[0] = out[0] + share * gradient
+        return value, (out[0], out[1], out[2])
+
+
+def smooth_condition(w: Array) -> tuple[float, Array]:
+    """Return log κ_p of a matrix (R, r), and its gradient (R, r)."""
+    values, vectors = np.linalg.eigh(w.T @ w)
+    log = np.log(np.maximum(values, 1e-14 * values[-1]))
+    out = (logsumexp(POWER * log) + logsumexp(-POWER * log)) / (2 * POWER)
+    part = (softmax(POWER * log) - softmax(-POWER * log)) / np.exp(log) / 2
+    return float(out), 2 * w @ ((vectors * part) @ vectors.T)
+
+
+def search(
+    problem: Problem, x: Array, progress: Callable[[], None] = lambda: None
+) -> tuple[Array, float] | None:
+    """Return the best point found from ``x`` inside all limits, and its condition number.
+
+    Args:
+        problem: the arm.
+        x: where to start, inside all limits.
+        progress: called once per iteration.
+    """
+    best: tuple[Array, float] | None = None
+    each = -(-problem.settings.iterations // len(ROUNDS))
+    for weight in ROUNDS:
+        found = minimize(
+            problem.value,
+            x,
+            args=(weight,),
+            jac=True,
+            method="L-BFGS-B",
+            callback=lambda _: progress(),
+            options={"maxiter": each, "maxcor": 20, "maxls": 20},
+        )
+        x = found.x
+        inside = problem.fitted(x)
+        if inside is not None:
+            condition = problem.condition(problem.series(inside).state(problem.fine))[0]
+            if best is None or condition < best[1]:
+                best = inside, condition
+    return best

@@ -1,0 +1,298 @@
+"""Dynamics identification: base parameters with errors, and links that can exist, from joint logs.
+
+    from stiction_envs.identification.identify import identify
+
+    found = identify(["log.csv"], "panda", link_side=True)
+    print(found.page())
+    arm = found.arm()          # for the plant, `friction.model.build`, …
+
+What torques show are sums of link parameters, found by QR with pivoting of pinocchio's regressor
+(`robots.regressor`), jointly with Coulomb, viscous and constant torque. Unconstrained least squares
+on them says nothing about single links; filled up to ten parameters per link it gives negative
+masses (Table 4.1 of the thesis). Here a second fit runs over links that can exist.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.torque_sign import mend_sign
+from stiction_envs.identification.arm import with_inertias
+from stiction_envs.identification.base_parameters import (
+    Design,
+    design,
+    fit,
+    presliding,
+    standard_errors,
+    structural_base,
+)
+from stiction_envs.identification.bodies import consistent_fit
+from stiction_envs.measured import write_text_atomic
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
+
+__all__ = ["Identification", "identify", "identify_data"]
+
+Array = NDArray[np.float64]
+FOLDS = 6
+"""Parts of the time that are held out in turn (assumed: enough rows stay to fit)."""
+MOST_SAMPLES = 20_000
+"""Samples of all logs together; longer logs are thinned out after the filter."""
+POOR = 0.02
+"""Error of torque over the torque limit that a parameter may make [-]; assumed."""
+MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
+"""Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
+today); unconstrained base parameters with friction; links that can exist with friction."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """The result; arrays are float64."""
+
+    nominal: Arm
+    """What the logs were compared with."""
+    base: BaseSet
+    """Which sums of parameters the torques show, friction among them."""
+    values: Array
+    """(r,) base parameters, unconstrained."""
+    errors: Array
+    """(r,) standard errors, for noise that neighbouring rows share."""
+    nominal_values: Array
+    """(r,) of the nominal arm without friction."""
+    condition: float
+    """Condition number of the weighted regressor with columns of unit length."""
+    phi: Array
+    """(n, 10) parameters of links that can exist, about their joints."""
+    coulomb: Array
+    """(n,) of the same fit [N·m]."""
+    viscous: Array
+    """(n,) [N·m·s/rad]."""
+    offset: Array
+    """(n,) [N·m]."""
+    rotor: Array | None
+    """(n,) [kg·m²]; None where torque was measured behind the gear."""
+    rms: dict[str, Array]
+    """Held-out residual of each of `MODELS`, (n,) [N·m]."""
+    noise: Array
+    """(n,) robust standard deviation of the residual of the base parameters [N·m]."""
+    unsure: tuple[int, ...]
+    """Base parameters (from 0) whose error makes torques over the whole range wrong by more than
+    `POOR`: the logs hardly excite them, and the links follow the nominal there."""
+    notes: tuple[str, ...] = ()
+    """How the signals were made, and whether torques were counted the other way round."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The base parameters in words."""
+        return self.base.expressions()
+
+    @property
+    def on_bound(self) -> tuple[str, ...]:
+        """Friction of the links that can exist which would like to be negative."""
+        kinds = {"Fc": self.coulomb, "Fv": self.viscous}
+        if self.rotor is not None:
+            kinds["rotor"] = self.rotor
+        return tuple(f"{k}{j + 1}" for k, v in kinds.items() for j in np.flatnonzero(v == 0))
+
+    @property
+    def gain_percent(self) -> float:
+        """Of the links that can exist over the nominal with friction, held out, mean of joints."""
+        ratio = self.rms["consistent"] / self.rms["nominal + friction"]
+        return float(100 * (1 - ratio.mean()))
+
+    def arm(self) -> Arm:
+        """Return the arm with the identified links."""
+        return with_inertias(self.nominal, self.phi)
+
+    def write_mjcf(self, path: str | Path) -> None:
+        """Write the rigid arm with the identified links."""
+        write_text_atomic(Path(path), self.arm().xml)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values."""
+        least = np.linalg.eigvalsh(pseudo_inertia(self.phi))[:, 0]
+        friction = {"coulomb_nm": self.coulomb, "viscous_nms": self.viscous}
+        friction |= {"offset_nm": self.offset}
+        if self.rotor is not None:
+            friction["rotor_kgm2"] = self.rotor
+        return {
+            "robot": self.nominal.name,
+            "condition": self.condition,
+            "base": [
+                {"parameter": name, "value": v, "standard_error": e, "nominal": x}
+                for name, v, e, x in zip(
+                    self.names,
+                    self.values.tolist(),
+                    self.errors.tolist(),
+                    self.nominal_values.tolist(),
+                    strict=True,
+                )
+            ],
+            "links": [
+                dict(zip(PARAMETERS, row, strict=True)) | {"least_eigenvalue": float(e)}
+                for row, e in zip(self.phi.tolist(), least, strict=True)
+            ],
+            "friction": {k: v.tolist() for k, v in friction.items()},
+            "held_out_rms_nm": {k: v.tolist() for k, v in self.rms.items()},
+            "noise_nm": self.noise.tolist(),
+            "gain_percent": self.gain_percent,
+            "hardly_excited": [self.names[i] for i in self.unsure],
+            "on_bound": list(self.on_bound),
+            "notes": list(self.notes),
+        }
+
+    def page(self) -> str:
+        """Return tables in Markdown: held-out residual by joint, links, base parameters."""
+        n = self.nominal.n
+        head = " | ".join(f"{j}" for j in range(1, n + 1))
+        lines = [f"| held-out residual [N·m], joint | {head} |", "|---" * (n + 1) + "|"]
+        for name, rms in self.rms.items():
+            lines.append(f"| {name} | " + " | ".join(f"{x:.3g}" for x in rms) + " |")
+        lines += ["", "| link | mass [kg] | centre of mass [m] | Coulomb | viscous | offset |"]
+        lines.append("|---|---|---|---|---|---|")
+        for j, p in enumerate(self.phi):
+            com = ", ".join(f"{x:.3f}" for x in p[1:4] / p[0])
+            friction = (self.coulomb[j], self.viscous[j], self.offset[j])
+            rest = " | ".join(f"{x:.3g}" for x in friction)
+            lines.append(f"| {j + 1} | {p[0]:.3g} | {com} | {rest} |")
+        lines += ["", "| base parameter | value | standard error | nominal |", "|---|---|---|---|"]
+        for name, v, e, x in zip(
+            self.names, self.values, self.errors, self.nominal_values, strict=True
+        ):
+            lines.append(f"| {name} | {v:.4g} | {e:.2g} | {x:.4g} |")
+        if self.unsure:
+            which = "; ".join(self.names[i] for i in self.unsure)
+            lines += ["", f"Hardly excited by these logs: {which}."]
+        if self.on_bound:
+            lines += ["", f"On its bound of zero: {', '.join(self.on_bound)}."]
+        lines += [f"\n{note[0].upper()}{note[1:]}." for note in self.notes]
+        return "\n".join(lines) + "\n"
+
+
+def identify(
+    logs: Sequence[str | Path] | Sequence[JointLog],
+    robot: str | Path | Arm,
+    *,
+    link_side: bool = False,
+    cutoff_hz: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Identification:
+    """Identify an arm's links and friction from measured joint logs.
+
+    Args:
+        logs: files, or logs that were read.
+        robot: name, model file or arm; its links are the nominal ones.
+        link_side: whether torque was measured behind the gear; then rotors are not seen.
+        cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
+        progress: called with a stage and its part done.
+
+    Raises:
+        StictionError: logs that cannot be read, do not fit the robot, or are too short.
+    """
+    say = progress or (lambda *_: None)
+    arm = robot if isinstance(robot, Arm) else load_arm(robot)
+    if not logs:
+        raise StictionError("no logs: allowed is one or more")
+    read: list[JointLog] = []
+    for log in logs:
+        own = isinstance(log, JointLog)
+        read += [log] if own else read_logs([log], arm.n, limits=arm.limits)  # type: ignore[list-item]
+        say("reading", len(read) / len(logs))
+    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
+    turned, signals = mend_sign(read, signals, arm)
+    found = identify_data(assemble(arm, signals, link_side=link_side), progress=say)
+    notes = (m.text for log in turned[:1] for m in log.mends if m.kind == "sign")
+    return dataclasses.replace(found, notes=(*signals.notes, *notes))
+
+
+def identify_data(
+    data: Data, *, progress: Callable[[str, float], None] | None = None
+) -> Identification:
+    """Identify from logs that stand beside a nominal model already.
+
+    Raises:
+        StictionError: fewer rows than parameters.
+    """
+    say = progress or (lambda *_: None)
+    rotor = not data.link_side
+    base, reach = structural_base(data, rotor)
+    d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
+    if d.torque.size < 2 * base.size:
+        raise StictionError(
+            f"{d.torque.size} torques after the filter for {base.size} parameters: allowed are "
+            f"{2 * base.size} or more; record for longer"
+        )
+    kept = d.columns[:, :, base.kept]
+    found = fit(kept, d.torque)
+    errors, condition = standard_errors(kept, found, d.shared)
+    p = consistent_fit(d, found)
+    say("fitting", 0.2)
+    rms = held_out(d, base, lambda part: say("held-out", part))
+    n, links = d.n, d.links
+    own = p[links:].reshape(-1, n)
+    return Identification(
+        nominal=data.arm,
+        base=base,
+        values=found.values,
+        errors=errors,
+        nominal_values=base.values(d.nominal),
+        condition=condition,
+        phi=p[:links].reshape(n, 10),
+        coulomb=own[-3],
+        viscous=own[-2],
+        offset=own[-1],
+        rotor=own[0] if rotor else None,
+        rms=rms,
+        noise=found.noise,
+        unsure=tuple(np.flatnonzero(errors * reach > POOR).tolist()),
+    )
+
+
+def held_out(d: Design, base: BaseSet, say: Callable[[float], None]) -> dict[str, Array]:
+    """Return (n,) residual of each of `MODELS` on blocks that it was not fitted to [N·m].
+
+    Only the presliding distance, one of a few for all models alike, was chosen on all rows.
+
+    Args:
+        d: torques and columns.
+        base: the base parameters.
+        say: told the part done.
+    """
+    blocks = np.unique(d.block[d.block >= 0])
+    folds = np.array_split(blocks, min(FOLDS, len(blocks)))
+    squares = {name: np.zeros(d.n) for name in MODELS}
+    count = 0
+    for k, fold in enumerate(folds):
+        test, train = np.isin(d.block, fold), (d.block >= 0) & ~np.isin(d.block, fold)
+        if train.sum() * d.n <= 2 * base.size:
+            continue
+        a, b = d.take(train), d.take(test)
+        nominal = b.torque - b.columns @ b.nominal
+        friction = slice(d.links, None)
+        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual)
+        free = fit(a.columns[:, :, base.kept], a.torque)
+        bodies = consistent_fit(a, free)
+        left = {
+            "nominal": nominal,
+            "nominal + friction": nominal - b.columns[:, :, friction] @ alone.values,
+            "base parameters": b.torque - b.columns[:, :, base.kept] @ free.values,
+            "consistent": b.torque - b.columns @ bodies,
+        }
+        for name, e in left.items():
+            squares[name] += np.square(e).sum(axis=0)
+        count += int(test.sum())
+        say((k + 1) / len(folds))
+    if count == 0:
+        raise StictionError("too few rows to hold any out: record for longer")
+    return {name: np.sqrt(x / count) for name, x in squares.items()}

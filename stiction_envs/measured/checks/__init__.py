@@ -1,0 +1,1 @@
+"""Defects of torque tables and joint logs."""

@@ -1,0 +1,332 @@
+"""What a log says of itself: units, channels that are stuck, speeds that lag, angles that obey."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, csd, sosfiltfilt, welch
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.corrections import Rows, longest_run
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.tables import Limits
+
+LARGEST = {"q": (1e3, "rad"), "dq": (1e3, "rad/s"), "tau": (1e5, "N·m"), "tau_cmd": (1e5, "N·m")}
+"""No joint of an arm comes near these (assumed)."""
+
+FREE_ANGLE = 20.0
+"""Angle that passes for radians where the robot's limits are not known, rad (assumed)."""
+
+SLOWEST_STEP = 0.1
+"""Time between rows above which nothing can be said of friction, s (assumed)."""
+
+SATURATED = 5
+"""This many rows in a row at a channel's largest value are a limit (assumed)."""
+
+STIRS = 0.01
+"""A joint that covers less than this does not move, rad (assumed)."""
+
+LAG_SECONDS = 60.0
+"""Length of the stretch in which speed and angle are compared, s (assumed)."""
+
+LEAST_ROWS = 64
+"""With fewer rows nothing is said of speeds (assumed)."""
+
+LAG_HZ = 2.0
+"""Below this frequency arms move, and speeds are compared, Hz (assumed)."""
+
+TOO_FAST = 3.0
+"""Times the joint's largest speed that no arm moves at (assumed)."""
+
+SLOW = 0.01
+"""Joints whose speed varies by less than this say nothing of their lag, rad/s (assumed)."""
+
+_DEGREE = np.pi / 180
+Place = Callable[[int], str]
+
+
+def check_finite(rows: Rows, place: Place) -> None:
+    """No value is infinite or beyond :data:`LARGEST`, and every row has a time.
+
+    Raises:
+        StictionError: naming the first such cell.
+    """
+    if not np.isfinite(rows.t).all():
+        i = int(np.argmin(np.isfinite(rows.t)))
+        raise StictionError(f"{place(i)}: t is {rows.t[i]}: allowed are finite numbers in s")
+    for name, array in rows.data.items():
+        most, unit = LARGEST.get(name, (np.finfo(float).max, ""))
+        # NaN is a missing value and not an error here.
+        bad = np.abs(array) > most
+        if bad.any():
+            i, j = (int(k) for k in np.argwhere(bad)[0])
+            value = array[i, j]
+            may = f"up to {most:g} {unit}" if np.isfinite(value) and unit else "finite numbers"
+            raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: allowed are {may}")
+
+
+def check_time(rows: Rows, place: Place) -> None:
+    """Time never falls within a recording, and is in seconds.
+
+    Raises:
+        StictionError: naming the first row where it falls, or the unit it looks like.
+    """
+    step = np.diff(rows.t)
+    fell = (step < 0) & (rows.run[1:] == rows.run[:-1])
+    if fell.any():
+        i = int(np.argmax(fell))
+        raise StictionError(
+            f"{place(i + 1)}: t falls from {rows.t[i]:.9g} to {rows.t[i + 1]:.9g}: allowed is time "
+            "that rises (a column run may start it anew)"
+        )
+    rising = step[step > 0]
+    if not len(rising):
+        raise StictionError(f"{place(0)}: t never rises: allowed is time in s")
+    usual = float(np.median(rising))
+    if usual > SLOWEST_STEP:
+        units = ("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
+        likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
+        hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
+        raise StictionError(
+            f"{place(0)}: t rises by {usual:g} from row to row{hint}: allowed is time in s, "
+            f"{1 / SLOWEST_STEP:g} rows a second or more"
+        )
+
+
+def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+    """Angles are in radians and torques in N·m, as far as the joint ``limits`` tell.
+
+    Returns:
+        Warnings about values beyond the limits that no unit explains.
+
+    Raises:
+        StictionError: q looks like degrees, or tau like percent or mN·m.
+    """
+    warnings = []
+    q, tau = rows.data["q"], rows.data["tau"]
+    for j in range(q.shape[1]):
+        i = int(np.argmax(np.abs(q[:, j])))
+        low, high = (-np.inf, np.inf) if limits is None else limits.position[j]
+        most = FREE_ANGLE if limits is None else max(abs(low), abs(high))
+        value = q[i, j]
+        if abs(value) > (2 if limits is not None else 1) * most:
+            raise StictionError(
+                f"{place(i)}: q{j + 1} is {value:g}, which looks like degrees: allowed are "
+                + (f"{low:g} to {high:g} rad" if limits is not None else "radians")
+            )
+        for end in (float(np.min(q[:, j])), float(np.max(q[:, j]))):
+            if not low - 0.05 * abs(low) <= end <= high + 0.05 * abs(high):
+                warnings.append(
+                    f"q{j + 1} reaches {end:.3g} rad, beyond the joint's limits of {low:g} to "
+                    f"{high:g} rad: another robot, another zero, or another sign?"
+                )
+                break
+    for j in range(tau.shape[1] if limits is not None else 0):
+        most = float(limits.torque[j]) if limits is not None else np.inf
+        size = np.abs(tau[:, j])
+        usual = float(np.percentile(size, 90))
+        if usual > most or np.max(size) > 3 * most:
+            i = int(np.argmax(size))
+            # mN·m are a thousand times too large, per cent at most some hundreds.
+            unit = "mN·m" if usual > 300 else "per cent of the rated torque"
+            raise StictionError(
+                f"{place(i)}: tau{j + 1} is {tau[i, j]:g}, which looks like {unit}: "
+                f"allowed are N·m, and this joint can do {most:g}"
+            )
+        if np.max(size) > 1.2 * most:
+            warnings.append(
+                f"tau{j + 1} reaches {np.max(size):.4g} N·m, the joint can do {most:g} N·m"
+            )
+    return warnings
+
+
+def check_channels(rows: Rows, place: Place) -> list[str]:
+    """Something moves; channels that stand still or at a limit are warned of.
+
+    Raises:
+        StictionError: no torque, or neither angle nor torque, ever changes.
+    """
+    warnings = []
+    span = {name: np.ptp(rows.data[name], axis=0) for name in rows.core()}
+    still = {name: span[name] == 0 for name in span}
+    n = len(still["q"])
+    if still["tau"].all():
+        what = f"tau1..tau{n}"
+        if still["q"].all():
+            what = f"q1..q{n} and {what}"
+        raise StictionError(f"{place(0)}: {what} never change: allowed is a measurement")
+    if still["q"].all():
+        warnings.append("no q ever changes: the arm rests, or its positions were not logged")
+    for name, flat in still.items():
+        for j in range(n):
+            value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
+            if flat[j] and name != "q" and span["q"][j] > STIRS:
+                warnings.append(f"{value} although the joint moves")
+    for j in range(n):
+        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j])
+    return warnings
+
+
+def _saturation(column: str, x: NDArray[np.float64]) -> list[str]:
+    if np.ptp(x) == 0:
+        return []
+    ends = {"largest": x == x.max(), "smallest": x == x.min()}
+    # A quantised signal stays at its extremes too, but no longer than anywhere else.
+    usual = longest_run(np.r_[False, (np.diff(x) == 0) & ~(ends["largest"] | ends["smallest"])[1:]])
+    return [
+        f"{column} stands at its {what} value {x[np.argmax(at)]:.5g} N·m in {at.sum()} rows, "
+        f"up to {longest_run(at)} in a row: saturated"
+        for what, at in ends.items()
+        if longest_run(at) >= max(SATURATED, 2 * usual)
+    ]
+
+
+def check_pace(rows: Rows, step: float, limits: Limits | None) -> None:
+    """No joint moves several times faster than it can, as small angles in degrees would.
+
+    Args:
+        rows: a log without repeats and gaps.
+        step: time between rows, s.
+        limits: limits of the robot, or None.
+
+    Raises:
+        StictionError: naming the joint.
+    """
+    t = np.arange(rows.t[0], rows.t[-1], step)
+    if limits is None or len(t) < LEAST_ROWS:
+        return
+    sos = butter(4, min(LAG_HZ, 0.2 / step), fs=1 / step, output="sos")
+    for j, x in enumerate(rows.data["q"].T):
+        speed = np.abs(np.gradient(sosfiltfilt(sos, np.interp(t, rows.t, x)), step)).max()
+        if speed > TOO_FAST * limits.velocity[j]:
+            raise StictionError(
+                f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do {limits.velocity[j]:g}: "
+                "allowed are angles in rad, not degrees, and time in s"
+            )
+
+
+def check_speeds(rows: Rows, step: float) -> list[str]:
+    """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
+
+    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below :data:`LAG_HZ`.
+
+    Args:
+        rows: a log without repeats and gaps.
+        step: time between rows, s.
+
+    Returns:
+        Warnings.
+
+    Raises:
+        StictionError: dq is in degrees per second.
+    """
+    if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / LAG_HZ:
+        return []
+    grid, rate = _even(rows, step), 1 / step
+    if len(grid["q"]) < LEAST_ROWS:
+        return []
+    speeds = np.gradient(grid["q"], step, axis=0)
+    size = speeds.std(axis=0)
+    # Joints that only shake along say little, and that with a lag of their own.
+    movers = np.flatnonzero((size > 0.2 * size.max()) & (size > SLOW))
+    sos = butter(4, min(LAG_HZ, 0.2 * rate), fs=rate, output="sos")
+    found = []
+    for j in movers:
+        v, dq = sosfiltfilt(sos, speeds[:, j]), sosfiltfilt(sos, grid["dq"][:, j])
+        both = np.stack([v, np.gradient(v, step)], axis=1)
+        (scale, turned), *_ = np.linalg.lstsq(both, dq, rcond=None)
+        left = dq - both @ (scale, turned)
+        if scale and left.var() < 0.1 * dq.var():
+            corner = _corner(speeds[:, j], grid["dq"][:, j], abs(scale), rate)
+            found.append((scale, -turned / scale, corner))
+    warnings = _speed_findings(np.array(found), step) if found else []
+    return warnings + _obedience(grid, rate, movers)
+
+
+def _corner(v: NDArray[np.float64], dq: NDArray[np.float64], scale: float, rate: float) -> float:
+    """Lowest frequency at which dq has lost half the power of v, Hz; inf where it has not."""
+    f, _, cross, speed, coherent = _spectra(v, dq, rate)
+    damped = (f > 0) & (coherent > 0.8) & (np.abs(cross) < np.sqrt(0.5) * scale * speed)
+    twice = np.flatnonzero(damped[1:] & damped[:-1])
+    return float(f[twice[0]]) if len(twice) else np.inf
+
+
+def _speed_findings(found: NDArray[np.float64], step: float) -> list[str]:
+    warnings = []
+    scale, lag, corner = (float(x) for x in np.median(found, axis=0))
+    if abs(abs(scale) * _DEGREE - 1) < 0.2:
+        raise StictionError(
+            f"dq is {abs(scale):.3g} times the derivative of q, which looks like degrees per "
+            "second: allowed are rad and rad/s"
+        )
+    if scale < 0:
+        warnings.append("dq has the opposite sign of the derivative of q")
+    elif abs(scale - 1) > 0.1:
+        warnings.append(f"dq is {scale:.3g} times the derivative of q")
+    spread = float(np.median(np.abs(found[:, 1] - lag)))
+    if abs(lag) > max(0.75 * step, 3 * spread):
+        side = "lags" if lag > 0 else "leads"
+        text = f"dq {side} the derivative of q by {1e3 * abs(lag):.3g} ms"
+        if np.isfinite(corner):
+            text += f" and is low-passed, half its power lost near {corner:.2g} Hz"
+        warnings.append(f"{text}: speeds are taken from q")
+    return warnings
+
+
+def _obedience(
+    grid: dict[str, NDArray[np.float64]], rate: float, movers: NDArray[np.int64]
+) -> list[str]:
+    """Whether q misses a shaking that both dq and tau show: then q is not what was measured."""
+    found: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
+    for j in movers:
+        v = np.gradient(grid["q"][:, j], 1 / rate)
+        dq, tau = grid["dq"][:, j], grid["tau"][:, j]
+        f, p_dq, _, p_v, _ = _spectra(v, dq, rate)
+        with_dq, with_v = _spectra(dq, tau, rate)[4], _spectra(v, tau, rate)[4]
+        low = 2.0
+        while 2 * low <= 0.3 * rate:
+            band = (f >= low) & (f < 2 * low)
+            if not band.any():
+                break
+            ratio = float(np.sqrt(np.median(p_dq[band]) / max(np.median(p_v[band]), 1e-300)))
+            a, b = float(np.mean(with_dq[band])), float(np.mean(with_v[band]))
+            if ratio > 3 and a > 0.2 and b < 0.25 * a:
+                found.setdefault((low, 2 * low), []).append((ratio, a, b))
+            low *= 2
+    if not found:
+        return []
+    (low, high), most = max(found.items(), key=lambda item: sum(a for _, a, _ in item[1]))
+    if 2 * len(most) <= len(movers):
+        return []
+    ratio, a, b = np.median(most, axis=0)
+    return [
+        f"q may be the commanded position and not the measured one: at {low:g} to {high:g} Hz dq "
+        f"shakes with tau (coherence {a:.2f}), but the derivative of q is {ratio:.0f} times "
+        f"smaller and does not (coherence {b:.2f})"
+    ]
+
+
+def _even(rows: Rows, step: float) -> dict[str, NDArray[np.float64]]:
+    """q, dq and tau of the first :data:`LAG_SECONDS` on even times."""
+    end = min(rows.t[-1], rows.t[0] + LAG_SECONDS)
+    t = np.arange(rows.t[0], end, step)
+    return {
+        name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
+        for name in ("q", "dq", "tau")
+    }
+
+
+def _spectra(
+    x: NDArray[np.float64], y: NDArray[np.float64], rate: float
+) -> tuple[NDArray[np.float64], ...]:
+    """Frequencies [Hz], spectra of y, of x with y, of x, and coherence of x and y."""
+    length = int(min(len(x) // 4, 2 * rate)) // 2 * 2
+    f, p_x = welch(x, rate, nperseg=length)
+    p_y = welch(y, rate, nperseg=length)[1]
+    cross = csd(x, y, rate, nperseg=length)[1]
+    coherent = np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)
+    return f, p_y, cross, p_x, coherent

@@ -1,0 +1,213 @@
+"""Which rules apply to which table: the thesis's twelve, and files of the same forms."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import as_file, files
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.plausible import check_fits, check_parameters, check_sje
+from stiction_envs.measured.checks.rules import (
+    Defect,
+    Row,
+    check_amplitudes,
+    check_differences,
+    check_growth,
+    check_measurements,
+    check_percentages,
+    check_repeats,
+    check_signs,
+    check_units,
+    joint_scale,
+    number,
+    place,
+    setting_key,
+)
+from stiction_envs.measured.csv_text import read_header, read_lines
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS
+from stiction_envs.measured.thesis_tables import THESIS_TABLES
+
+_KEY = ("robot", "joint", "load", "direction")
+FORMS: dict[str, tuple[str, ...]] = {
+    "SJE table": SJE_COLUMNS,
+    "4.5-4.8": (*_KEY, "frequency_Hz", "scale", "tau_sje_Nm", "change_pct"),
+    "4.9": (
+        *(*_KEY, "frequency_Hz", "scale", "tau_base_Nm"),
+        *("tau_intermediate_Nm", "tau_final_Nm", "final_set_by_hand"),
+    ),
+    "4.10": (*_KEY, "amplitude_set", "tau_base_Nm", "tau_sje_Nm", "change_pct"),
+    "4.11": (
+        *("robot", "subtable", "axis"),
+        *("mean_error_dither", "mean_error_no_dither", "diff", "unit_printed"),
+    ),
+    "4.2": ("robot", "joint", "direction", "quantity", "unit", "value"),
+    "4.1": ("robot", "joint", "quantity", "unit", "value"),
+    "A.1": ("robot", "joint", "direction", "intercept_Nm", "slope_Nms_per_rad", "r2"),
+    "4.3, 4.4": (*_KEY, "tau_base_Nm"),
+}
+"""Columns by which a table is recognised, first match first; others may stand beside them."""
+
+_NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
+_TEXT = {"robot", "subtable", "axis", "unit_printed", "quantity", "unit", "amplitude_set"}
+
+IIWA7_KG = 23.9
+"""Weight of the LBR iiwa 7 R800, vendor's data sheet."""
+
+IIWA7_START_KG = {1: 3.4525, 2: 3.4821}
+"""Masses in the URDF from which the thesis started its fit, kg by link."""
+
+
+def check_thesis() -> list[Defect]:
+    """Everything wrong in print in the thesis's tables, misprints and remarks."""
+    tables = {}
+    for name in THESIS_TABLES:
+        file = files("stiction_envs.measured").joinpath(
+            "thesis", f"table_{name.replace('.', '_')}.csv"
+        )
+        with as_file(file) as path:
+            tables[name] = read_rows(path)
+    return check_tables(tables, total_kg={"iiwa7": IIWA7_KG}, start_kg={"iiwa7": IIWA7_START_KG})
+
+
+def check_files(paths: Iterable[str | os.PathLike[str]]) -> list[Defect]:
+    """Everything wrong in CSV files, each by itself and all against each other."""
+    return check_tables({str(path): read_rows(path) for path in paths})
+
+
+def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
+    """Rows of a table as printed; its form is known and each number in it is one."""
+    header = read_header(path)
+    form = form_of(header)
+    if header and form is None:
+        shown = "; ".join(f"{','.join(c)} ({name})" for name, c in FORMS.items())
+        raise StictionError(f"{path}: unknown columns {','.join(header)}: allowed are {shown}")
+    lines = read_lines(path, header)
+    for line in lines:
+        for column in FORMS[form or ""]:
+            if column in _NAMES:
+                line.name(column, _NAMES[column])
+            elif column in ("joint", "iterations"):
+                line.whole(column, 1)
+            elif column in _TEXT:
+                line.text(column)
+            else:
+                line.number(column, nan=column in ("std_nm", "reduction"))
+    return [line.fields for line in lines]
+
+
+def form_of(columns: Sequence[str]) -> str | None:
+    """Name in :data:`FORMS` of the table with these columns; None if there is none."""
+    return next((name for name, need in FORMS.items() if set(need) <= set(columns)), None)
+
+
+def check_tables(
+    tables: Mapping[str, Sequence[Row]],
+    *,
+    total_kg: Mapping[str, float] | None = None,
+    start_kg: Mapping[str, Mapping[int, float]] | None = None,
+) -> list[Defect]:
+    """Apply each rule to the tables it fits; ``tables`` are rows as printed by table name.
+
+    Base torques of any table serve those that print none, the first one with the most decimals.
+    For ``total_kg`` and ``start_kg`` see :func:`check_parameters`.
+    """
+    forms = {name: form_of(list(rows[0])) for name, rows in tables.items() if rows}
+    bases = _bases(tables)
+    found = []
+    for name, form in forms.items():
+        rows = tables[name]
+        if form == "SJE table":
+            found += check_sje(rows, name)
+        elif form in ("4.5-4.8", "4.10"):
+            columns = [c for c in ("tau_base_Nm", "tau_sje_Nm") if c in rows[0]]
+            found += check_signs(rows, columns, name) + check_percentages(rows, name, bases)
+        elif form == "4.9":
+            columns = ["tau_base_Nm", "tau_intermediate_Nm"]
+            found += check_signs(rows, columns, name) + check_amplitudes(rows, name)
+        elif form == "4.11":
+            found += check_units(rows, name) + check_differences(rows, name)
+            found += check_growth(rows, name)
+        elif form == "4.1":
+            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg)
+        elif form == "A.1":
+            found += check_fits(rows, name, _mean_bases(bases))
+        elif form == "4.3, 4.4":
+            found += check_signs(rows, ["tau_base_Nm"], name)
+    found += check_measurements(_measurements(tables, forms))
+    found += check_repeats(_quantities(tables))
+    # R² has no resolution of its own: three digits of it are all one prints.
+    return found + check_repeats(_quantities(tables, r2=True), enough_digits=3)
+
+
+def _bases(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, str, str], str]:
+    """Printed base torques, N·m, of dithered tables before others (4.7 refers to 4.6, not 4.3)."""
+    bases: dict[tuple[str, int, str, str], str] = {}
+    for dithered in (True, False):
+        for rows in tables.values():
+            for row in rows:
+                if "tau_base_Nm" in row and ("change_pct" in row) is dithered:
+                    bases.setdefault(setting_key(row), str(row["tau_base_Nm"]))
+    return bases
+
+
+def _mean_bases(
+    bases: Mapping[tuple[str, int, str, str], str],
+) -> dict[tuple[str, int, str], float]:
+    """Mean abs(base torque) over the poses, N·m, by robot, joint, direction."""
+    sums: dict[tuple[str, int, str], list[float]] = {}
+    for (robot, joint, _, direction), raw in bases.items():
+        sums.setdefault((robot, joint, direction), []).append(abs(float(raw)))
+    return {key: sum(values) / len(values) for key, values in sums.items()}
+
+
+def _measurements(
+    tables: Mapping[str, Sequence[Row]], forms: Mapping[str, str | None]
+) -> list[dict[str, object]]:
+    """Dithered readings of all tables with frequency and scale, those of 4.10 through 4.9.
+
+    Verification rows whose amplitude is not scale × base (``final``) repeat nothing.
+    """
+    chosen: dict[tuple[str, int, str, str], dict[str, object]] = {}
+    for name, form in forms.items():
+        rows = tables[name] if form == "4.9" else ()
+        for row in rows:
+            joint = [r for r in rows if setting_key(r)[:2] == setting_key(row)[:2]]
+            setting = {"frequency_Hz": row["frequency_Hz"], "scale": str(joint_scale(joint))}
+            chosen[setting_key(row)] = setting
+    found = []
+    for name, form in forms.items():
+        for row in tables[name]:
+            if form == "4.5-4.8":
+                found.append({**row, "table": name})
+            elif form == "4.10" and row["amplitude_set"] == "intermediate":
+                known = chosen.get(setting_key(row))
+                found += [{**row, "table": name, **known}] if known else []
+    return found
+
+
+def _quantities(
+    tables: Mapping[str, Sequence[Row]], *, r2: bool = False
+) -> list[tuple[str, str, str]]:
+    """(table, quantity, number) for whatever tables print more than once."""
+    columns = {"tau_base_Nm": "", "intercept_Nm": ", intercept", "lsm_intercept_Nm": ", intercept"}
+    columns |= {"slope_Nms_per_rad": ", slope"}
+    if r2:
+        columns = {"r2": ", r2"}
+    found = []
+    for name, rows in tables.items():
+        for row in rows:
+            for column, what in columns.items():
+                if column in row:
+                    # The line of a joint and direction is one for both poses.
+                    keys = _KEY if not what else ("robot", "joint", "direction")
+                    where = place({key: row[key] for key in keys}) + what
+                    found.append((name, where, str(row[column])))
+            if "quantity" in row and (row["quantity"] == "r2") is r2:
+                if "direction" in row:
+                    where = f"{place(row)}, {row['quantity']}"
+                    found.append((name, where, str(row["value"])))
+                elif row["quantity"] == "mass":
+                    where = f"{row['robot']} link {number(row, 'joint')}, mass"
+                    found.append((name, where, str(row["value"])))
+    return found

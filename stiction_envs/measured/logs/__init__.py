@@ -1,0 +1,1 @@
+"""Joint logs of real robots: read, checked, corrected, and every correction written down."""

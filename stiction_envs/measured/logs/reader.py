@@ -1,0 +1,243 @@
+"""Joint logs of real robots: read, checked, mended, and every mend written down.
+
+A log is a table ``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]; dq may be missing,
+``temperature1..n`` and ``tau_cmd1..n`` are taken along, a column ``run`` names recordings that
+were put into one file. ``tau`` drives the joint: M(q)q̈ + C(q,q̇)q̇ + g(q) = tau − tau_friction.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.logs import (
+    check_channels,
+    check_finite,
+    check_pace,
+    check_speeds,
+    check_time,
+    check_units,
+)
+from stiction_envs.measured.logs.clock import find_gaps, mend_clock, usual_step
+from stiction_envs.measured.logs.corrections import (
+    Mend,
+    Rows,
+    drop_repeats,
+    fill_missing,
+    mend_stale,
+)
+from stiction_envs.measured.logs.files import RawLog, read_raw
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.tables import Limits
+
+__all__ = ["JointLog", "Mend", "read_logs", "read_poses"]
+
+LEAST_SECONDS = 1.0
+"""Shorter logs are refused, s."""
+
+RUN_PAUSE = 1.0
+"""Time put between recordings whose clocks start anew, s (assumed)."""
+
+EPOCH = 1e6
+"""Times above this are dates, and counted from the first row instead, s (assumed)."""
+
+Path = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointLog:
+    """One measured log after mending; arrays are float64 and read-only."""
+
+    source: str
+    """File name as given."""
+    t: NDArray[np.float64]
+    """Time of each row on the robot's clock, strictly rising, (T,), s."""
+    q: NDArray[np.float64]
+    """Joint angles, (T, n), rad."""
+    dq: NDArray[np.float64] | None
+    """Joint speeds as logged, (T, n), rad/s; None where the log has none."""
+    tau: NDArray[np.float64]
+    """Joint torques, (T, n), N·m."""
+    extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Further channels: ``temperature`` [°C], ``tau_cmd`` [N·m], (T, n) each."""
+    breaks: tuple[int, ...] = ()
+    """First row of each segment but the first: where a gap or another recording begins."""
+    mends: tuple[Mend, ...] = ()
+    """What was mended."""
+    warnings: tuple[str, ...] = ()
+    """What was found and not mended, one sentence each."""
+    static: bool = False
+    """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.q, self.dq, self.tau, *self.extra.values()):
+            if array is not None:
+                array.flags.writeable = False
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    @property
+    def step(self) -> float:
+        """Usual time between rows, s."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def segments(self) -> tuple[slice, ...]:
+        """Rows of each segment."""
+        bounds = (0, *self.breaks, len(self.t))
+        return tuple(slice(a, b) for a, b in pairwise(bounds))
+
+
+def read_logs(
+    paths: Sequence[Path], n_joints: int, *, limits: Limits | None = None
+) -> list[JointLog]:
+    """Read, check and mend the logs of one robot.
+
+    Args:
+        paths: files ``.csv``, ``.csv.gz``, ``.npz`` (columns, or matrices ``q``, ``tau``, … beside
+            ``t``) or ``.parquet``, one or more.
+        n_joints: joints of the robot.
+        limits: its limits; without them fewer wrong units are seen.
+
+    Raises:
+        StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
+            The message names file, row and column.
+    """
+    if not paths:
+        raise StictionError("no log given: allowed are one or more files")
+    logs: list[JointLog] = []
+    for path in paths:
+        raw = read_raw(path, n_joints)
+        log = _mended(raw, limits)
+        for other in logs:
+            if np.array_equal(other.q, log.q) and np.array_equal(other.tau, log.tau):
+                raise StictionError(f"{log.source}: the same log as {other.source}: allowed is one")
+        logs.append(log)
+    return logs
+
+
+def read_poses(path: Path, n_joints: int, *, limits: Limits | None = None) -> JointLog:
+    """Read poses at rest without time: ``q1..qn,tau1..taun``, one pose in a row.
+
+    Raises:
+        StictionError: as :func:`read_logs`; also for fewer than two poses.
+    """
+    raw = read_raw(path, n_joints, time=False)
+    rows = Rows(t=raw.t, data=raw.data, run=raw.run)
+    check_finite(rows, raw.place)
+    mends, warnings = fill_missing(rows, raw.place)
+    if len(rows.t) < 2:
+        raise StictionError(f"{raw.source}: {len(rows.t)} pose: allowed are two or more")
+    warnings = [*_ignored(raw), *warnings, *check_units(rows, raw.place, limits)]
+    return JointLog(
+        source=raw.source,
+        t=np.arange(float(len(rows.t))),
+        q=rows.data["q"],
+        dq=None,
+        tau=rows.data["tau"],
+        extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
+        mends=tuple(mends),
+        warnings=tuple(warnings),
+        static=True,
+    )
+
+
+def _mended(raw: RawLog, limits: Limits | None) -> JointLog:
+    rows = Rows(t=raw.t, data=raw.data, run=raw.run)
+    # Arrays live on in rows only, so that those mended away are freed.
+    raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
+    check_finite(rows, raw.place)
+    check_time(rows, raw.place)
+    warnings = _ignored(raw)
+    mends = _join_runs(rows)
+    more, missing = fill_missing(rows, raw.place)
+    mends, warnings = mends + more, warnings + missing
+    warnings += check_units(rows, raw.place, limits) + check_channels(rows, raw.place)
+    mends += drop_repeats(rows) + mend_stale(rows)
+    more, jitter = mend_clock(rows)
+    mends, warnings = mends + more, warnings + jitter
+    step = usual_step(rows)
+    breaks = _segments(rows, step, mends)
+    bounds = (0, *breaks, len(rows.t))
+    seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in pairwise(bounds))
+    if not seconds >= LEAST_SECONDS - 1.5 * step:
+        raise StictionError(
+            f"{raw.source}: {seconds:.3g} s of samples: allowed is {LEAST_SECONDS:g} s or more"
+        )
+    longest = max(pairwise(bounds), key=lambda ab: ab[1] - ab[0])
+    part = slice(*longest)
+    stretch = Rows(
+        t=rows.t[part], data={k: v[part] for k, v in rows.data.items()}, run=rows.run[part]
+    )
+    try:
+        check_pace(stretch, step, limits)
+        warnings += check_speeds(stretch, step)
+    except StictionError as error:
+        raise StictionError(f"{raw.source}: {error}") from None
+    return JointLog(
+        source=raw.source,
+        t=rows.t,
+        q=rows.data["q"],
+        dq=rows.data.get("dq"),
+        tau=rows.data["tau"],
+        extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
+        breaks=breaks,
+        mends=tuple(mends),
+        warnings=tuple(warnings),
+    )
+
+
+def _ignored(raw: RawLog) -> list[str]:
+    if not raw.ignored:
+        return []
+    shown = ", ".join(repr(name) for name in raw.ignored[:8])
+    more = f" and {len(raw.ignored) - 8} more" if len(raw.ignored) > 8 else ""
+    return [f"columns not used: {shown}{more}"]
+
+
+def _join_runs(rows: Rows) -> list[Mend]:
+    """One rising time for all recordings of a file, and small numbers for dates."""
+    mends = []
+    starts = np.flatnonzero(np.diff(rows.run)) + 1
+    if abs(rows.t[0]) > EPOCH:
+        text = f"times are dates: counted from the first row, {rows.t[0]:.3f} s"
+        rows.t = rows.t - rows.t[0]
+        mends.append(Mend(kind="epoch", rows=len(rows.t), text=text))
+    restarts = 0
+    shifted = rows.t.copy()
+    for i in starts:
+        if shifted[i] <= shifted[i - 1]:
+            shifted[i:] += shifted[i - 1] + RUN_PAUSE - shifted[i]
+            restarts += 1
+    if restarts:
+        rows.t = shifted
+        text = (
+            f"{len(starts) + 1} recordings in one file, the clock starts anew in {restarts} of "
+            f"them: put one after another, {RUN_PAUSE:g} s apart"
+        )
+        mends.append(Mend(kind="run", rows=restarts, text=text))
+    return mends
+
+
+def _segments(rows: Rows, step: float, mends: list[Mend]) -> tuple[int, ...]:
+    runs = np.flatnonzero(np.diff(rows.run)) + 1
+    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
+    if len(gaps):
+        longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
+        text = (
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
+            "the log is split there"
+        )
+        mends.append(Mend(kind="gap", rows=len(gaps), text=text))
+    return tuple(int(i) for i in np.union1d(gaps, runs))

@@ -1,0 +1,1 @@
+"""The only writers of files for people: Markdown, HTML, PNG, TOML, all of them atomic."""

@@ -1,0 +1,62 @@
+"""Numbers and lists as a reader wants them: signs, units, tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+
+def signed(value: float, digits: int = 1) -> str:
+    """Return a number with its sign, a true minus, and no −0.0; – for NaN."""
+    if math.isnan(value):
+        return "–"
+    text = f"{value:+.{digits}f}"
+    if not float(text):
+        text = text[1:]
+    return text.replace("-", "−")
+
+
+def percent(value: float, digits: int = 1) -> str:
+    """Return a signed percentage; ``value`` is in per cent already."""
+    return f"{signed(value, digits)} %"
+
+
+def short(value: float, figures: int = 3) -> str:
+    """Return a number of any size with some figures, without an exponent."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    digits = max(0, figures - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def span(values: Iterable[float], figures: int = 2, unit: str = "") -> str:
+    """Return ``0.2 to 0.7`` from least and largest, one number where both read the same."""
+    ordered = sorted(values)
+    ends = dict.fromkeys(short(x, figures) for x in (ordered[0], ordered[-1]))
+    return " to ".join(ends) + (f" {unit}" if unit else "")
+
+
+def listed(items: Iterable[object]) -> str:
+    """Return ``1, 2 and 3``."""
+    texts = [str(x) for x in items]
+    if len(texts) < 2:
+        return "".join(texts)
+    return ", ".join(texts[:-1]) + " and " + texts[-1]
+
+
+def joints(numbers: Sequence[int]) -> str:
+    """Return ``joint 1`` or ``joints 1, 2 and 3``; ``no joint``."""
+    if not numbers:
+        return "no joint"
+    return ("joints " if len(numbers) > 1 else "joint ") + listed(numbers)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return a Markdown table and an empty line."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+
+
+def plural(count: int, noun: str) -> str:
+    """Return ``1 cell`` or ``2 cells``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")

@@ -1,0 +1,431 @@
+"""Joint logs with something hidden in them: MuJoCo moves a Panda, a log is what a robot writes.
+
+Shares no code with the diagnosis: forward simulation by ``mj_step``, friction by the reference law,
+every cause put in where it acts. The robot's makers know its dry and viscous friction and rotors
+(`Case.nominal`), or there is none (``"rigid"``); what is hidden comes on top.
+"""
+
+from __future__ import annotations
+
+import copy
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import load_arm
+from stiction_envs.testing.friction_law import LuGre
+from stiction_envs.testing.hidden_motions import BLIND_MOTIONS, MOTIONS
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+EVERY = 2
+"""Steps per logged row: 500 Hz."""
+NEEDS_FRICTION = {
+    "stribeck_friction",
+    "direction_asymmetry",
+    "load_dependent_friction",
+    "presliding_hysteresis",
+    "warm_up_drift",
+    "joint_elasticity",
+    "backlash",
+}
+"""Causes that act on friction or rotors that are there already."""
+EXCITED_BY: dict[str, tuple[str, ...]] = {
+    "coulomb_friction": ("fourier", "reversals", "sweeps"),
+    "viscous_friction": ("fourier", "fast", "sweeps"),
+    "stribeck_friction": ("sweeps", "rests"),
+    "direction_asymmetry": ("rests",),
+    "load_dependent_friction": ("fourier", "fast"),
+    "presliding_hysteresis": ("reversals",),
+    "position_dependent_friction": ("sweeps", "fourier"),
+    "warm_up_drift": ("fourier", "sweeps", "reversals"),
+    "torque_offset": ("fourier", "poses", "rests"),
+    "torque_scale": ("fourier", "poses"),
+    "payload": ("fourier", "poses", "fast"),
+    "base_tilt": ("fourier", "poses"),
+    "link_inertia": ("fast", "chirp"),
+    "backlash": ("fourier", "reversals", "fast"),
+    "joint_elasticity": ("chirp",),
+    "actuator_delay": ("fast", "chirp"),
+    "external_spring": ("fourier", "poses", "sweeps"),
+}
+JOINTS: dict[str, tuple[int, ...]] = {
+    "backlash": (1, 3, 5),
+    "torque_scale": (2, 4),
+    "load_dependent_friction": (2, 4),
+    "joint_elasticity": (1, 2, 3, 4),
+}
+"""Joints on which some causes can be seen at all; others on all."""
+ARM_WIDE = ("payload", "base_tilt", "actuator_delay")
+FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
+ROTOR = np.array([0.3, 0.4, 0.3, 0.3, 0.12, 0.12, 0.1])
+TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
+BITE = 1e-4
+"""Presliding distance of the joints whose presliding nobody should see [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """One hidden cause: the truth."""
+
+    name: str
+    joint: int
+    """From 1; 0 for the whole arm."""
+    values: dict[str, float | list[float]]
+    """Under the names of ``diagnosis.json``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """What a blind test sees, and the truth."""
+
+    logs: list[JointLog]
+    nominal: FrictionParameters | str
+    hidden: tuple[Hidden, ...]
+    effect: Array
+    """(7,) root mean square of what the hidden causes do to the torques [N·m]."""
+    alone: Array
+    """(k, 7) the same of each by itself, along the same motion [N·m]."""
+    motion: str
+    seed: int
+
+
+@dataclass
+class _World:
+    """Everything that a cause may change before the simulation starts."""
+
+    n: int = 7
+    coulomb: Array = field(default_factory=lambda: np.zeros(7))
+    viscous: Array = field(default_factory=lambda: np.zeros(7))
+    rotor: Array = field(default_factory=lambda: np.zeros(7))
+    more_coulomb: Array = field(default_factory=lambda: np.zeros(7))
+    more_viscous: Array = field(default_factory=lambda: np.zeros(7))
+    stribeck: Array = field(default_factory=lambda: np.zeros(7))
+    stribeck_velocity: Array = field(default_factory=lambda: np.full(7, 0.05))
+    asymmetry: Array = field(default_factory=lambda: np.zeros(7))
+    load: Array = field(default_factory=lambda: np.zeros(7))
+    distance: Array = field(default_factory=lambda: np.full(7, BITE))
+    drift: Array = field(default_factory=lambda: np.zeros(7))
+    ripple: Array = field(default_factory=lambda: np.zeros(7))
+    periods: Array = field(default_factory=lambda: np.ones(7))
+    phase: Array = field(default_factory=lambda: np.zeros(7))
+    offset: Array = field(default_factory=lambda: np.zeros(7))
+    scale: Array = field(default_factory=lambda: np.ones(7))
+    armature: Array = field(default_factory=lambda: np.zeros(7))
+    spring: Array = field(default_factory=lambda: np.zeros(7))
+    spring_rest: Array = field(default_factory=lambda: np.zeros(7))
+    payload: tuple[float, Array] | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
+    soft: tuple[int, float] | None = None
+    gap: tuple[int, float] | None = None
+    delay: float = 0.0
+
+
+def make_case(
+    seed: int,
+    causes: tuple[str, ...] = (),
+    *,
+    motion: str | None = None,
+    seconds: float = 26.0,
+    known: bool | None = None,
+    joint: int | None = None,
+    size: float | None = None,
+) -> Case:
+    """Hide some causes of random size, joint and sign in a log.
+
+    Args:
+        seed: of everything.
+        causes: their names.
+        motion: of `MOTIONS` or `BLIND_MOTIONS`; by default one that excites all of them.
+        seconds: length of the log [s].
+        known: whether the robot has known friction and rotors; by default as the causes need, or
+            at random.
+        joint: from 1; random by default.
+        size: of the effect, 0 (just visible) to 1 (large); random by default.
+    """
+    rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
+    if motion is None:
+        options = list(MOTIONS)
+        for name in causes:
+            options = [m for m in options if m in EXCITED_BY[name]] or list(EXCITED_BY[name])
+        motion = str(rng.choice(options))
+    if known is None:
+        known = any(name in NEEDS_FRICTION for name in causes) or bool(rng.random() < 0.5)
+    world = _World()
+    if known:
+        world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
+        world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
+        world.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
+    worlds = [copy.deepcopy(world) for _ in causes]
+    hidden = []
+    for name, single in zip(causes, worlds, strict=True):
+        large = rng.random() if size is None else size
+        # the same draw, hidden beside the others and by itself
+        again = copy.deepcopy(rng)
+        hidden.append(_hide(world, name, joint, large, seconds, rng))
+        _hide(single, name, joint, large, seconds, again)
+    t = np.arange(0, seconds, STEP)
+    wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
+    q, tau, effect = _simulate(world, t, wanted)
+    alone = [effect] if len(causes) == 1 else [_simulate(w, t, wanted)[2] for w in worlds]
+    log = _log(q, tau, t, rng, f"case_{seed}")
+    nominal: FrictionParameters | str = "rigid"
+    if known:
+        both = np.stack([world.coulomb, world.coulomb], axis=-1)
+        one = np.ones(7)
+        nominal = FrictionParameters(
+            stiction=both,
+            coulomb_ratio=np.ones((7, 2)),
+            stribeck_velocity=np.full((7, 2), 0.01),
+            viscous=np.stack([world.viscous, world.viscous], axis=-1),
+            load_coefficient=0 * one,
+            load_low=0 * one,
+            load_high=np.inf * one,
+            bristle_stiffness=world.coulomb / BITE,
+            bristle_damping_ratio=0.4 * one,
+            rotor_inertia=world.rotor,
+            joint_stiffness=np.inf * one,
+            joint_damping_ratio=0.15 * one,
+            ripple_amplitude=0 * one,
+            ripple_periods=one,
+            ripple_phase=0 * one,
+            warm_up_friction=0 * one,
+            warm_up_viscous=0 * one,
+            warm_up_time=1200 * one,
+            offset=0 * one,
+            gravity_error=0 * one,
+        )
+    return Case(
+        logs=[log],
+        nominal=nominal,
+        hidden=tuple(hidden),
+        effect=effect,
+        alone=np.array(alone).reshape(-1, 7),
+        motion=motion,
+        seed=seed,
+    )
+
+
+def _hide(
+    w: _World,
+    name: str,
+    joint: int | None,
+    size: float,
+    seconds: float,
+    rng: np.random.Generator,
+) -> Hidden:
+    def between(low: float, high: float) -> float:
+        return float(low * (high / low) ** size)
+
+    number = joint or int(rng.choice(JOINTS.get(name, (1, 2, 3, 4, 5, 6, 7))))
+    j, sign = number - 1, float(rng.choice([-1.0, 1.0]))
+    big = FRICTION[j]
+    values: dict[str, float | list[float]]
+    if name == "coulomb_friction":
+        sign = sign if w.coulomb[j] else 1.0
+        w.more_coulomb[j] = sign * between(0.3, 0.8) * (w.coulomb[j] or big)
+        values = {"coulomb_nm": w.more_coulomb[j]}
+    elif name == "viscous_friction":
+        sign = sign if w.viscous[j] else 1.0
+        w.more_viscous[j] = sign * between(0.4, 0.9) * (w.viscous[j] or 2 * big)
+        values = {"viscous_nms": w.more_viscous[j]}
+    elif name == "stribeck_friction":
+        w.stribeck[j] = between(0.3, 1.2) * big
+        w.stribeck_velocity[j] = np.exp(rng.uniform(np.log(0.03), np.log(0.12)))
+        values = {"stiction_nm": w.stribeck[j], "stribeck_velocity": w.stribeck_velocity[j]}
+    elif name == "direction_asymmetry":
+        w.asymmetry[j] = sign * between(0.2, 0.5) * w.coulomb[j]
+        values = {"asymmetry_nm": w.asymmetry[j]}
+    elif name == "load_dependent_friction":
+        w.load[j] = between(0.02, 0.1)
+        values = {"load_coefficient": w.load[j]}
+    elif name == "presliding_hysteresis":
+        w.distance[j] = between(3e-3, 2e-2)
+        values = {"bristle_stiffness": w.coulomb[j] / w.distance[j]}
+    elif name == "position_dependent_friction":
+        w.ripple[j] = between(0.2, 1.0) * big
+        w.periods[j] = float(rng.integers(12, 50))
+        w.phase[j] = rng.uniform(-np.pi, np.pi)
+        values = {
+            "ripple_nm": w.ripple[j],
+            "periods_per_rev": w.periods[j],
+            "phase_rad": w.phase[j],
+        }
+    elif name == "warm_up_drift":
+        w.drift[j] = sign * between(0.4, 0.8) * w.coulomb[j] / seconds
+        values = {"drift_nm_per_s": w.drift[j]}
+    elif name == "torque_offset":
+        w.offset[j] = sign * between(0.2, 1.5) * big
+        values = {"offset_nm": w.offset[j]}
+    elif name == "torque_scale":
+        w.scale[j] = 1 + sign * between(0.03, 0.2)
+        values = {"scale": w.scale[j]}
+    elif name == "payload":
+        mass, com = between(0.1, 2.0), rng.uniform(-0.06, 0.06, 3) + np.array([0, 0, 0.05])
+        w.payload = (mass, com)
+        values = {"mass_kg": mass, "com_m": com.tolist()}
+    elif name == "base_tilt":
+        w.tilt = (between(0.01, 0.1), float(rng.uniform(-np.pi, np.pi)))
+        values = {"tilt_rad": w.tilt[0], "azimuth_rad": w.tilt[1]}
+    elif name == "link_inertia":
+        sign = sign if w.rotor[j] else 1.0
+        w.armature[j] = sign * between(0.3, 0.7) * ROTOR[j]
+        values = {"armature_kgm2": w.armature[j]}
+    elif name == "backlash":
+        w.gap = (j, between(5e-3, 3e-2))
+        values = {"gap_rad": w.gap[1]}
+    elif name == "joint_elasticity":
+        w.soft = (j, between(5000.0, 1000.0))
+        values = {"stiffness_nm_per_rad": w.soft[1]}
+    elif name == "actuator_delay":
+        w.delay = between(4e-3, 3e-2)
+        values = {"delay_s": w.delay}
+    elif name == "external_spring":
+        w.spring[j] = between(0.4, 4.0) * big
+        w.spring_rest[j] = rng.uniform(-0.6, 0.6) + [0, -0.4, 0, -1.9, 0, 1.9, 0.5][j]
+        values = {"stiffness_nm_per_rad": w.spring[j], "rest_rad": w.spring_rest[j]}
+    else:
+        raise ValueError(name)
+    whole = name in ARM_WIDE
+    return Hidden(
+        name=name,
+        joint=0 if whole else number,
+        values={k: v if isinstance(v, list) else float(v) for k, v in values.items()},
+    )
+
+
+def _build(w: _World) -> mujoco.MjModel:
+    spec = load_arm("panda").spec()
+    for i, joint in enumerate(list(spec.joints)):
+        joint.armature = w.rotor[i] + w.armature[i]
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    spec.option.timestep = STEP
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    lean, towards = w.tilt
+    g = 9.81
+    spec.option.gravity = [
+        g * np.sin(lean) * np.cos(towards),
+        g * np.sin(lean) * np.sin(towards),
+        -g * np.cos(lean),
+    ]
+    if w.payload is not None:
+        mass, com = w.payload
+        site = next(s for s in spec.sites if s.name == "flange")
+        small = 0.4 * mass * 0.03**2
+        load = site.parent.add_body(name="hidden", pos=site.pos, quat=site.quat)
+        load.mass, load.ipos, load.inertia = mass, com, [small] * 3
+        load.explicitinertial = True
+    loose = w.soft or w.gap
+    if loose is not None:
+        joint = list(spec.joints)[loose[0]]
+        inner = joint.parent.add_joint(name="inner", axis=joint.axis, pos=joint.pos)
+        inner.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if w.soft is not None:
+            inner.stiffness = [w.soft[1], 0, 0]
+            inner.damping = [2 * 0.1 * np.sqrt(w.soft[1] * 0.1), 0, 0]
+    return spec.compile()
+
+
+def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
+    """Return motor angles and logged torques at the rows, and the size of what is hidden."""
+    model, plain = _build(w), _build(_World(rotor=w.rotor))
+    d, calm = mujoco.MjData(model), mujoco.MjData(plain)
+    # what the gears carry: friction that grows with load feels a payload and a tilt too
+    heavy = _build(_World(rotor=w.rotor, payload=w.payload, tilt=w.tilt))
+    felt = mujoco.MjData(heavy)
+    loose = (w.soft or w.gap or (None,))[0]
+    outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
+    speed = np.gradient(wanted, STEP, axis=0)
+    pull = np.gradient(speed, STEP, axis=0)
+    d.qpos[outer] = calm.qpos[:] = wanted[0]
+    inside = None if loose is None else loose + 1
+    coulomb = w.coulomb + w.more_coulomb
+    sticks = bool(coulomb.any())
+    inertia = np.maximum(w.rotor + w.armature, 0.02)
+    stiff = np.where(coulomb > 0, coulomb, 1.0) / w.distance
+    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
+    on = coulomb > 0
+    # two laws in one: the true joints, and what the makers know of them
+    on = np.stack([on, w.coulomb > 0])
+    known_level = np.maximum(w.coulomb, 1e-9)
+    stiff = np.stack([stiff, known_level / BITE])
+    plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / BITE * np.maximum(w.rotor, 0.02))
+    damping = np.stack([damping, plain_damping])
+    z = np.zeros((2, 7))
+    q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
+    mass, load = np.empty((7, 7)), np.zeros(7)
+    force = np.zeros(model.nv)
+    for k in range(len(t)):
+        x, v = d.qpos[outer], d.qvel[outer]
+        before = v
+        calm.qpos[:], calm.qvel[:] = x, v
+        mujoco.mj_fwdPosition(plain, calm)
+        mujoco.mj_fwdVelocity(plain, calm)
+        mujoco.mj_fullM(plain, calm, mass)
+        want = pull[k] + 100 * (speed[k] - v) + 2500 * (wanted[k] - x)
+        command = mass @ want + calm.qfrc_bias + w.coulomb * np.tanh(speed[k] / 0.01)
+        # angles at t belong to the speed half a step before: friction is due at t
+        v = v + 0.5 * STEP * pull[k]
+        friction = w.viscous * v + w.more_viscous * v
+        known = w.viscous * v
+        if sticks:
+            level = coulomb + w.drift * t[k] + w.load * np.abs(load)
+            level = level + w.asymmetry * np.sign(v)
+            top = np.maximum(level + w.stribeck, 1e-9)
+            law = LuGre(
+                stiction=np.array([top, known_level]),
+                coulomb=np.array([np.maximum(level, 1e-9), known_level]),
+                stribeck_velocity=w.stribeck_velocity,
+                bristle_stiffness=stiff,
+                bristle_damping=damping,
+            )
+            both = np.where(on, law.torque(z, v), 0.0)
+            friction, known = friction + both[0], known + both[1]
+            z = np.where(on, law.advance(z, v, STEP), 0.0)
+        extra = w.spring * (x - w.spring_rest)
+        if w.ripple.any():
+            extra = extra + w.ripple * np.sin(w.periods * x + w.phase)
+        force[outer] = command - friction - extra
+        if w.gap is not None and inside is not None:
+            open_, rate = d.qpos[inside], d.qvel[inside]
+            press = open_ - np.clip(open_, -w.gap[1] / 2, w.gap[1] / 2)
+            force[inside] = -8000.0 * press - (15.0 * rate if press else 0.0)
+        d.qfrc_applied[:] = force
+        q[k], tau[k] = x, command
+        mujoco.mj_step(model, d)
+        acceleration = (d.qvel[outer] - before) / STEP
+        nominal[k] = mass @ acceleration + calm.qfrc_bias + known
+        if w.load.any():
+            felt.qpos[:], felt.qvel[:] = x, calm.qvel
+            mujoco.mj_fwdPosition(heavy, felt)
+            mujoco.mj_fwdVelocity(heavy, felt)
+            mujoco.mj_fullM(heavy, felt, mass)
+            load = mass @ pull[k] + felt.qfrc_bias - w.rotor * pull[k]
+    logged = tau.copy()
+    if w.delay:
+        for j in range(7):
+            logged[:, j] = np.interp(t + w.delay, t, logged[:, j])
+    logged = w.scale * logged + w.offset
+    width = 50
+    window = np.ones(width) / width
+    off = np.stack([np.convolve(x, window, "valid") for x in (logged - nominal).T])
+    effect = np.sqrt(np.mean(off[:, 500:-100] ** 2, axis=1))
+    return q[::EVERY], logged[::EVERY], effect
+
+
+def _log(q: Array, tau: Array, t: Array, rng: np.random.Generator, name: str) -> JointLog:
+    """Write down angles and torques as a robot does."""
+    rows = t[::EVERY]
+    stamps = rows + np.clip(rng.normal(0, 0.02, len(rows)), -0.2, 0.2) * STEP * EVERY
+    angle = np.round((q + rng.normal(0, 3e-6, q.shape)) / 5e-6) * 5e-6
+    torque = np.round((tau + TAU_NOISE * rng.normal(size=q.shape)) / 0.01) * 0.01
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.npz"
+        np.savez(path, t=stamps, q=angle, tau=torque)
+        return read_logs([path], 7, limits=load_arm("panda").limits)[0]

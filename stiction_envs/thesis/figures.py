@@ -1,0 +1,360 @@
+"""Pictures of the page: the ladder, each joint, what is left, the iiwa's phase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.sje import plots
+from stiction_envs.experiments.sje.protocol import Configuration, configurations
+from stiction_envs.thesis.nyquist_phase import PhaseStudy
+from stiction_envs.thesis.scores import ARM, FREQUENCIES, JOINTS, TARGETS, Findings
+
+Array = NDArray[np.float64]
+SHOWN = ("inertia", "presliding", "elasticity", "offset", "drift", ARM)
+"""Rungs drawn over each other, where there are any."""
+THEORY = {
+    "creep": ("theory: bristles shaken, the joint creeps", (0, (4, 2))),
+    "slip": ("theory: bristles as a spring, first slip", (0, (1, 1.5))),
+}
+AVERAGED = "theory: averaging, speed with friction to speed without"
+TABLES = {
+    "4.6": ("o", "Table 4.6 (scale 1.0), fitted"),
+    "4.7": ("^", "Table 4.7 (scale 1.2), held out"),
+    "4.8": ("v", "Table 4.8 (scale 0.8), held out"),
+    "4.10 intermediate": ("s", "Table 4.10 repeats, held out"),
+    "4.10 final": ("D", "Table 4.10 final amplitude, held out"),
+}
+MEASURED, THEORY_COLOUR, BROKEN = "#c2410c", "0.45", "x"
+TICKS = sorted(FREQUENCIES)
+
+
+def ladder(findings: Findings, path: Path) -> None:
+    """Draw mean, interval and median held-out error of every rung.
+
+    Args:
+        findings: the rungs.
+        path: PNG to write.
+    """
+    scores = list(findings.scores.values())
+    figure = Figure(figsize=(9, 0.36 * len(scores) + 1.9), layout="constrained")
+    axes = figure.subplots()
+    y = np.arange(len(scores))[::-1]
+    mean = np.array([s.mean for s in scores])
+    spread = np.abs(np.array([[s.low, s.high] for s in scores]).T - mean)
+    axes.errorbar(mean, y, xerr=spread, fmt="o", color="#1f5fa8", capsize=3, label="mean, 95 %")
+    axes.plot([s.median for s in scores], y, "|", ms=13, mew=2, color="#d1701a", label="median")
+    axes.axvline(findings.floor[0], color="0.4", ls="--", lw=1, label="the thesis's repeats, mean")
+    axes.axvline(TARGETS["mean"], color="0.4", ls=":", lw=1, label="target, mean")
+    axes.set_yticks(y, [s.name for s in scores])
+    axes.set_xscale("log")
+    ticks = [2, 3, 5, 10, 20, 50, 100]
+    axes.set_xticks(ticks, [str(t) for t in ticks])
+    axes.minorticks_off()
+    axes.set_xlim(1.5, 120)
+    axes.set_xlabel("held-out error, |predicted − measured| / |τ_base| [%]")
+    axes.set_title("Tables 4.7, 4.8 and 4.10 of the thesis, predicted from 4.3 and 4.6")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    plots.save(figure, path)
+
+
+# ---- one joint -----------------------------------------------------------------------------------
+
+
+def joint(findings: Findings, number: int, path: Path) -> None:
+    """Draw a joint's change of torque against frequency and amplitude, rung by rung.
+
+    A column per pose and direction; above against frequency at scale 1.0, below against amplitude
+    at the frequency the thesis chose for the joint.
+
+    Args:
+        findings: the rungs.
+        number: the joint, from 1.
+        path: PNG to write.
+    """
+    figure = Figure(figsize=(13.5, 8.0), layout="constrained")
+    grid = figure.subplots(2, 4, sharey="row")
+    shown = [k for k in SHOWN if k in findings.rungs] or [findings.last]
+    colours = colormaps["viridis"](np.linspace(0.88, 0.05, len(shown)))
+    chosen = _chosen_frequency(findings, number)
+    for column, where in enumerate(configurations(7, [number])):
+        above, below = grid[0, column], grid[1, column]
+        sign = plots.SIGNS[where.direction]
+        base = next(c.row.tau_base_nm for c in findings.cells if c.configuration == where)
+        above.set_title(
+            f"{plots.POSES[where.load]}, {sign}   (base {base:+.2f} N·m)".replace("-", "−").replace(
+                "no−load", "no-load"
+            ),
+            fontsize=10,
+        )
+        for axes, against in ((above, "frequency"), (below, "amplitude")):
+            _theory(axes, findings, where, against, chosen)
+            for key, colour in zip(shown, colours, strict=True):
+                _rung(axes, findings, where, key, against, chosen, colour, last=key == shown[-1])
+            _points(axes, findings, where, against, chosen)
+            axes.axhline(0, color="0.3", lw=0.8, zorder=1)
+            axes.grid(alpha=0.25, lw=0.6)
+            axes.spines[["top", "right"]].set_visible(False)
+        above.set_xscale("log")
+        above.set_xticks(TICKS, [f"{f:g}" for f in TICKS])
+        above.minorticks_off()
+        above.set_xlim(13, 95)
+        above.set_xlabel("frequency at scale 1.0 [Hz]")
+        below.set_xlabel(f"amplitude at {chosen:g} Hz [N·m]")
+        below.set_xlim(left=0)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("change of the torque\nthat moves the joint [% of base]")
+    for axes, against in zip(grid[:, 0], ("frequency", "amplitude"), strict=True):
+        axes.set_ylim(*_limits(findings, number, shown, against, chosen))
+    handles = [
+        Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=findings.rungs[k].name)
+        for k, c in zip(shown, colours, strict=True)
+    ]
+    handles += [
+        Line2D([], [], color=THEORY_COLOUR, ls=style, lw=1.2, label=text)
+        for text, style in THEORY.values()
+    ]
+    handles.append(Line2D([], [], color="0.5", alpha=0.25, lw=7, label=AVERAGED))
+    handles += [
+        Line2D([], [], marker=m, ls="", ms=6, label=text, **_face(name == "4.6"))
+        for name, (m, text) in TABLES.items()
+    ]
+    band = findings.rungs.get("band")
+    text = "" if band is None else f"\n{band.name} is off the scale: −100 % at scale 1.0"
+    figure.suptitle(f"Joint {number}: measured and predicted change{text}", fontsize=12)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    plots.save(figure, path)
+
+
+def _chosen_frequency(findings: Findings, number: int) -> float:
+    """Return the frequency of the joint in Table 4.10 [Hz]."""
+    mask = (findings.joint == number) & np.char.startswith(findings.table.astype(str), "4.10")
+    return float(findings.frequency[mask][0])
+
+
+def _select(
+    findings: Findings, where: Configuration, against: str, chosen: float
+) -> list[tuple[float, int]]:
+    """Return (x, cell) of the cells in a panel, sorted."""
+    out = []
+    for i, c in enumerate(findings.cells):
+        if c.configuration != where:
+            continue
+        if against == "amplitude" and c.row.frequency_hz == chosen:
+            out.append((c.row.amplitude_nm, i))
+        elif against == "frequency" and c.row.table in ("4.6", "4.7", "4.8"):
+            out.append((c.row.frequency_hz, i))
+    return sorted(out)
+
+
+def _face(fitted: bool) -> dict[str, Any]:
+    return {"color": MEASURED, "markerfacecolor": MEASURED if fitted else "white", "mew": 1.2}
+
+
+def _points(
+    axes: Axes, findings: Findings, where: Configuration, against: str, chosen: float
+) -> None:
+    for x, i in _select(findings, where, against, chosen):
+        c = findings.cells[i]
+        marker = TABLES[c.column][0]
+        y = 100 * c.change
+        if c.row.outlier:
+            axes.annotate(
+                f"broken cell\n{y:.0f} %".replace("-", "−"),
+                (x, 0.02),
+                xycoords=("data", "axes fraction"),
+                fontsize=7.5,
+                ha="center",
+                color=MEASURED,
+            )
+            continue
+        axes.plot(x, y, marker, ms=5.5, zorder=6, **_face(not c.held_out))
+
+
+def _rung(
+    axes: Axes,
+    findings: Findings,
+    where: Configuration,
+    key: str,
+    against: str,
+    chosen: float,
+    colour: Any,
+    *,
+    last: bool,
+) -> None:
+    points = [
+        (x, 100 * findings.predicted[key][i])
+        for x, i in _select(findings, where, against, chosen)
+        if against == "amplitude" or not findings.cells[i].held_out
+    ]
+    if points:
+        x, y = zip(*points, strict=True)
+        axes.plot(x, y, color=colour, lw=2.4 if last else 1.3, zorder=4 if last else 3)
+
+
+def _theory(
+    axes: Axes, findings: Findings, where: Configuration, against: str, chosen: float
+) -> None:
+    theory = findings.theory(where.joint)
+    base = next(
+        abs(c.row.tau_base_nm)
+        for c in findings.cells
+        if c.configuration == where and c.row.table == "4.6"
+    )
+    if against == "frequency":
+        x = np.geomspace(13, 95, 160)
+        f, a = x, np.full_like(x, base)
+    else:
+        most = max(x for x, _ in _select(findings, where, against, chosen))
+        x = np.linspace(0, 1.08 * most, 160)
+        f, a = np.full_like(x, chosen), x
+    free, sliding = (100 * theory.change(kind, where, f, a) for kind in ("free", "sliding"))
+    axes.fill_between(x, free, sliding, color="0.5", alpha=0.16, lw=0, zorder=1)
+    for kind, (_, style) in THEORY.items():
+        y = 100 * theory.change(kind, where, f, a)
+        if kind == "creep":  # of a joint that sticks
+            y = np.where(theory.sticks(f, a, where.index[1]), y, np.nan)
+        axes.plot(x, y, color=THEORY_COLOUR, ls=style, lw=1.2, zorder=2)
+
+
+def _limits(
+    findings: Findings, number: int, shown: Sequence[str], against: str, chosen: float
+) -> tuple[float, float]:
+    """Return limits [%] of a row: all its sound cells, and all drawn rungs but the first."""
+    drawn = [
+        i
+        for where in configurations(7, [number])
+        for _, i in _select(findings, where, against, chosen)
+    ]
+    mine = np.isin(np.arange(len(findings.cells)), drawn) & findings.sound
+    values = [findings.measured[mine], *(findings.predicted[k][mine] for k in shown[1:] or shown)]
+    low, high = 100 * np.min(np.concatenate(values)), 100 * np.max(np.concatenate(values))
+    margin = 0.08 * (high - low) + 2
+    return float(low - margin), float(max(high, 0) + margin)
+
+
+# ---- what is left --------------------------------------------------------------------------------
+
+
+def residuals(findings: Findings, path: Path) -> None:
+    """Draw the held-out residuals of the last rung by joint, pose, direction and table.
+
+    Args:
+        findings: the rungs.
+        path: PNG to write.
+    """
+    figure = Figure(figsize=(12, 4.8), layout="constrained")
+    axes = figure.subplots()
+    residual = findings.residual()
+    places = configurations(7)
+    tables = [t for t in TABLES if t != "4.6"]
+    colours = dict(zip(tables, ("#1f5fa8", "#2a9d8f", "#8f6bb3", "#d1701a"), strict=True))
+    shift = dict(zip(tables, (-0.24, -0.08, 0.08, 0.24), strict=True))
+    for k, where in enumerate(places):
+        mask = findings.of(where) & findings.held_out
+        for table in tables:
+            mine = mask & (findings.table == table)
+            x = np.full(int(mine.sum()), k + shift[table])
+            axes.plot(x, residual[mine], TABLES[table][0], ms=4.5, color=colours[table], zorder=3)
+        mean = float(residual[mask].mean())
+        axes.plot([k - 0.38, k + 0.38], [mean, mean], color="0.15", lw=1.8, zorder=4)
+    for number in JOINTS:
+        if number % 2:
+            axes.axvspan(4 * number - 4.5, 4 * number - 0.5, color="0.95", zorder=0)
+        axes.annotate(
+            f"joint {number}\nmean |error| {findings.scores[findings.last].by_joint[number]:.1f} %",
+            (4 * number - 2.5, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, -3),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=8.5,
+        )
+    floor = findings.floor[0]
+    axes.axhspan(-floor, floor, color="#f3d9a4", alpha=0.55, zorder=1)
+    axes.axhline(0, color="0.3", lw=0.8, zorder=2)
+    names = [f"{'L' if w.load == 'load' else 'N'}{plots.SIGNS[w.direction]}" for w in places]
+    axes.set_xticks(np.arange(len(places)), names, fontsize=8)
+    axes.set_xlim(-0.6, len(places) - 0.4)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.16 * (high - low))
+    axes.set_xlabel("pose (L load, N no load) and direction of the ramp")
+    axes.set_ylabel("predicted − measured [% of base]")
+    axes.set_title(f"What is left on the held-out cells: {findings.rungs[findings.last].name}")
+    handles: list[Any] = [
+        Line2D([], [], marker=TABLES[t][0], ls="", color=colours[t], label=f"Table {t}")
+        for t in tables
+    ]
+    handles.append(Line2D([], [], color="0.15", lw=1.8, label="mean of the configuration"))
+    handles.append(
+        Line2D([], [], color="#f3d9a4", lw=7, label="the thesis's repeats, mean difference")
+    )
+    axes.grid(axis="y", alpha=0.3)
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    plots.save(figure, path)
+
+
+# ---- the iiwa ------------------------------------------------------------------------------------
+
+
+def iiwa(study: PhaseStudy, path: Path) -> None:
+    """Draw simulated change over the phase of the dither, beside the measured cells.
+
+    Args:
+        study: the simulated phases.
+        path: PNG to write.
+    """
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    degrees = np.degrees(study.phase)
+    colours = colormaps["tab10"](np.arange(len(study.rows)) % 10)
+    names = [
+        f"joint {r.joint} {'L' if r.load == 'load' else 'N'}{plots.SIGNS[r.direction]}"
+        for r in study.rows
+    ]
+    for values, colour, name in zip(100 * study.change, colours, names, strict=True):
+        left.plot(degrees, values, "o-", ms=3.5, lw=1.4, color=colour, label=name)
+    left.set_xticks(np.linspace(0, 90, 7))
+    left.set_xlabel("phase φ between dither and controller clock [°]")
+    left.set_ylabel("change of the torque that moves the joint [%]")
+    rate = study.controller_rate_hz
+    tone = " and ".join(f"{f:g}" for f in dict.fromkeys(r.frequency_hz for r in study.rows))
+    left.set_title(f"simulated: {tone} Hz commanded at {rate:g} Hz is ±A sin φ", fontsize=10.5)
+    left.legend(frameon=False, fontsize=8)
+    x = np.arange(len(study.rows))
+    low, high = 100 * study.change.min(axis=1), 100 * study.change.max(axis=1)
+    text = "simulated, φ from 0° to 90°"
+    right.bar(x, high - low, 0.5, bottom=low, color="#9bbcdf", label=text, zorder=3)
+    right.plot(x, 100 * study.measured, "D", color=MEASURED, ms=7, label="measured", zorder=4)
+    for k, value in enumerate(100 * study.measured):
+        right.annotate(
+            f"{value:+.0f}".replace("-", "−"),
+            (k, value),
+            xytext=(9, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+            color=MEASURED,
+        )
+    right.set_xticks(x, names, rotation=30, ha="right", fontsize=8.5)
+    right.set_xlim(-0.6, len(x) - 0.1)
+    right.set_ylabel("change of torque [%]")
+    right.set_xlabel("pose (L load, N no load) and direction of the ramp")
+    right.set_title("measured (thesis Table 4.5) and what phase can do", fontsize=10.5)
+    right.legend(frameon=False, fontsize=8.5)
+    for axes in (left, right):
+        axes.axhline(0, color="0.3", lw=0.8, zorder=2)
+        axes.grid(alpha=0.25, lw=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle("LBR iiwa 7 R800: dither at half the controller's rate", fontsize=12)
+    plots.save(figure, path)

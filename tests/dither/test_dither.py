@@ -1,0 +1,437 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.dither.dither import (
+    BANDWIDTH,
+    CYCLES,
+    WAVEFORMS,
+    Dither,
+    alias,
+    check_frequency,
+)
+from stiction_envs.errors import StictionError
+
+F = 8.0  # Hz: 8 s hold 64 cycles, the period of chirp and random
+PERIOD = CYCLES / F
+SAMPLES = 2**15
+
+
+def one(waveform: str = "sine", **kwargs: object) -> Dither:
+    fields: dict[str, object] = {"amplitude": [[1.0]], "frequency": F, "waveform": waveform}
+    return Dither(**(fields | kwargs))  # type: ignore[arg-type]
+
+
+def series(dither: Dither, t: np.ndarray) -> np.ndarray:
+    """Torque [N·m] of the first simulation's first joint at the times ``t`` [s]."""
+    return dither.take(np.zeros(t.size, int)).torque(t)[:, 0]
+
+
+def period(dither: Dither, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
+    """One common period (64 cycles) and its line amplitudes, index = frequency in f/64."""
+    # Half a sample aside, so that no sample falls on an edge of the square.
+    w = series(dither, (np.arange(samples) + 0.5) * PERIOD / samples)
+    return w, 2 * np.abs(np.fft.rfft(w)) / samples
+
+
+def mixed(N: int, n: int = 7, seed: int = 0, **kwargs: object) -> Dither:
+    """All waveforms, amplitudes (some zero), frequencies and phases mixed."""
+    rng = np.random.default_rng(seed)
+    a = rng.uniform(0.1, 2.0, (N, n)) * (rng.random((N, n)) < 0.7)
+    fields: dict[str, object] = {
+        "amplitude": a,
+        "frequency": rng.uniform(5, 90, (N, n)),
+        "phase": rng.uniform(-4, 4, (N, n)),
+        "waveform": rng.integers(0, len(WAVEFORMS), (N, n)),
+        "seed": rng.integers(0, 2**62, N),
+    }
+    return Dither(**(fields | kwargs))  # type: ignore[arg-type]
+
+
+# ---- waveforms ----
+
+
+def test_sine_is_equation_2_21():
+    """d(t) = A sin(2πft), phase added."""
+    d = one(amplitude=[[1.7]], frequency=15.0, phase=0.3)
+    for t in (0.0, 0.001, 0.37, 12.345):
+        assert d.torque(t)[0, 0] == pytest.approx(1.7 * np.sin(2 * np.pi * 15 * t + 0.3), abs=1e-11)
+    assert one(frequency=50.0).torque(0.0)[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("waveform", WAVEFORMS)
+def test_zero_mean_and_peak(waveform):
+    for phase in (0.0, 1.0, -2.5):
+        w, _ = period(one(waveform, phase=phase, seed=5))
+        assert abs(w.mean()) < 1e-4 if waveform == "square" else abs(w.mean()) < 1e-9
+        assert np.abs(w).max() <= 1.0
+        assert np.abs(w).max() > 0.9
+
+
+@pytest.mark.parametrize("waveform", WAVEFORMS)
+def test_repeats_after_its_period(waveform):
+    d = one(waveform, phase=0.4)
+    length = PERIOD if waveform in ("chirp", "random") else 1 / F
+    for t in np.linspace(0.01, 3.0, 50):
+        assert d.torque(t + length)[0, 0] == pytest.approx(d.torque(t)[0, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize("waveform", [w for w in WAVEFORMS if w != "square"])
+def test_continuous(waveform):
+    """No jump larger than the steepest slope allows, over the seam of the period too."""
+    t = np.arange(-0.5, PERIOD + 0.5, 1e-3)
+    steepest = 2 * np.pi * F * (1 + BANDWIDTH / 2)
+    assert np.abs(np.diff(series(one(waveform), t))).max() <= steepest * 1e-3
+
+
+def test_sine_spectrum_is_one_line():
+    _, lines = period(one())
+    assert lines[CYCLES] == pytest.approx(1.0, abs=1e-9)
+    lines[CYCLES] = 0
+    assert lines.max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("waveform", "coefficient"),
+    [("square", lambda k: 4 / (np.pi * k)), ("triangle", lambda k: 8 / (np.pi * k) ** 2)],
+)
+def test_square_and_triangle_have_odd_harmonics(waveform, coefficient):
+    _, lines = period(one(waveform))
+    for k in (1, 3, 5, 7, 9):
+        assert lines[k * CYCLES] == pytest.approx(coefficient(k), rel=2e-3)
+    for k in (2, 4, 6, 8):
+        assert lines[k * CYCLES] < 1e-9
+
+
+@pytest.mark.parametrize(("waveform", "share"), [("chirp", 0.97), ("random", 1 - 1e-9)])
+@pytest.mark.parametrize("b", [0.25, 0.5, 1.0])
+def test_chirp_and_random_stay_in_band(waveform, share, b):
+    for seed in range(3):
+        _, lines = period(one(waveform, bandwidth=b, seed=seed))
+        low, high = int(CYCLES * (1 - b / 2)), int(np.ceil(CYCLES * (1 + b / 2)))
+        power = lines**2
+        inside = power[low : high + 1].sum() / power.sum()
+        assert inside > share
+
+
+def test_chirp_sweeps_up_and_down_linearly():
+    """Frequency from zero crossings: f(1 − b/2) at the ends, f(1 + b/2) in the middle."""
+    t = np.arange(SAMPLES) * PERIOD / SAMPLES
+    w = series(one("chirp"), t)
+    up = t[1:][(w[:-1] < 0) & (w[1:] >= 0)]
+    f, at = 1 / np.diff(up), (up[1:] + up[:-1]) / 2
+    expected = F * (1 + BANDWIDTH * (0.5 - np.abs(2 * at / PERIOD - 1)))
+    np.testing.assert_allclose(f, expected, rtol=0.02)
+
+
+def test_random_has_16_equal_tones_and_follows_its_seed():
+    _, lines = period(one("random", seed=3))
+    tones = lines[lines > 1e-9]
+    assert tones.size == 16
+    np.testing.assert_allclose(tones, tones[0], rtol=1e-9)
+    again, other = one("random", seed=3), one("random", seed=4)
+    assert again.torque(0.3) == one("random", seed=3).torque(0.3)
+    assert again.torque(0.3) != other.torque(0.3)
+    row = Dither(amplitude=np.ones((1, 7)), frequency=F, waveform="random").torque(0.3)
+    assert np.unique(row).size == 7, "joints draw their own tones"
+
+
+def test_random_peak_bound_holds_for_many_draws():
+    d = Dither(amplitude=np.ones((100, 7)), frequency=F, waveform="random", seed=np.arange(100))
+    peak = np.max([np.abs(d.torque(t)) for t in np.linspace(0, PERIOD, 4001)], axis=0)
+    assert peak.max() <= 1.0
+    assert peak.min() > 0.9
+
+
+def test_square_edges_on_samples_do_not_flip():
+    """50 Hz at 1 kHz has every edge on a sample: ten up, ten down, also on a summed-up clock."""
+    d = one("square", frequency=50.0)
+    t = np.r_[0.0, np.cumsum(np.full(199_999, 1e-3))]
+    w = series(d, t).reshape(-1, 20)
+    np.testing.assert_array_equal(w, np.tile(np.r_[np.ones(10), -np.ones(10)], (10_000, 1)))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "square", "triangle"])
+def test_phase_shifts_in_time(waveform):
+    a, b = one(waveform, phase=np.pi / 2), one(waveform)
+    t = np.linspace(0.003, 0.7, 40)
+    np.testing.assert_allclose(series(a, t), series(b, t + 0.25 / F), atol=1e-9)
+
+
+# ---- amplitude, offset, gate ----
+
+
+def test_zero_amplitude_is_exactly_nothing():
+    d = Dither.none(3, 7)
+    assert repr(d) == "Dither(N=3, n=7, none)"
+    out = d.torque(0.123)
+    assert out.shape == (3, 7)
+    assert not out.any()
+    assert not np.signbit(out).any()
+    d = mixed(50, offset=0.25)
+    off = d.amplitude == 0
+    assert off.any()
+    assert (d.torque(0.123)[off] == 0.25).all()
+
+
+def test_offset_shifts():
+    np.testing.assert_array_equal(
+        one(offset=0.5).torque(0.01), one().torque(0.01) + 0.5, strict=True
+    )
+
+
+def test_torque_is_fresh_and_fields_are_read_only():
+    d = mixed(4)
+    first = d.torque(0.1)
+    first += 1
+    assert not np.array_equal(first, d.torque(0.1))
+    with pytest.raises(ValueError, match="read-only"):
+        d.amplitude[0, 0] = 1.0
+
+
+def test_arguments_are_copied():
+    a = np.ones((2, 3))
+    d = Dither(amplitude=a, frequency=50.0)
+    a[:] = 7
+    assert (d.amplitude == 1).all()
+
+
+def test_gate_limits():
+    """Full at rest, A/e at the gate velocity, nothing far above; the offset is never gated."""
+    t = 0.01
+    free = one(offset=0.3).torque(t)
+    d = one(offset=0.3, gate_velocity=0.05)
+    assert d.gated
+    assert not one().gated
+    np.testing.assert_array_equal(d.torque(t, np.zeros((1, 1))), free)
+    half = d.torque(t, np.full((1, 1), -0.05))
+    assert half[0, 0] == pytest.approx(0.3 + (free[0, 0] - 0.3) / np.e, rel=1e-12)
+    assert d.torque(t, np.full((1, 1), 5.0))[0, 0] == 0.3
+    speeds = np.linspace(0, 0.3, 50)
+    size = [abs(d.torque(t, np.full((1, 1), v))[0, 0] - 0.3) for v in speeds]
+    assert (np.diff(size) < 0).all()
+
+
+def test_gate_of_one_joint_leaves_the_others():
+    gate = np.full((2, 3), np.inf)
+    gate[1, 2] = 0.01
+    d = Dither(amplitude=np.ones((2, 3)), frequency=50.0, gate_velocity=gate)
+    free = Dither(amplitude=np.ones((2, 3)), frequency=50.0).torque(0.003)
+    out = d.torque(0.003, np.full((2, 3), 9.0))
+    assert out[1, 2] == 0
+    out[1, 2] = free[1, 2]
+    np.testing.assert_array_equal(out, free)
+
+
+def test_time_per_simulation():
+    d = mixed(20)
+    t = np.linspace(0, 2, 20)
+    out = d.torque(t)
+    for i in range(20):
+        np.testing.assert_array_equal(out[i], d.torque(float(t[i]))[i])
+
+
+# ---- batches ----
+
+
+@pytest.mark.parametrize("waveform", [*WAVEFORMS, "mixed"])
+@pytest.mark.parametrize("extra", ["plain", "offset", "gate", "offset and gate"])
+def test_rows_are_bit_identical_in_every_batch(waveform, extra):
+    """A row's bits depend neither on N, nor on its place, nor on what the other rows hold."""
+    N = 64
+    rng = np.random.default_rng(1)
+    kwargs: dict[str, object] = {} if waveform == "mixed" else {"waveform": waveform}
+    if "offset" in extra:
+        kwargs["offset"] = rng.normal(size=(N, 7)) * (rng.random((N, 1)) < 0.5)
+    if "gate" in extra:
+        kwargs["gate_velocity"] = np.where(rng.random((N, 7)) < 0.5, 0.1, np.inf)
+    full = mixed(N, **kwargs)
+    qd = rng.normal(size=(N, 7)) * rng.choice([1e-3, 0.1, 10], (N, 7))
+    for t in (0.0, 0.001, 0.7321, 123.456):
+        ref = full.torque(t, qd).tobytes()
+        rows = [ref[i * 56 : (i + 1) * 56] for i in range(N)]
+        for size in (1, 2, 7, 13, 63):
+            for start in (0, 1, 5, N - size):
+                ids = (np.arange(size) + start) % N
+                out = full.take(ids).torque(t, qd[ids])
+                assert [r.tobytes() for r in out] == [rows[i] for i in ids]
+        for ids in (rng.permutation(N), np.repeat([3, 60], 200)):
+            out = full.take(ids).torque(t, np.asfortranarray(qd[ids]))
+            assert [r.tobytes() for r in out] == [rows[i] for i in ids]
+
+
+def test_random_is_drawn_the_same_in_every_batch():
+    """Constructed anew, not taken: peak search and phases must not depend on the batch either."""
+    seeds = np.random.default_rng(2).integers(0, 2**62, 64)
+    full = Dither(amplitude=np.ones((64, 7)), frequency=30.0, waveform="random", seed=seeds)
+    out = full.torque(0.77)
+    for ids in ([0], [63], range(7), range(11, 44)):
+        part = Dither(
+            amplitude=np.ones((len(ids), 7)), frequency=30.0, waveform="random", seed=seeds[ids]
+        )
+        assert part.torque(0.77).tobytes() == out[ids].tobytes()
+
+
+def test_take_and_set_rows():
+    a, b = mixed(10, seed=1), mixed(3, seed=2, gate_velocity=0.5, offset=0.1)
+    ids = [7, 0, 4]
+    c = a.set_rows(ids, b)
+    qd = np.zeros((10, 7))
+    out, before = c.torque(0.2, qd), a.torque(0.2)
+    np.testing.assert_array_equal(out[ids], b.torque(0.2, qd[:3]))
+    rest = np.setdiff1d(np.arange(10), ids)
+    np.testing.assert_array_equal(out[rest], before[rest])
+    np.testing.assert_array_equal(a.torque(0.2), before)
+    mask = np.zeros(10, bool)
+    mask[[0, 4, 7]] = True
+    np.testing.assert_array_equal(
+        a.set_rows(mask, b.take([1, 2, 0])).torque(0.2, qd), c.torque(0.2, qd)
+    )
+    np.testing.assert_array_equal(c.take(mask).torque(0.2, qd[:3]), out[mask])
+
+
+def test_set_rows_brings_random_into_a_batch_without():
+    a, b = Dither.none(4, 2), Dither(amplitude=[[1, 1]], frequency=9.0, waveform="random", seed=8)
+    np.testing.assert_array_equal(a.set_rows([2], b).torque(0.4)[2], b.torque(0.4)[0])
+    assert not a.set_rows([2], b).set_rows([2], Dither.none(1, 2)).torque(0.4).any()
+
+
+# ---- retune ----
+
+
+@pytest.mark.parametrize("waveform", WAVEFORMS)
+@pytest.mark.parametrize("t", [0.0, 0.4321, 3600.0123])
+def test_retune_keeps_the_phase(waveform, t):
+    d = one(waveform, phase=0.2, seed=4)
+    for f in (3.0, 80.0, 15.0):
+        new = d.retune(t, frequency=f, amplitude=2.0)
+        assert new.frequency[0, 0] == f
+        assert new.torque(t)[0, 0] == pytest.approx(2 * d.torque(t)[0, 0], abs=1e-8)
+        # and it runs on at the new frequency
+        if waveform in ("sine", "triangle"):
+            step = 1e-5
+            slope = (new.torque(t + step) - new.torque(t)) / (d.torque(t + step) - d.torque(t))
+            assert slope[0, 0] == pytest.approx(2 * f / F, rel=5e-3)
+
+
+def test_retune_with_own_clocks():
+    d = mixed(5, waveform="triangle")
+    t = np.linspace(0.1, 9, 5)
+    new = d.retune(t, frequency=np.full((5, 7), 33.0))
+    np.testing.assert_allclose(new.torque(t), d.torque(t), atol=1e-9)
+
+
+def test_retune_to_the_same_changes_no_bit():
+    d = mixed(20, offset=0.1)
+    new = d.retune(12.3, frequency=d.frequency, amplitude=d.amplitude)
+    assert new.torque(4.56).tobytes() == d.torque(4.56).tobytes()
+    quiet = d.retune(1.0, amplitude=np.zeros((20, 7)))
+    assert (quiet.torque(2.0) == 0.1).all()
+    loud = quiet.retune(3.0, amplitude=d.amplitude)
+    assert loud.torque(4.56).tobytes() == d.torque(4.56).tobytes()
+
+
+# ---- tables ----
+
+
+def row(joint: int, f: float, a: float, waveform: str = "sine", offset: float = 0.0) -> object:
+    return SimpleNamespace(
+        joint=joint, frequency_hz=f, amplitude_nm=a, waveform=waveform, offset_nm=offset
+    )
+
+
+def test_from_table():
+    d = Dither.from_table([row(7, 15, 0.8), row(2, 30, 1.2, "square", -0.1)], 3, 7)
+    np.testing.assert_array_equal(d.amplitude, np.tile([0, 1.2, 0, 0, 0, 0, 0.8], (3, 1)))
+    np.testing.assert_array_equal(d.frequency[1], [0, 30, 0, 0, 0, 0, 15])
+    np.testing.assert_array_equal(d.offset[2], [0, -0.1, 0, 0, 0, 0, 0])
+    assert [WAVEFORMS[c] for c in d.waveform[0]] == ["sine", "square"] + ["sine"] * 5
+    assert not Dither.from_table([], 2, 7).torque(0.1).any()
+
+
+# ---- errors ----
+
+BAD = {
+    "amplitude not 2-D": ({"amplitude": [1.0]}, r"shape \(1,\).*\(N, n\)"),
+    "amplitude negative": ({"amplitude": [[-1.0]]}, "simulation 0, joint 1 is -1.0.*>= 0"),
+    "amplitude nan": ({"amplitude": [[np.nan]]}, "amplitude.*nan.*finite"),
+    "amplitude text": ({"amplitude": "a lot"}, "amplitude.*numbers"),
+    "frequency zero": ({"frequency": 0.0}, "frequency.*> 0 Hz"),
+    "frequency negative": ({"frequency": -5.0, "amplitude": [[0.0]]}, "frequency.*-5.0"),
+    "frequency inf": ({"frequency": np.inf}, "frequency.*finite"),
+    "frequency shape": ({"frequency": [[1.0, 2.0]]}, r"frequency.*\(1, 2\).*\(1, 1\)"),
+    "phase inf": ({"phase": np.inf}, "phase.*finite"),
+    "offset nan": ({"offset": np.nan}, "offset.*finite"),
+    "waveform name": ({"waveform": "saw"}, "'saw'.*sine, square, triangle, chirp, random"),
+    "waveform code": ({"waveform": [[5]]}, "code 5.*0, 1, 2, 3, 4"),
+    "gate zero": ({"gate_velocity": 0.0}, "gate_velocity.*> 0"),
+    "gate nan": ({"gate_velocity": np.nan}, "gate_velocity.*> 0"),
+    "seed negative": ({"seed": -1}, "seed is -1.*integers"),
+    "seed float": ({"seed": 1.5}, "seed.*integers"),
+    "seed count": ({"seed": [1, 2]}, "seed.*shape"),
+    "bandwidth": ({"bandwidth": 2.0}, "bandwidth is 2.0.*0.25 to 1.9"),
+}
+
+
+@pytest.mark.parametrize(("kwargs", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_arguments(kwargs, message):
+    with pytest.raises(StictionError, match=message) as error:
+        one(**kwargs)
+    assert "\n" not in str(error.value)
+
+
+def test_bad_calls():
+    d = one(gate_velocity=0.1)
+    with pytest.raises(StictionError, match="qd has shape None"):
+        d.torque(0.1)
+    with pytest.raises(StictionError, match=r"qd has shape \(2, 1\)"):
+        d.torque(0.1, np.zeros((2, 1)))
+    with pytest.raises(StictionError, match="amplitude"):
+        d.retune(0.1, amplitude=-1.0)
+    with pytest.raises(StictionError, match="frequency"):
+        d.retune(0.1, frequency=0.0)
+    with pytest.raises(StictionError, match="retune t has shape"):
+        d.retune(np.zeros(3), frequency=1.0)
+    with pytest.raises(StictionError, match="finite"):
+        d.retune(np.nan, frequency=1.0)
+    with pytest.raises(StictionError, match="set_rows"):
+        d.set_rows([0], mixed(2))
+    with pytest.raises(StictionError, match="set_rows"):
+        d.set_rows([0], one(bandwidth=0.3))
+    with pytest.raises(StictionError, match="joint of an amplitude table 8"):
+        Dither.from_table([row(8, 1, 1)], 1, 7)
+    with pytest.raises(StictionError, match="repeated joint"):
+        Dither.from_table([row(1, 1, 1), row(1, 1, 1)], 1, 7)
+
+
+# ---- aliasing ----
+
+
+@pytest.mark.parametrize(
+    ("f", "rate", "shown"), [(15, 200, 15), (100, 200, 100), (150, 200, 50), (200, 200, 0)]
+)
+def test_alias_matches_a_held_sine(f, rate, shown):
+    """The samples of a sine of f at the rate are those of a sine of the alias."""
+    assert alias(f, rate) == shown
+    samples = series(one(frequency=float(f), phase=0.5), np.arange(400) / rate)
+    if shown == 0:
+        np.testing.assert_allclose(samples, np.sin(0.5), atol=1e-9)
+    elif shown == rate / 2:
+        np.testing.assert_allclose(np.abs(samples), np.sin(0.5), atol=1e-9)
+    else:
+        assert np.abs(np.fft.rfft(samples)).argmax() == shown * 400 / rate
+
+
+def test_check_frequency():
+    assert check_frequency(99.9, 200) is None
+    assert "sits at Nyquist: samples are ±A·sin φ" in str(check_frequency(100, 200))
+    assert "aliases to 50 Hz" in str(check_frequency(150, 200))
+    assert "aliases to a constant offset" in str(check_frequency(200, 200))
+    with pytest.raises(StictionError, match="201 Hz at a 200 Hz controller: allowed is at most"):
+        check_frequency(201, 200)
+    for f, rate in ((0, 200), (np.nan, 200), (50, 0), (50, np.inf)):
+        with pytest.raises(StictionError, match="allowed is > 0"):
+            check_frequency(f, rate)

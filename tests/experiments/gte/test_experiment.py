@@ -1,0 +1,414 @@
+"""The Generated Trajectory Experiment as a whole: limit cases that can be worked out, same bits."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure, window_sums
+from stiction_envs.experiments.gte.protocol import (
+    FLAGS,
+    PHASES,
+    Case,
+    GTEProtocol,
+    Run,
+    load_gte_protocol,
+    start_pose,
+)
+from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots import BUILTIN, load_arm
+from tests.robots.own_arms import chain
+
+STILL = np.array([1.0, 0.0, 0.0, 0.0])
+SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)
+DITHER = tuple(
+    AmplitudeRow(k + 1, f, a)
+    for k, (f, a) in enumerate(
+        zip((50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8), strict=True)
+    )
+)
+
+
+def course(name: str, *goals: tuple[float, float, float]) -> Path:
+    """Positions relative to the start, orientation kept."""
+    return Path(name, np.array(goals), np.tile(STILL, (len(goals), 1)))
+
+
+PATHS = {
+    "there": course("there", (0.03, 0.0, 0.0)),
+    "corner": course("corner", (0.03, 0.0, 0.0), (0.0, 0.03, 0.0)),
+    "stay": course("stay", (0.0, 0.0, 0.0)),
+    "away": course("away", (0.2, 0.0, 0.0)),
+}
+
+
+@cache
+def friction(robot: str = "panda", kind: str = "rigid") -> FrictionParameters:
+    """The robot's without springs; or next to none at all."""
+    p = load_friction(friction_path(robot), 7)
+    zero = np.zeros(7)
+    p = p.replace(joint_stiffness=zero + np.inf, offset=zero, gravity_error=zero)
+    if kind == "rigid":
+        return p
+    return p.replace(
+        stiction=np.full((7, 2), 1e-6),
+        viscous=np.zeros((7, 2)),
+        bristle_stiffness=zero + 1.0,
+        load_coefficient=zero,
+        ripple_amplitude=zero,
+    )
+
+
+def bench(robot: str = "panda", kind: str = "rigid", **options: object):
+    """A bench of short paths; ``tail`` is of the protocol."""
+    tail = options.pop("tail", None)
+    name = robot if isinstance(robot, str) else robot.name
+    protocol = load_gte_protocol()
+    if tail is not None:
+        protocol = protocol.replace(tail=tail)
+    return GeneratedTrajectoryExperiment.of(
+        robot,
+        **{"friction": friction(name, kind), "paths": PATHS, "protocol": protocol} | options,
+    )
+
+
+def one(b: GeneratedTrajectoryExperiment, case: Case, iterations: int = 1) -> Run:
+    return b.run([case], iterations=iterations)[0]
+
+
+def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
+    """The iterations ``rows`` of both are the same bits, as far as the shorter record goes."""
+    k = min(len(a.time), len(b.time))
+    assert k > 100
+    for name in ("reference", "actual", "shaking", "dither_power"):
+        np.testing.assert_array_equal(getattr(a, name)[rows, :k], getattr(b, name)[rows, :k])
+    for name in ("accepted", "reached", "torque_rate"):
+        np.testing.assert_array_equal(getattr(a, name)[rows], getattr(b, name)[rows])
+    for name in FLAGS:
+        np.testing.assert_array_equal(a.flags[name][rows], b.flags[name][rows])
+
+
+# ---- without friction ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("design", ["mass", "diagonal"])
+def test_tracking_error_without_friction_is_the_impedance_laws(design):
+    """Λ ẍ + D ẋ + K e = 0: integrated with Λ and D of the start for a small movement, 30 mm.
+
+    The reference's own speed is left out of the damping (physics.md 6.1), so the arm lags by
+    D ẋ/K even without friction.
+    """
+    settings = ImpedanceSettings(damping_design=design)
+    b = bench(kind="none", settings=settings, scatter=False)
+    run = one(b, Case(trajectory="there", stiffness=SOFT))
+    rig = b.rig(1, 1)
+    rig.begin(np.array([0]), [PATHS["there"]], np.array([SOFT]), [(0,)])
+    inertia, damping = rig.controller.inertia[0], rig.controller.damping[0]
+    stiffness = rig.controller.stiffness[0]
+    segment = Segment(1, b.motion)
+    segment.start(np.zeros((1, 3)), STILL[None], PATHS["there"].position, STILL[None])
+    x, v, dt, predicted = np.zeros(6), np.zeros(6), 1e-3, []
+    for k in range(len(run.time) * 10):
+        held = (k // 10) * 10 * dt  # the reference is published at 100 Hz
+        wanted = np.append(segment.sample(held)[0][0], np.zeros(3))
+        if k % 10 == 0:
+            predicted.append(x - wanted)
+        v = v + dt * np.linalg.solve(inertia, -stiffness @ (x - wanted) - damping @ v)
+        x = x + dt * v
+    error, predicted = run.error[0], np.array(predicted)
+    size = np.abs(predicted[:, 0]).max()
+    assert size > 5e-3
+    assert np.abs(error[:, :3] - predicted[:, :3]).max() < 0.1 * size
+
+
+@pytest.mark.parametrize("stiffness", [SOFT, STIFF])
+def test_no_standing_error_without_friction(stiffness):
+    """K e = 0 at rest."""
+    b = bench(kind="none", tail=6.0, scatter=False)
+    error = one(b, Case(trajectory="corner", stiffness=stiffness)).error[0, -1]
+    assert np.abs(error[:3]).max() < 1e-4
+    assert np.abs(error[3:]).max() < 1e-4
+
+
+def test_payload_the_controller_wrongly_believes_in_deflects_the_arm_by_force_over_stiffness():
+    """e = K⁻¹ F: too much is compensated, so the arm stands too high, and turned by the lever."""
+    mass, arm = 0.4, 0.05
+    belief = load_arm("panda", payload=(mass, arm, 0.0, 0.0))
+    b = bench(kind="none", tail=6.0, scatter=False, belief=belief)
+    rig = b.rig(1, 1)  # where the flange's x axis points at the start
+    w, x, y, z = rig.start_quaternion
+    axis = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    for stiffness in (SOFT, STIFF):
+        run = one(b, Case(trajectory="stay", stiffness=stiffness))
+        error, force = run.error[0, -1], np.array([0.0, 0.0, mass * 9.81])
+        np.testing.assert_allclose(error[:3], force / stiffness[0], atol=2e-4)
+        turn = np.cross(arm * axis, force) / stiffness[1]
+        pose = run.actual[0, -1, 3:], run.reference[0, -1, 3:]
+        (apart,) = rotation.rotation_error(*(rotation.from_rpy(p)[None] for p in pose))
+        np.testing.assert_allclose(apart[:2], turn[:2], atol=5e-4)
+
+
+def test_tilt_the_controller_does_not_know_of_deflects_the_arm():
+    """A base inclined by 5 degrees, compensated as if upright: the arm sinks towards the tilt."""
+    tilted, upright = load_arm("panda", tilt=(0.0, 0.09)), load_arm("panda")
+    known = bench(tilted, "none", tail=3.0, scatter=False)
+    faulty = bench(tilted, "none", tail=3.0, scatter=False, belief=upright)
+    case = Case(trajectory="stay", stiffness=STIFF)
+    assert np.abs(one(known, case).error[0, -1]).max() < 1e-3
+    assert np.abs(one(faulty, case).error[0, -1, 0]) > 5e-3
+
+
+# ---- with friction ---------------------------------------------------------------------------
+
+
+def test_friction_leaves_a_standing_error():
+    """Larger than without, and within what the joints' stiction can hold."""
+    case = Case(trajectory="there", stiffness=SOFT)
+    sticking = one(bench(tail=3.0, scatter=False), case).error[0]
+    free = one(bench(kind="none", tail=3.0, scatter=False), case).error[0]
+    assert np.abs(sticking[-1, 0]) > 3e-3 > 10 * np.abs(free[-1, 0])
+    still = np.abs(np.diff(sticking[-50:], axis=0)).max()
+    assert still < 2e-5
+
+
+def test_arm_without_stiffness_sticks():
+    """Zero stiffness is zero torque: friction holds the arm; patience ends the goals."""
+    run = one(bench(), Case(trajectory="away", stiffness=(0.0, 0.0, 0.0)))
+    moved = np.abs(run.actual[0, :, :3] - run.actual[0, 0, :3]).max()
+    assert moved < 1e-3
+    b = bench()
+    expected = b.nominal_duration(PATHS["away"]) + b.motion.patience
+    assert run.reached[0, 0] == pytest.approx(expected, abs=0.011)
+    m = measure(run)
+    assert m.missed.all()
+    assert m.settling[0, 0, 0] == pytest.approx(-0.2, abs=0.01)
+
+
+def test_run_that_never_reaches_its_goal_is_given_up():
+    """Where the generator waits for ever, the protocol's patience ends the run; numbers are NaN."""
+    b = bench(
+        motion=MotionLimits(patience=np.inf), protocol=load_gte_protocol().replace(patience=1)
+    )
+    far = Case(trajectory="away", stiffness=(0.0, 0.0, 0.0))
+    near = Case(trajectory="there", stiffness=STIFF)
+    runs = b.run([far, near], iterations=1)
+    assert np.isnan(runs[0].reached).all()
+    assert runs[0].time[-1] == pytest.approx(b.horizon(PATHS["away"]) + 1.0, abs=0.011)
+    assert np.isnan(measure(runs[0]).duration).all()
+    assert np.isfinite(runs[1].reached).all()
+    assert_same(runs[0], one(b, far))
+
+
+def test_dither_reduces_the_standing_error_and_shakes():
+    b = bench(tail=3.0)
+    plain, shaken = b.run(
+        [
+            Case(trajectory="there", stiffness=SOFT, dither=d)
+            for d in ((), tuple(AmplitudeRow(r.joint, 15.0, 3 * r.amplitude_nm) for r in DITHER))
+        ],
+        iterations=2,
+    )
+    a, d = measure(plain), measure(shaken)
+    norm = (
+        np.linalg.norm(a.settling[:, -1, :3], axis=1),
+        np.linalg.norm(d.settling[:, -1, :3], axis=1),
+    )
+    assert np.all(norm[1] < 0.7 * norm[0])
+    assert np.all(d.shaking > 2 * a.shaking)
+    assert not a.dither_energy.any()
+    assert np.all(d.dither_energy > 0)
+
+
+# ---- the same bits ----------------------------------------------------------------------------
+
+SHAKEN = Case(trajectory="corner", stiffness=STIFF, dither=DITHER, gate_velocity=0.5)
+
+
+@cache
+def eight() -> Run:
+    """Eight arms at once."""
+    return one(bench(nthread=2), SHAKEN, 8)
+
+
+@pytest.mark.parametrize(("arms", "threads"), [(1, 1), (3, 1), (8, 1), (3, 2)])
+def test_iterations_do_not_depend_on_how_many_there_are(arms, threads):
+    """Nor on threads: not a bit."""
+    assert_same(one(bench(nthread=threads), SHAKEN, arms), eight(), slice(0, arms))
+
+
+@pytest.mark.slow
+def test_case_does_not_depend_on_the_others():
+    """Neither gated dither nor random waveform nor a longer path of another case matters."""
+    plain = Case(trajectory="there", stiffness=SOFT)
+    noise = tuple(AmplitudeRow(j, 40.0, 0.5, "random") for j in (2, 6))
+    cases = [
+        plain,
+        Case(trajectory="corner", stiffness=STIFF, dither=noise, phases="spread"),
+        SHAKEN,
+    ]
+    together = bench().run(cases, iterations=2)
+    for case, run in zip(cases, together, strict=True):
+        alone = one(bench(), case, 2)
+        assert len(alone.time) == len(run.time)
+        assert_same(alone, run)
+        np.testing.assert_array_equal(window_sums(alone), window_sums(run))
+
+
+def test_same_seed_gives_the_same_bits_another_seed_does_not():
+    case = Case(trajectory="there", stiffness=STIFF, dither=DITHER)
+    a, b, c = (one(bench(seed=s), case, 2) for s in (1, 1, 2))
+    assert_same(a, b)
+    assert not np.array_equal(a.actual[:, :100], c.actual[:, :100])
+
+
+def test_iterations_differ_by_their_scatter_alone():
+    case = Case(trajectory="there", stiffness=STIFF, dither=DITHER)
+    scattered = one(bench(), case, 2)
+    assert not np.array_equal(scattered.actual[0], scattered.actual[1])
+    alike = one(bench(scatter=False), case, 2)
+    np.testing.assert_array_equal(alike.actual[0], alike.actual[1])
+    assert_same(alike, one(bench(scatter=False, seed=5), case, 2))
+
+
+def test_dither_of_amplitude_zero_is_exactly_no_dither():
+    zero = tuple(AmplitudeRow(r.joint, r.frequency_hz, 0.0, "square") for r in DITHER)
+    with_zero = Case(trajectory="there", stiffness=STIFF, dither=zero, gate_velocity=0.1)
+    assert not with_zero.dithered
+    plain = Case(trajectory="there", stiffness=STIFF)
+    assert_same(one(bench(), with_zero, 2), one(bench(), plain, 2))
+
+
+def test_phases():
+    """Zero and spread are what they say in every iteration; drawn ones differ."""
+    b = bench()
+    for phases in PHASES:
+        case = Case(trajectory="there", stiffness=STIFF, dither=DITHER, phases=phases)
+        rig = b.rig(2, 1)
+        ids = np.arange(2)
+        rig.begin(ids, [PATHS["there"]] * 2, np.array([STIFF] * 2), [(0,), (1,)])
+        rig.set_dither(ids, **{k: np.stack([v] * 2) for k, v in b.dither_of(case).items()})
+        phase = rig.dither.phase
+        if phases == "random":
+            assert len(np.unique(phase)) == 14
+        else:
+            even = 2 * np.pi * np.arange(7) / 7 if phases == "spread" else np.zeros(7)
+            np.testing.assert_array_equal(phase, [even, even])
+
+
+# ---- other robots, bad input --------------------------------------------------------------------
+
+
+def test_iiwa_holds_its_command_for_5_ms():
+    """200 Hz: dither and torque change every fifth control step, and the arm follows."""
+    b = bench("iiwa7")
+    rig = b.rig(1, 1)
+    ids = np.array([0])
+    rig.begin(ids, [PATHS["there"]], np.array([STIFF]), [(0,)])
+    rows = [AmplitudeRow(j, 15.0, 1.0) for j in range(1, 8)]
+    case = Case(trajectory="there", stiffness=STIFF, dither=tuple(rows))
+    rig.set_dither(ids, **{k: v[None] for k, v in b.dither_of(case).items()})
+    seen: list[np.ndarray] = []
+    rig.advance(200, lambda: seen.append(rig.shaking.copy()))
+    changed = [k for k in range(1, 200) if not np.array_equal(seen[k], seen[k - 1])]
+    assert changed == list(range(5, 200, 5))
+    error = one(b, case).error[0, -1]
+    assert np.linalg.norm(error[:3]) < 0.03
+
+
+MIXED = ImpedanceSettings(rate_hz=1000.0, coriolis=True, dither_after_saturation=True)
+FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "fast"),
+    [
+        ("panda", {}, True),
+        ("iiwa7", {}, True),
+        ("panda", {"settings": MIXED, "belief": load_arm("panda", payload=(1, 0, 0, 0.1))}, True),
+        ("panda", {"settings": FILTERED}, False),
+    ],
+)
+def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, fast):
+    """As its parts one by one: held commands, nullspace, Coriolis, wrong belief, mixed dither."""
+    ids, seen = np.arange(3), []
+    for other_way in (False, True):
+        if other_way:
+            monkeypatch.setattr(GTERig, "_fast_arguments", lambda _: None)
+        b = bench(robot, **options)
+        rig = b.rig(3, 2)
+        stiffness = np.array([(200, 20, 0), (400, 40, 5), (200, 20, 10)], dtype=float)
+        rig.begin(
+            ids, [b.path(p) for p in ("there", "corner", "stay")], stiffness, [(k,) for k in ids]
+        )
+        amplitude = np.ones((3, 7))
+        amplitude[0, 2], amplitude[2] = 0.0, 0.0
+        rig.set_dither(ids, amplitude=amplitude, frequency=30.0)
+        rows = []
+        rig.advance(
+            437,
+            lambda rig=rig, rows=rows: rows.append(
+                [*rig.applied.copy(), *rig.shaking.copy(), *rig.flange.position.copy()]
+            ),
+        )
+        assert (rig._fast is not None) == (fast and not other_way)
+        seen.append([np.concatenate(row) for row in rows])
+    np.testing.assert_array_equal(*seen)
+
+
+def test_slow_controller_takes_what_fell_due_between_its_cycles():
+    """125 Hz: cycles every 8 ms, references every 10 ms; none may be missed."""
+    b = bench(scatter=False)
+    interface = b.interface.of(load_arm("panda"), controller_rate_hz=125)
+    settings = ImpedanceSettings(rate_hz=125.0)
+    slow = bench(scatter=False, interface=interface, settings=settings)
+    case = Case(trajectory="there", stiffness=STIFF)
+    a, c = one(b, case), one(slow, case)
+    k = min(len(a.time), len(c.time))
+    assert np.abs(a.reference[0, :k, 0] - c.reference[0, :k, 0]).max() < 3e-3
+
+
+@pytest.mark.parametrize("robot", BUILTIN)
+def test_start_lies_within_limits(robot):
+    arm = load_arm(robot)
+    low, high = arm.limits.position.T
+    start = start_pose(arm)
+    assert np.all((start > low + 0.15) & (start < high - 0.15))
+
+
+def test_horizon_covers_a_path_that_is_far():
+    b = bench(paths={"far": course("far", (2.0, 0, 0), (0, 0, 0), (2.0, 0, 0))})
+    path = b.path("far")
+    assert b.horizon(path) >= b.nominal_duration(path) + 3 * b.motion.patience
+    one_way = bench(paths={"one": course("one", (2.0, 0, 0))})
+    assert b.nominal_duration(path) == pytest.approx(
+        3 * one_way.nominal_duration(one_way.path("one"))
+    )
+
+
+def test_bad_cases(tmp_path):
+    b = bench()
+    with pytest.raises(StictionError, match="triangle, pentagon, there"):
+        one(b, Case(trajectory="circle", stiffness=SOFT))
+    with pytest.raises(StictionError, match="joint 8"):
+        one(b, Case(trajectory="there", stiffness=SOFT, dither=(AmplitudeRow(8, 15.0, 1.0),)))
+    with pytest.raises(StictionError, match="three finite numbers"):
+        Case(trajectory="there", stiffness=(200.0, -1.0, 0.0))
+    with pytest.raises(StictionError, match="random, zero, spread"):
+        Case(trajectory="there", stiffness=SOFT, phases="all")
+    with pytest.raises(StictionError, match="within the limits"):
+        bench(start=np.full(7, 9.0))
+    (tmp_path / "two.xml").write_text(chain(2))
+    other = load_arm(tmp_path / "two.xml")
+    with pytest.raises(StictionError, match="joints of the arm"):
+        bench(belief=other)
+    with pytest.raises(StictionError, match="finite and positive"):
+        GTEProtocol(**{**vars(load_gte_protocol()), "window": 0.0})

@@ -1,0 +1,381 @@
+"""What a run is judged by, on runs whose numbers are known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte import experiment as gte
+from stiction_envs.experiments.gte import measures as gte_measures
+from stiction_envs.experiments.gte import rows as gte_table
+from stiction_envs.experiments.gte.protocol import AXES, FLAGS, load_gte_protocol
+from stiction_envs.measured import thesis_table
+from tests.experiments.gte.made_up import RATE, made_up
+
+NAN = float("nan")
+
+
+def constant(*values: float) -> np.ndarray:
+    """Errors (2, 700, 6) of two iterations, the second the negative of the first."""
+    one = np.tile(values, (700, 1))
+    return np.stack([one, -one])
+
+
+VALUES = (1e-3, -2e-3, 3e-3, 0.01, -0.02, 0.03)
+
+
+def test_error_is_small_where_roll_passes_pi():
+    """At roll = π, errors of either sign stay what they are."""
+    np.testing.assert_allclose(made_up(constant(*VALUES)).error, constant(*VALUES), atol=1e-12)
+
+
+def test_window_has_200_samples_and_both_readings():
+    """Absolute first, then mean: 200 times the size. Mean first: iterations cancel."""
+    run = made_up(constant(*VALUES))
+    assert gte_measures.window(run).shape == (2, 200, 6)
+    sums = gte_measures.window_sums(run)
+    np.testing.assert_allclose(sums, np.tile(200 * np.abs(VALUES), (2, 1)))
+    np.testing.assert_allclose(gte_measures.window_sum_of_mean(run), 0.0, atol=1e-12)
+    same = made_up(np.stack([np.tile(VALUES, (700, 1))] * 2))
+    np.testing.assert_allclose(gte_measures.window_sum_of_mean(same), 200 * np.abs(VALUES))
+
+
+@pytest.mark.parametrize(("centre", "first"), [("accepted", 300), ("reached", 500)])
+def test_window_lies_around_each_iterations_own_last_point(centre, first):
+    """1 s before to 1 s after it; an error that counts samples shows which ones were taken."""
+    error = np.broadcast_to(np.arange(700.0)[:, None] * 1e-4, (2, 700, 6))
+    run = made_up(error, accepted=[[0, 2, 4], [0, 2.1, 4.1]], reached=[[2, 4, 6], [2.1, 4.1, 6.1]])
+    taken = gte_measures.window(run, centre=centre)[..., 0] * 1e4
+    np.testing.assert_allclose(taken[0], np.arange(first, first + 200))
+    # the second iteration's window around 6.1 s ends past the record: its last error is held
+    late = np.minimum(np.arange(first + 10, first + 210), 699)
+    np.testing.assert_allclose(taken[1], late)
+
+
+def test_window_before_the_start_counts_nothing():
+    """A path of one goal: the arm rested with its reference where it was."""
+    run = made_up(np.ones((2, 700, 6)), accepted=(0.0, 0.2, 0.3))
+    np.testing.assert_allclose(gte_measures.window_sums(run), 130.0)
+
+
+def test_window_of_a_point_never_accepted_is_unknown():
+    run = made_up(accepted=[[0, 2, 4], [0, 2, NAN]], reached=[[2, 4, 6], [2, NAN, NAN]])
+    sums = gte_measures.window_sums(run)
+    assert np.isfinite(sums[0]).all()
+    assert np.isnan(sums[1]).all()
+
+
+@pytest.mark.parametrize("yaw", [0.0, np.pi / 4])
+def test_orientation_read_in_a_turned_frame(yaw):
+    """A flange that looks down: a frame turned by its yaw at the start reads turns about x and y.
+
+    Roll and pitch are small here, so turns add up like vectors.
+    """
+    run = made_up()
+    about_x, about_y = 0.01, -0.02
+    reference = rotation.from_rpy([np.pi, 0.0, -yaw])
+    tilt = rotation.from_rotation_vector([about_x, about_y, 0.0])
+    turned = rotation.multiply(tilt, reference)
+    for pose, q in ((run.reference, reference), (run.actual, turned)):
+        pose[..., 3:] = rotation.to_rpy(q)
+    error = gte_measures.turned_frame(run, -yaw).error
+    np.testing.assert_allclose(error[..., 3], about_x, atol=3e-4)
+    np.testing.assert_allclose(error[..., 4], about_y, atol=3e-4)
+    np.testing.assert_allclose(gte_measures.turned_frame(run, 0.0).error, run.error, atol=1e-12)
+
+
+def test_unknown_centre():
+    with pytest.raises(StictionError, match="accepted, reached"):
+        gte_measures.window(made_up(), centre="middle")
+
+
+def test_mean_and_deviation_against_time():
+    error = np.zeros((3, 700, 6))
+    error[:, :, 1] = np.array([1.0, 2.0, 3.0])[:, None]
+    mean, std = gte_measures.error_against_time(made_up(error, iterations=3))
+    assert mean.shape == std.shape == (700, 6)
+    np.testing.assert_allclose(mean[:, 1], 2.0)
+    np.testing.assert_allclose(std[:, 1], 1.0)
+    _, std = gte_measures.error_against_time(made_up(error[:1], iterations=1))
+    assert not std.any()
+
+
+def test_measures_are_over_the_motion():
+    """RMS, mean, maximum, shaking and energy: until the last goal is reached, at 6 s."""
+    error = np.zeros((2, 700, 6))
+    error[:, :300, 0], error[:, 600:] = 0.02, 9.0
+    m = gte_measures.measure(made_up(error))
+    np.testing.assert_allclose(m.rms[:, 0], 0.02 / np.sqrt(2))
+    np.testing.assert_allclose(m.mean[:, 0], 0.01)
+    np.testing.assert_allclose(m.maximum[:, 0], 0.02)
+    assert not m.maximum[:, 1:].any()
+    np.testing.assert_allclose(m.vibration, np.tile([3e-3, 4e-3, 0], (2, 1)))
+    np.testing.assert_allclose(m.shaking, 5e-3)
+    np.testing.assert_allclose(m.shaking_at_rest, 5e-3)
+    np.testing.assert_allclose(m.dither_energy, 2.0 * 6.0)
+    np.testing.assert_allclose(m.torque_rate, 7.0)
+    np.testing.assert_allclose(m.duration, 6.0)
+
+
+@pytest.mark.parametrize("end", [5.13, 5.28, 6.4, 6.55])
+def test_no_sample_is_counted_twice_by_rounding(end):
+    """A goal reached at the time of a sample: that sample is already past the motion."""
+    error = np.zeros((1, 700, 6))
+    error[:, round(100 * end) :] = 9.0
+    later = np.nextafter(end, 9.0)  # times are sums of control steps: off by rounding
+    run = made_up(error, iterations=1, reached=(2.0, 4.0, later))
+    assert not gte_measures.measure(run).maximum.any()
+
+
+def test_corner_and_settling_errors():
+    """Before the reference goes to the measured pose; at the last goal, after the tail."""
+    error = np.broadcast_to(np.arange(700.0)[:, None] * 1e-5, (2, 700, 6))
+    m = gte_measures.measure(made_up(error))
+    assert m.corner.shape == (2, 2, 6)
+    assert m.settling.shape == (2, 3, 6)
+    np.testing.assert_allclose(m.corner[:, :, 0], [[199e-5, 399e-5]] * 2)
+    np.testing.assert_allclose(m.settling[:, :, 0], [[199e-5, 399e-5, 699e-5]] * 2)
+    assert not m.missed.any()
+
+
+def test_missed_goals():
+    """0.03 m in x and y is 0.042 m: beyond the generator's 0.04 m; so is 0.3 rad of 0.25."""
+    far = gte_measures.measure(made_up(constant(0.03, 0.03, 0, 0, 0, 0)))
+    assert far.missed.all()
+    turned = gte_measures.measure(made_up(constant(0, 0, 0, 0, 0.3, 0)))
+    assert turned.missed.all()
+    assert not gte_measures.measure(made_up(constant(0.03, 0, 0, 0, 0.2, 0))).missed.any()
+
+
+def test_measures_of_a_run_that_never_ends():
+    """The whole record counts; what belongs to goals never reached is NaN."""
+    run = made_up(
+        np.full((1, 700, 6), 0.01), iterations=1, accepted=(0, 2, NAN), reached=(2, NAN, NAN)
+    )
+    m = gte_measures.measure(run)
+    np.testing.assert_allclose(m.rms, 0.01)
+    np.testing.assert_allclose(m.dither_energy, 14.0)
+    assert np.isnan(m.window_sum).all()
+    assert np.isnan(m.duration).all()
+    assert np.isnan(m.shaking_at_rest).all()
+    np.testing.assert_array_equal(np.isnan(m.settling[0, :, 0]), [False, True, True])
+    np.testing.assert_array_equal(m.missed, [[False, True, True]])
+    row = gte_table.run_row(run, m, "panda")
+    assert (row.unfinished, row.goals_missed) == (1, 2)
+
+
+def test_path_of_one_goal_has_no_corner():
+    run = made_up(constant(*VALUES))
+    one = gte.Run(
+        **{
+            **{k: getattr(run, k) for k in run.__dataclass_fields__},
+            "accepted": run.accepted[:, :1],
+            "reached": run.reached[:, 2:],
+        }
+    )
+    m = gte_measures.measure(one)
+    assert m.corner.shape == (2, 0, 6)
+    row = gte_table.error_rows(one, m, "panda")[0]
+    assert np.isnan(row.corner)
+    assert row.settling == pytest.approx(1e-3)
+
+
+# ---- rows ----------------------------------------------------------------------------------
+
+
+def test_error_rows():
+    run = made_up(constant(*VALUES))
+    rows = gte_table.error_rows(run, gte_measures.measure(run), "panda")
+    assert [r.axis for r in rows] == list(AXES)
+    assert [r.unit for r in rows] == ["m"] * 3 + ["rad"] * 3
+    for row, value in zip(rows, np.abs(VALUES), strict=True):
+        assert row.case == "no_dither"
+        assert (row.stiffness_translation, row.stiffness_rotation) == (200.0, 20.0)
+        assert row.window_sum == pytest.approx(200 * value)
+        assert row.window_sum_std == pytest.approx(0.0, abs=1e-12)
+        for name in ("mean", "rms", "max", "corner", "settling"):
+            assert getattr(row, name) == pytest.approx(value), name
+        assert row.iterations == 2
+
+
+def test_spread_of_one_iteration_is_unknown():
+    run = made_up(iterations=1)
+    row = gte_table.error_rows(run, gte_measures.measure(run), "panda")[0]
+    assert np.isnan(row.window_sum_std)
+
+
+def test_written_tables_have_their_columns(tmp_path):
+    run = made_up(constant(*VALUES), dithered=True)
+    m = gte_measures.measure(run)
+    gte_table.write_rows(tmp_path / "errors.csv", gte_table.error_rows(run, m, "panda"))
+    gte_table.write_rows(tmp_path / "runs.csv", [gte_table.run_row(run, m, "panda")])
+    gte_table.write_points(tmp_path / "points.csv", [(run, m)])
+    gte_table.write_trace(tmp_path / "trace.csv", [run])
+    lines = {p.stem: p.read_text().splitlines() for p in tmp_path.iterdir()}
+    assert {k: len(v) for k, v in lines.items()} == {
+        "errors": 7,
+        "runs": 2,
+        "points": 4,
+        "trace": 701,
+    }
+    assert lines["points"][0] == (
+        "case,goal,accepted_s,reached_s,x_m,y_m,z_m,roll_rad,pitch_rad,yaw_rad"
+    )
+    assert lines["points"][2].startswith("dither,2,2.0,4.0,0.00")
+    assert all(len(line.split(",")) == 14 for line in lines["trace"])
+    assert lines["errors"][1].startswith("panda,triangle,200.0,20.0,0.0,dither,x,m,")
+
+
+def test_thesis_numbers():
+    """All 48 of Table 4.11 are found, a case it lacks is not."""
+    found = []
+    for trajectory in ("triangle", "pentagon"):
+        for stiffness in gte_table.thesis_stiffness():
+            for dithered in (False, True):
+                run = made_up(trajectory=trajectory, stiffness=stiffness, dithered=dithered)
+                sums = gte_table.thesis_window_sums(run.case)
+                assert sums is not None
+                assert tuple(sums) == AXES
+                found += sums.values()
+    printed = [r[k] for r in thesis_table("4.11") for k in r if k.startswith("mean_error")]
+    assert len(found) == 48
+    assert sorted(found) == sorted(printed)
+    assert gte_table.thesis_window_sums(made_up(stiffness=(300, 30, 0)).case) is None
+
+
+def test_thesis_dither_is_the_final_column_of_table_4_9():
+    rows = gte_table.thesis_final_dither()
+    assert [r.joint for r in rows] == [1, 2, 3, 4, 5, 6, 7]
+    assert [r.frequency_hz for r in rows] == [50, 30, 30, 50, 15, 15, 15]
+    assert [r.amplitude_nm for r in rows] == [0.85, 1.2, 1.6044, 1.9968, 0.8669, 0.5854, 0.8041]
+
+
+# ---- what a run is written down from ---------------------------------------------------------
+
+
+class Stub:
+    """As much of a rig as `_Watch` looks at; two arms at different places."""
+
+    nsim, n = 2, 7
+
+    def __init__(self) -> None:
+        self.flange = SimpleNamespace(
+            position=np.array([[0.3, 0.0, 0.5], [1.0, 2.0, 3.0]]),
+            quaternion=np.tile([0.0, 1.0, 0.0, 0.0], (2, 1)),
+        )
+        self.flags = {name: np.zeros(2, dtype=bool) for name in FLAGS}
+        self.controller = SimpleNamespace(
+            reference=(self.flange.position.copy(), self.flange.quaternion.copy()),
+            flags=SimpleNamespace(**self.flags),
+        )
+        self.speed = np.zeros((2, 7))
+        self.plant = SimpleNamespace(
+            batch=SimpleNamespace(bind=lambda name: self.speed),
+            sticking=SimpleNamespace(motor=np.arange(7)),
+        )
+        self.shaking, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
+        self.keeper = SimpleNamespace(
+            finished=np.ones(2, dtype=bool),
+            accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
+            reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
+        )
+
+
+def watched(move, seconds: float = 3.0) -> gte.Run:
+    """The run of a stub that ``move(stub, t)`` moves every 1 ms."""
+    stub = Stub()
+    watch = gte._Watch(stub, load_gte_protocol())
+    for k in range(round(seconds * 1000)):
+        move(stub, k * 1e-3)
+        watch.step()
+        if k % 10 == 9:
+            watch.sample()
+    return watch.run(made_up().case, np.ones(2, dtype=bool), 2, np.full(2, 9.0))
+
+
+def test_samples_are_the_first_of_their_control_steps():
+    def move(stub, t):
+        stub.flange.position[:, 0] = t
+
+    run = watched(move)
+    assert run.actual.shape == (2, 300, 6)
+    np.testing.assert_allclose(run.actual[0, :, 0], run.time)
+    np.testing.assert_allclose(np.diff(run.time), 1 / RATE)
+    np.testing.assert_array_equal(run.actual[:, :, 3], np.pi)
+
+
+@pytest.mark.parametrize("frequency", [15.0, 30.0, 80.0])
+def test_vibration_of_a_pure_sine(frequency):
+    """RMS is amplitude/√2 times the high-pass's gain, from the first period to the last."""
+
+    def move(stub, t):
+        stub.flange.position[:, 1] = [1e-3 * np.sin(2 * np.pi * frequency * t), 2.0]
+
+    run = watched(move)
+    gain = 1 / np.sqrt(1 + (load_gte_protocol().vibration_low / frequency) ** 4)
+    rms = np.sqrt(np.mean(run.shaking[0, 100:, 1] ** 2))
+    assert rms == pytest.approx(gain * 1e-3 / np.sqrt(2), rel=0.01)
+    assert run.shaking[0, :, 1].max() < 1.1e-3  # nothing rings from block to block
+    assert not run.shaking[1].any()
+    assert not run.shaking[:, :, [0, 2]].any()
+
+
+def test_arm_that_rests_does_not_vibrate():
+    """Wherever it rests: the filter starts settled."""
+    assert not watched(lambda stub, t: None).shaking.any()
+
+
+def test_slow_motion_is_no_vibration():
+    """1 Hz is let through by (1/8)²."""
+
+    def move(stub, t):
+        stub.flange.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
+
+    shaking = watched(move).shaking[0, :, 2]
+    assert np.sqrt(np.mean(shaking**2)) < 1.1 * 0.01 / np.sqrt(2) / 64
+
+
+def test_dither_power_and_torque_rate():
+    """|τ q̇| of every joint, also while the joint moves against the torque; N·m per second."""
+
+    def move(stub, t):
+        stub.shaking[:], stub.speed[:] = 0.5, -2.0
+        stub.applied[1, 3] = 7.0 * t
+
+    run = watched(move)
+    np.testing.assert_allclose(run.dither_power, 7 * 0.5 * 2.0)
+    assert run.torque_rate.shape == (2, 7)
+    assert not run.torque_rate[0].any()
+    assert run.torque_rate[1, 3] == pytest.approx(7.0)
+
+
+def test_flags_are_remembered():
+    def move(stub, t):
+        stub.flags["saturated"][1] = 1.2 < t < 1.2045  # seen, however short
+
+    flags = watched(move).flags
+    assert set(flags) == set(FLAGS)
+    np.testing.assert_array_equal(flags["saturated"], [False, True])
+    assert not flags["singular"].any()
+
+
+def test_record_ends_with_its_own_tail():
+    """What happens later does not count: a case's run is the same in any company."""
+
+    def move(stub, t):
+        stub.applied[:] = 1e6 * (t > 3.5)
+        stub.flags["singular"][:] = t > 3.5
+
+    run = watched(move, seconds=5.0)
+    assert run.time[-1] == pytest.approx(2.99)
+    assert not run.torque_rate.any()
+    assert not run.flags["singular"].any()
+
+
+def test_protocol_whose_record_ends_before_the_window():
+    with pytest.raises(StictionError, match="tail"):
+        load_gte_protocol().replace(tail=0.5)

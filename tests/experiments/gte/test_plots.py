@@ -1,0 +1,148 @@
+"""What the plots of the Generated Trajectory Experiment draw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from stiction_envs.experiments.gte import plots as gte_plots
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import AXES
+from stiction_envs.experiments.gte.rows import thesis_window_sums
+from tests.experiments.gte.made_up import made_up
+
+NAN = float("nan")
+
+
+def pair(**changes: object):
+    """A run without dither, and one with it, of different errors."""
+    rng = np.random.default_rng(0)
+    noise = 1e-3 * rng.normal(size=(2, 700, 6))
+    return (
+        made_up(2e-3 + noise, **changes),
+        made_up(
+            1e-3 + noise,
+            dithered=True,
+            **{"accepted": (0.0, 1.9, 3.8), "reached": (1.9, 3.8, 5.7)} | changes,
+        ),
+    )
+
+
+@pytest.fixture
+def drawn(monkeypatch) -> list[Figure]:
+    """Figures as they would be saved."""
+    figures: list[Figure] = []
+
+    def keep(figure, path):
+        figure.draw_without_rendering()
+        figures.append(figure)
+
+    monkeypatch.setattr(gte_plots, "save", keep)
+    return figures
+
+
+@pytest.mark.parametrize("orientation", [False, True])
+def test_errors_against_time(drawn, orientation):
+    """One panel per axis in mm or mrad, a line per run, purple dots at every accepted goal."""
+    runs = pair()
+    gte_plots.plot_errors(runs, "a.png", robot="panda", orientation=orientation)
+    (figure,) = drawn
+    assert len(figure.axes) == 3
+    names, unit = (AXES[3:], "mrad") if orientation else (AXES[:3], "mm")
+    for k, (axes, name) in enumerate(zip(figure.axes, names, strict=True)):
+        assert axes.get_ylabel() == f"{name} error [{unit}]"
+        lines = {line.get_label(): line for line in axes.lines}
+        for run, label in zip(runs, ("no dither", "dither"), strict=True):
+            mean = run.error[:, :, k + 3 * orientation].mean(axis=0)
+            np.testing.assert_allclose(lines[label].get_ydata(), 1e3 * mean)
+            assert lines[label].get_color() == gte_plots.colour(run)
+        purple = [x for x in axes.lines if x.get_color() == gte_plots.ACCEPTED]
+        assert sorted(x.get_xdata()[0] for x in purple) == [0.0, 1.9, 2.0, 3.8, 4.0]
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    assert "Panda, triangle, stiffness 200/20/0" in figure.get_suptitle()
+
+
+def test_paths_in_the_plane(drawn):
+    runs = pair()
+    gte_plots.plot_path_xy(runs, "a.png", robot="panda")
+    (axes,) = drawn[0].axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    paths = [x for x in axes.lines if x.get_color() in (gte_plots.WITH, gte_plots.WITHOUT)]
+    assert len(paths) == 4  # two iterations each
+    np.testing.assert_allclose(paths[0].get_xdata(), runs[0].actual[0, :, 0])
+    np.testing.assert_allclose(paths[3].get_ydata(), runs[1].actual[1, :, 1])
+    (goals,) = (x for x in axes.lines if x.get_color() == gte_plots.ACCEPTED)
+    np.testing.assert_allclose(goals.get_xdata(), [0.4, 0.4, 0.3], atol=1e-12)
+    np.testing.assert_allclose(goals.get_ydata(), [0.0, 0.1, 0.0], atol=1e-12)
+
+
+def test_paths_in_space_are_not_distorted(drawn):
+    gte_plots.plot_path_3d(pair(), "a.png", robot="panda")
+    (axes,) = drawn[0].axes
+    assert [getattr(axes, f"get_{k}label")() for k in "xyz"] == ["x [m]", "y [m]", "z [m]"]
+    ranges = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    box = axes._box_aspect
+    np.testing.assert_allclose(ranges / ranges[0], box / box[0])
+
+
+def test_reference_is_cut_where_it_goes_to_the_measured_pose():
+    reference, goals = gte_plots.published(made_up())
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(reference[:, 0])), [200, 401])
+    assert len(reference) == 702
+    assert goals.shape == (3, 3)
+
+
+def test_window_sums_beside_the_thesis(drawn):
+    """From the ring without dither to the dot with it, simulated and measured."""
+    plain, shaken = pair()
+    both = ((plain, measure(plain)), (shaken, measure(shaken)))
+    gte_plots.plot_window_sums([both], "a.png", robot="panda")
+    (axes,) = (a for a in drawn[0].axes if a.get_visible())
+    texts = [t.get_text() for t in axes.get_yticklabels()]
+    assert texts[0] == "x [m·samples]"
+    assert texts[5] == "yaw [rad·samples]"
+    bars = [x for x in axes.lines if len(x.get_xdata()) == 2]
+    simulated = [x for x in bars if x.get_color() == gte_plots.WITH]
+    measured = [x for x in bars if x.get_color() == gte_plots.MEASURED]
+    for k, axis in enumerate(AXES):
+        sums = [m.window_sum.mean(axis=0)[k] for _, m in both]
+        np.testing.assert_allclose(simulated[k].get_xdata(), sums)
+        printed = [thesis_window_sums(run.case)[axis] for run, _ in both]
+        np.testing.assert_allclose(measured[k].get_xdata(), printed)
+
+
+def test_case_the_thesis_lacks_is_drawn_alone(drawn):
+    plain, shaken = pair(stiffness=(300, 30, 0))
+    pairs = [((plain, measure(plain)), (shaken, measure(shaken)))]
+    gte_plots.plot_window_sums(pairs, "a.png", robot="panda")
+    colours = {x.get_color() for x in drawn[0].axes[0].lines}
+    assert gte_plots.MEASURED not in colours
+
+
+ALL = (gte_plots.plot_path_xy, gte_plots.plot_path_3d, gte_plots.plot_errors)
+
+
+@pytest.mark.parametrize("plot", ALL)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"iterations": 1},
+        {"accepted": (0, 2, NAN), "reached": (2, NAN, NAN)},
+        {"accepted": (0, NAN, NAN), "reached": (NAN, NAN, NAN)},
+    ],
+    ids=["one iteration", "not finished", "never anywhere"],
+)
+def test_every_kind_of_run_is_drawn(tmp_path, plot, changes):
+    plot([made_up(**changes)], tmp_path / "a.png", robot="own")
+    data = (tmp_path / "a.png").read_bytes()
+    assert data.startswith(b"\x89PNG")
+    assert len(data) > 10_000
+
+
+@pytest.mark.parametrize("plot", ALL)
+def test_same_runs_give_the_same_file(tmp_path, plot):
+    for name in ("a.png", "b.png"):
+        plot(pair(), tmp_path / name, robot="panda")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]

@@ -1,0 +1,422 @@
+"""The Single Joint Experiment: its poses, its protocol, its results. Thesis 3.2."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
+from stiction_envs.experiments.sje.poses import MARGIN, SWING, find_poses
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    Measurement,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.robots import BUILTIN, Arm, load_arm
+
+RATE, QUICK = 0.2, 0.5
+"""Ramp rates of these tests [N·m/s]: the protocol's own, 0.07, takes longer and shows no more."""
+
+
+@cache
+def bench(robot: str = "panda", *, scatter: bool = True, seed: int = 0, **protocol: float):
+    return SingleJointExperiment.of(
+        robot, scatter=scatter, seed=seed, protocol=load_protocol(robot).replace(**protocol)
+    )
+
+
+@cache
+def all_jobs(scatter: bool) -> dict[Configuration, Measurement]:
+    """Four iterations of every configuration of the Panda."""
+    b = bench(scatter=scatter, ramp_rate=RATE)
+    return {m.job.configuration: m for m in b.run(b.jobs(), iterations=4)}
+
+
+def one(b: SingleJointExperiment, job: Job, iterations: int = 1) -> Measurement:
+    return next(iter(b.run([job], iterations=iterations)))
+
+
+# ---- poses ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", BUILTIN)
+def test_poses_lie_within_limits(robot):
+    """Every joint inside its limits, the tested one with room for the swing."""
+    arm = load_arm(robot)
+    q = find_poses(arm).q
+    low, high = arm.limits.position.T
+    assert q.shape == (7, 2, 7)
+    assert np.all((q > low) & (q < high))
+    for joint in range(7):
+        tested = q[joint, :, joint]
+        assert np.all(
+            (tested > low[joint] + MARGIN - 1e-9) & (tested < high[joint] - MARGIN + 1e-9)
+        )
+
+
+def contacts(arm: Arm, q: np.ndarray) -> int:
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    return int(data.ncon)
+
+
+@pytest.mark.parametrize("robot", BUILTIN)
+def test_poses_are_free_of_collision_over_the_swing(robot):
+    arm = load_arm(robot)
+    poses = find_poses(arm)
+    for joint in range(7):
+        for k in range(2):
+            for shift in (-SWING, 0.0, SWING):
+                q = poses.q[joint, k].copy()
+                q[joint] += shift
+                assert contacts(arm, q) == 0, f"joint {joint + 1}, {k}, {shift}"
+
+
+def test_collisions_would_be_seen():
+    """The check above can fail: folded on itself the arm has contacts."""
+    arm = load_arm("panda")
+    folded = np.array([0.0, 1.7, 0.0, -3.0, 0.0, 3.7, 0.0])
+    assert contacts(arm, folded) > 0
+
+
+@pytest.mark.parametrize("robot", BUILTIN)
+def test_load_pose_has_more_load(robot):
+    """The load pose comes near the largest load of any pose, the other near none."""
+    arm = load_arm(robot)
+    poses = find_poses(arm)
+    np.testing.assert_array_equal(poses.load, np.abs(poses.signed))
+    assert np.all(poses.load[:, 0] > 20 * poses.load[:, 1])
+    assert np.all(poses.load[:, 1] < 0.03)
+    model = arm.model()
+    data = mujoco.MjData(model)
+    low, high = arm.limits.position.T
+    rng = np.random.default_rng(0)
+    largest = np.zeros(7)
+    for q in rng.uniform(low, high, (500, 7)):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        largest = np.maximum(largest, np.abs(data.qfrc_bias))
+    free = ~poses.bearing
+    assert np.all(poses.load[free, 0] > 0.9 * largest[free])
+
+
+def test_loads_are_gravity_torques():
+    arm = load_arm("panda")
+    poses = find_poses(arm)
+    model = arm.model()
+    data = mujoco.MjData(model)
+    for joint in np.flatnonzero(~poses.bearing):
+        for k in range(2):
+            data.qpos[:] = poses.q[joint, k]
+            mujoco.mj_forward(model, data)
+            assert data.qfrc_bias[joint] == pytest.approx(poses.signed[joint, k], abs=1e-9)
+
+
+def test_search_repeats():
+    """A second search of the same arm, from scratch, finds the same poses."""
+    from stiction_envs.experiments.sje import poses as module
+
+    first = find_poses(load_arm("iiwa7"))
+    module._found.clear()
+    second = find_poses(load_arm("iiwa7"))
+    assert first.q.tobytes() == second.q.tobytes()
+    assert first is not second
+
+
+# ---- the protocol as it ran ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scatter", [True, False])
+def test_every_configuration_is_measured(scatter):
+    found = all_jobs(scatter)
+    assert set(found) == set(configurations(7))
+    for c, m in found.items():
+        assert m.tau.shape == (4,)
+        assert np.all(np.isfinite(m.tau))
+        assert np.all(c.sign * m.tau > 0)
+
+
+def test_starts_are_near_the_pose_and_the_others_are_held():
+    """Every joint within 0.1 rad of the pose at the ramp's start, the others during it (3.2)."""
+    for m in all_jobs(True).values():
+        assert np.abs(m.start).max() < 0.1
+        assert 0.0 < m.deviation < 0.1
+
+
+def test_servo_leaves_the_joint_where_friction_lets_it():
+    """The joint does not stop exactly at the pose: stiction shows in where it came to rest."""
+    starts = np.concatenate([m.start for m in all_jobs(False).values()])
+    assert np.abs(starts).max() > 0.01
+    hold = load_protocol("panda").hold_stiffness * load_arm("panda").limits.torque
+    for c, m in all_jobs(False).items():
+        joint = c.joint - 1
+        level = float(
+            bench().sticking.parameters.stiction_at(bench().poses.load[:, 0])[joint].max()
+        )
+        offset = abs(bench().expected(Job(c)))
+        assert np.abs(m.start).max() < 1.2 * max(level, offset) / hold[joint] + 0.01
+
+
+def test_traces_end_past_the_threshold():
+    """Each iteration keeps its path: from the start angle to 0.15 rad beyond, no gap at the end."""
+    for c, m in all_jobs(True).items():
+        assert len(m.traces) == 4
+        for trace, start in zip(m.traces, m.start, strict=True):
+            moved = c.sign * (trace - start)
+            assert moved[-1] >= 0.15 - 1e-6
+            assert np.all(moved[:-1] < 0.15 + 1e-6)
+            assert abs(moved[0]) < 0.01
+
+
+def test_torque_is_the_ramp_at_the_threshold():
+    """|τ| = rate × time, on the grid of the controller's ticks, in the trace's last block."""
+    for c, m in all_jobs(False).items():
+        steps = c.sign * m.tau / (RATE * 1e-3)
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+        for tau, trace in zip(m.tau, m.traces, strict=True):
+            blocks = abs(tau) / RATE / m.trace_dt
+            assert len(trace) - 2 <= blocks < len(trace) - 1
+        assert np.all(m.start_torque == 0.0)
+
+
+def test_first_iteration_differs_from_later_ones():
+    """The arm first comes from the other side; then each return starts where the ramp ended."""
+    differing = 0
+    for c, m in all_jobs(False).items():
+        # the first approach comes from behind, the later ones from ahead
+        assert c.sign * (m.start[0] - m.start[1]) < 0
+        differing += abs(m.tau[0] - m.tau[1]) > 1e-3
+        assert np.ptp(m.tau[1:]) < 1e-3
+        assert abs(m.tau[0] - m.tau[1]) < 0.15 * abs(m.tau[1])
+    assert differing > 20
+
+
+def test_breakaway_is_stiction_plus_slide_and_offset():
+    """F_c < τ − offset < F_s + slide: from F_s on, r t drives at least r t³/6J of the 0.15 rad."""
+    b = bench()
+    p = b.sticking.parameters
+    model = b.sticking.arm.model()
+    data, full = mujoco.MjData(model), np.zeros((7, 7))
+    for c, m in all_jobs(False).items():
+        j, load, direction = c.index
+        level = p.stiction_at(b.poses.load[:, load])[j, direction]
+        signed = np.clip(b.poses.signed[j, load], -p.load_high[j], p.load_high[j])
+        offset = p.offset[j] + p.gravity_error[j] * signed
+        data.qpos[:] = b.poses.q[j, load]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        time = (6 * (full[j, j] + p.rotor_inertia[j]) * 0.15 / RATE) ** (1 / 3)
+        slide = RATE * time + p.viscous[j, direction] * 3 * 0.15 / time
+        friction = c.sign * (m.mean - offset)
+        ripple = p.ripple_amplitude[j]
+        assert level * p.coulomb_ratio[j, direction] - ripple < friction, c
+        assert friction < level + slide + ripple, c
+        # and expected() plans with it
+        assert b.expected(Job(c)) == pytest.approx(abs(c.sign * level + offset))
+
+
+# ---- repeatability and scatter -------------------------------------------------------------
+
+LIGHT = Configuration(7, "load", "+")
+
+
+def test_no_scatter_repeats_bit_for_bit():
+    a, b = (SingleJointExperiment.of("panda", scatter=False, seed=s) for s in (0, 1))
+    first, again, other = (one(x, Job(LIGHT), 2).tau for x in (a, a, b))
+    assert first.tobytes() == again.tobytes() == other.tobytes()
+
+
+def test_scatter_is_seeded():
+    """Same seed, same bits; another seed, other torques; phases and noise belong to the seed."""
+    first = one(bench(seed=3, ramp_rate=QUICK), Job(LIGHT), 3).tau
+    fresh = SingleJointExperiment.of(
+        "panda", seed=3, protocol=load_protocol("panda").replace(ramp_rate=QUICK)
+    )
+    assert one(fresh, Job(LIGHT), 3).tau.tobytes() == first.tobytes()
+    other = one(bench(seed=4, ramp_rate=QUICK), Job(LIGHT), 3).tau
+    assert np.all(other != first)
+
+
+def test_iterations_scatter():
+    """With scatter repeats differ as printed ones do: a few per cent, not more, not less."""
+    relative = [m.std / abs(m.mean) for m in all_jobs(True).values()]
+    assert min(relative) > 0
+    assert 0.01 < np.median(relative) < 0.06
+    assert all(np.std(m.tau[1:]) < 1e-3 for m in all_jobs(False).values())
+
+
+@pytest.mark.parametrize("name", ["pose_scatter", "friction_scatter", "torque_noise"])
+def test_each_scatter_acts_alone(name):
+    """Each of the three sources moves the torques by itself; none of them, and nothing moves."""
+    off = {"pose_scatter": 0.0, "friction_scatter": 0.0, "torque_noise": 0.0, "ramp_rate": QUICK}
+    own = load_protocol("panda")
+    job = Job(Configuration(2, "no_load", "+"))  # its gravity torque changes most with the pose
+    still = one(bench(**off), job, 4)
+    moving = one(bench(**(off | {name: getattr(own, name)})), job, 4)
+    assert np.ptp(still.tau[1:]) < 1.1e-3  # two steps of the ramp
+    assert np.ptp(still.start[1:]) < 1e-4
+    assert np.ptp(moving.tau[1:]) > np.ptp(still.tau[1:])
+    if name == "pose_scatter":  # shows in where the ramp starts more than in its torque
+        assert 0.3 * own.pose_scatter < np.ptp(moving.start[1:]) < 10 * own.pose_scatter
+    else:
+        assert np.ptp(moving.tau[1:]) > 5e-3
+
+
+def test_jobs_do_not_depend_on_each_other():
+    """A job's result is the same alone, among others, and with fewer slots than jobs."""
+    b = bench(ramp_rate=QUICK)
+    jobs = [
+        Job(Configuration(joint, "load", d), f, a)
+        for joint in (5, 6, 7)
+        for d in "+-"
+        for f, a in ((0.0, 0.0), (30.0, 0.3))
+    ]
+    together = {m.job: m for m in b.run(jobs, iterations=2)}
+    squeezed = {m.job: m for m in b.run(jobs[::-1], iterations=2, slots=3)}
+    for job in jobs[::4]:
+        single = one(b, job, 2)
+        for found in (together[job], squeezed[job]):
+            assert found.tau.tobytes() == single.tau.tobytes()
+            assert found.start.tobytes() == single.start.tobytes()
+            assert found.deviation == single.deviation
+            for a, c in zip(found.traces, single.traces, strict=True):
+                assert a.tobytes() == c.tobytes()
+
+
+def test_nothing_to_do():
+    assert list(bench().run([])) == []
+
+
+def test_base_torques_are_the_means_in_their_places():
+    """(n, 2, 2) by joint, load, direction, signed."""
+    b = bench(scatter=False, ramp_rate=QUICK)
+    tau = base_torques(b, iterations=1)
+    assert tau.shape == (7, 2, 2)
+    assert np.all(np.sign(tau) == [1.0, -1.0])
+    for m in b.run(b.jobs([5, 7]), iterations=1):
+        assert tau[m.job.configuration.index] == m.mean
+
+
+def test_progress_counts_simulated_seconds():
+    """Approach (0.8 + 0.4 s, longer only until the arm rests) and ramp, block by block."""
+    seconds: list[float] = []
+    m = next(iter(bench(ramp_rate=QUICK).run([Job(LIGHT)], iterations=1, progress=seconds.append)))
+    assert len(set(seconds)) == 1
+    ramp = abs(m.tau[0]) / QUICK
+    assert 1.2 + ramp - 0.05 < sum(seconds) < 2.4 + ramp
+
+
+# ---- dither --------------------------------------------------------------------------------
+
+
+def test_dither_lowers_the_wrist_and_low_frequency_most():
+    """Joint 7: 15 Hz frees far more than 80 Hz (physics.md 4.3)."""
+    b = bench(scatter=False)
+    none, slow, fast = (one(b, Job(LIGHT, f, a), 2).mean for f, a in ((0, 0), (15, 0.6), (80, 0.6)))
+    assert slow < 0.85 * none
+    assert fast < none
+    assert none - slow > 3 * (none - fast)
+
+
+def test_recorded_torque_excludes_the_dither():
+    """A constant dither offset moves the joint but is not in τ (thesis 3.2)."""
+    b = bench(scatter=False, ramp_rate=QUICK)
+    plain, pushed = (one(b, Job(LIGHT, offset_nm=o)).mean for o in (0.0, 0.2))
+    assert plain - pushed == pytest.approx(0.2, abs=0.02)
+
+
+def slow_iiwa(rate: int) -> SingleJointExperiment:
+    arm = load_arm("iiwa7")
+    return SingleJointExperiment.of(
+        arm,
+        scatter=False,
+        protocol=load_protocol("iiwa7").replace(ramp_rate=QUICK),
+        interface=TorqueInterface.of(arm, controller_rate_hz=rate),
+    )
+
+
+def test_100_hz_dither_at_200_hz_and_phase_zero_does_nothing():
+    """At Nyquist the samples are ±A sin φ; without scatter φ = 0 (physics.md 2.6)."""
+    job = Configuration(7, "load", "+")
+    plain, aliased = (one(slow_iiwa(200), Job(job, f, a)).mean for f, a in ((0, 0), (100.0, 3.0)))
+    assert aliased == plain
+    # the same dither from a controller of 1 kHz is felt
+    fast, dithered = (one(slow_iiwa(1000), Job(job, f, a)).mean for f, a in ((0, 0), (100.0, 3.0)))
+    assert dithered < fast
+    # and so is another frequency at 200 Hz
+    assert one(slow_iiwa(200), Job(job, 15.0, 1.0)).mean < plain
+
+
+# ---- the iiwa's start, stuck joints, errors ------------------------------------------------
+
+
+def test_iiwa_ramps_start_at_the_averaged_torque():
+    """Thesis 3.2: the iiwa's ramp begins at the averaged external torque, the Panda's at zero."""
+    b = bench("iiwa7", ramp_rate=QUICK)
+    jobs = [Job(Configuration(j, "no_load", d)) for j in (5, 6, 7) for d in "+-"]
+    p = b.sticking.parameters
+    for m in b.run(jobs, iterations=2):
+        j, load, _ = m.job.configuration.index
+        assert np.all(m.start_torque != 0.0)
+        signed = np.clip(b.poses.signed[j, load], -p.load_high[j], p.load_high[j])
+        offset = p.offset[j] + p.gravity_error[j] * signed
+        # the pose reached is not exactly the pose: gravity_error sees a little of it
+        reached = 0.1 * abs(p.gravity_error[j]) * b.poses.load[j, 0]
+        np.testing.assert_allclose(m.start_torque, offset, atol=0.002 + reached)
+
+
+def test_stuck_joint_gives_nan():
+    """A ramp that ends before the joint moves is NaN, and so is the mean."""
+    # given up at 0.5 of stiction plus offset: nothing can move by then
+    b = bench(scatter=False, ramp_rate=QUICK, give_up_factor=0.5)
+    m = one(b, Job(Configuration(6, "load", "-")), 2)
+    assert np.all(np.isnan(m.tau))
+    assert np.isnan(m.mean)
+    # other jobs of the same run are unharmed by it, and later iterations run
+    assert len(m.traces) == 2
+
+
+def test_arm_that_cannot_be_held_is_an_error():
+    b = bench(ramp_rate=QUICK, hold_stiffness=0.01)
+    with pytest.raises(ExperimentError, match=r"joint \d stopped .* from its pose.*hold_stiffness"):
+        one(b, Job(Configuration(7, "load", "+")))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"ramp_rate": 0.0}, "ramp_rate: 0.0 must be positive"),
+        ({"threshold": -1.0}, "threshold: -1.0 must be finite and not negative"),
+        ({"iterations": 0}, "iterations: 0 must be positive"),
+        ({"pose_scatter": float("nan")}, "pose_scatter"),
+        ({"settle_time": float("inf")}, "settle_time"),
+    ],
+)
+def test_bad_protocols(change, says):
+    with pytest.raises(StictionError, match=says):
+        load_protocol("panda").replace(**change)
+
+
+def test_bad_configurations():
+    with pytest.raises(StictionError, match="unknown load 'heavy'"):
+        Configuration(1, "heavy", "+")
+    with pytest.raises(StictionError, match="unknown direction 'up'"):
+        Configuration(1, "load", "up")
+    for joint in (0, 8, -1):
+        with pytest.raises(StictionError, match=f"unknown joint {joint}"):
+            bench().jobs([joint])
+    assert [c.index for c in configurations(7, [3, 3])] == [
+        (2, 0, 0),
+        (2, 0, 1),
+        (2, 1, 0),
+        (2, 1, 1),
+    ]

@@ -1,0 +1,120 @@
+"""What the plots of the Single Joint Experiment draw."""
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.sje import plots
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
+from stiction_envs.experiments.sje.rig import BLOCK
+from stiction_envs.plant import CONTROL_DT
+
+RATE, STEP = 0.1, BLOCK * CONTROL_DT
+
+
+def measurement(
+    direction: str = "+",
+    *,
+    lengths: tuple[int, ...] = (40, 50),
+    start_torque: float = 0.0,
+    frequency: float = 0.0,
+    amplitude: float = 0.0,
+    stuck: bool = False,
+) -> Measurement:
+    """A made-up measurement: a joint that stands, then runs off."""
+    c = Configuration(7, "load", direction)
+    traces = tuple(
+        (0.01 * k + c.sign * 0.15 * np.linspace(0, 1, n) ** 8).astype(np.float32)
+        for k, n in enumerate(lengths)
+    )
+    tau = np.array([start_torque + c.sign * RATE * STEP * (n - 1) for n in lengths])
+    if stuck:
+        tau[-1] = np.nan
+    return Measurement(
+        job=Job(c, frequency_hz=frequency, amplitude_nm=amplitude),
+        tau=tau,
+        start=np.array([t[0] for t in traces]),
+        start_torque=np.full(len(lengths), start_torque),
+        deviation=0.0,
+        traces=traces,
+        trace_dt=STEP,
+    )
+
+
+@pytest.mark.parametrize("direction", ["+", "-"])
+@pytest.mark.parametrize("start_torque", [0.0, 0.05])
+def test_torque_along_the_ramp_ends_at_the_breakaway_torque(direction, start_torque):
+    m = measurement(direction, start_torque=start_torque)
+    sign = m.job.configuration.sign
+    for (torque, angle), tau in zip(plots.ramps(m, RATE), m.tau, strict=True):
+        assert torque[0] == pytest.approx(sign * start_torque)
+        assert torque[-1] == pytest.approx(sign * tau)
+        assert len(torque) == len(angle)
+
+
+def test_thinned_traces_end_at_the_same_torque():
+    """The tuner's lab book keeps every fifth sample, the last of each group."""
+    m = measurement(lengths=(50,))
+    thin = Measurement(
+        job=m.job,
+        tau=m.tau,
+        start=m.start,
+        start_torque=m.start_torque,
+        deviation=0.0,
+        traces=tuple(t[4::5] for t in m.traces),
+        trace_dt=5 * STEP,
+    )
+    (whole,), (part,) = plots.ramps(m, RATE), plots.ramps(thin, RATE)
+    np.testing.assert_allclose(part[0], whole[0][4::5])
+
+
+def test_last_values_are_held_until_the_longest_iteration_ends():
+    m = measurement(lengths=(40, 50))
+    torque, spread, angle, _ = plots.mean_ramp(m, RATE)
+    lines = plots.ramps(m, RATE)
+    assert len(torque) == 50
+    assert torque[-1] == pytest.approx((lines[0][0][-1] + lines[1][0][-1]) / 2)
+    assert angle[-1] == pytest.approx((lines[0][1][-1] + lines[1][1][-1]) / 2)
+    assert spread[-1] == pytest.approx(m.std)
+    assert spread[39] == pytest.approx(0.0)
+
+
+def test_same_measurement_gives_the_same_file(tmp_path):
+    options = {"robot": "panda", "threshold": 0.15, "ramp_rate": RATE}
+    for name in ("a.png", "b.png"):
+        plots.plot_sje([measurement("-"), measurement("+")], tmp_path / name, **options)
+    a, b = ((tmp_path / n).read_bytes() for n in ("a.png", "b.png"))
+    assert a == b
+    assert a.startswith(b"\x89PNG")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"lengths": (30,)}, {"stuck": True}, {"frequency": 15.0, "amplitude": 0.6}],
+    ids=["one iteration", "stuck", "dithered"],
+)
+def test_every_kind_of_measurement_is_drawn(tmp_path, changes):
+    plots.plot_sje(
+        [measurement(**changes)], tmp_path / "a.png", robot="own", threshold=0.15, ramp_rate=RATE
+    )
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_with_and_without(tmp_path):
+    dithered = measurement(lengths=(20, 22), frequency=15.0, amplitude=0.6)
+    plots.plot_with_and_without(
+        measurement(),
+        dithered,
+        tmp_path / "a.png",
+        robot="panda",
+        threshold=0.15,
+        ramp_rate=RATE,
+    )
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_dither_is_named():
+    c = Configuration(1, "load", "+")
+    assert plots.dither_text(Job(c)) == "no dither"
+    assert plots.dither_text(Job(c, 15.0, 0.61234)) == "15 Hz, 0.612 N·m"
+    assert plots.dither_text(Job(c, 15.0, 0.6, "square", 0.1)) == "15 Hz square, 0.6 N·m +0.1 N·m"

@@ -1,0 +1,228 @@
+"""Every cause by itself: its face, its columns against what the law says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.candidates import certain
+from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.causes.backlash import (
+    DRAGGED,
+    FLANK,
+    LOST,
+    crossings,
+    dragged,
+    lost,
+)
+from stiction_envs.gap.causes.deflection import mass_matrix, own_torque_of, seen_by
+from stiction_envs.gap.causes.joint_elasticity import deflection
+from stiction_envs.gap.signals.bristle import bristles, grown
+from stiction_envs.gap.signals.dataset import Data, assemble, inverse_dynamics
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.robots import load_arm
+from stiction_envs.testing.hidden_logs import EXCITED_BY, make_case
+
+BY_NAME = {c.name: c for c in CAUSES}
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    case = make_case(1, motion="fast", known=False, seconds=10.0)
+    return assemble(load_arm("panda"), prepare(case.logs))
+
+
+def test_there_are_the_seventeen_of_the_contract() -> None:
+    assert list(BY_NAME) == list(EXCITED_BY)
+
+
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
+def test_columns_are_finite_and_as_many_as_the_bounds(cause, data: Data) -> None:
+    shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
+    columns = cause.columns(data, 3, shape)
+    low, high = cause.bounds(data, 3)
+    assert columns.shape == (len(data.t), len(low))
+    assert len(low) == len(high)
+    assert np.all(low < high)
+    assert np.isfinite(columns).all()
+    assert cause.what
+    assert cause.record
+
+
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
+def test_values_have_the_contracts_keys(cause, data: Data) -> None:
+    shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
+    values = cause.values(np.full(len(cause.bounds(data, 3)[0]), 0.1), shape)
+    named = {p.name for p in cause.parameters}
+    assert set(values) <= named
+    assert all(np.isfinite(np.ravel(v)).all() for v in values.values())
+
+
+def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
+    """Linear in mass, first moment and inertia: the regressor against the loaded model."""
+    mass, com = 1.3, np.array([0.02, -0.03, 0.07])
+    loaded = load_arm("panda", payload=(mass, *com)).pinocchio()
+    rows = slice(100, 140)
+    more = inverse_dynamics(loaded, data.q[rows], data.dq[rows], data.ddq[rows])
+    more -= data.rigid[rows]
+    about = 0.4 * mass * 0.03**2 * np.eye(3) + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    xx, xy, yy = about[0, 0], about[0, 1], about[1, 1]
+    coefficients = np.array(
+        [mass, *(mass * com), xx, xy, yy, about[0, 2], about[1, 2], about[2, 2]]
+    )
+    for j in range(7):
+        own = BY_NAME["payload"].columns(data, j, ())[rows] @ coefficients
+        assert np.allclose(own, more[:, j], atol=1e-6)
+
+
+def test_tilt_columns_are_the_gravity_of_a_leaning_arm(data: Data) -> None:
+    lean, towards = 0.2, 0.7
+    model = data.pinocchio.copy()
+    g = float(np.linalg.norm(model.gravity.linear))
+    side = np.sin(lean) * np.array([np.cos(towards), np.sin(towards)])
+    model.gravity.linear = g * np.array([*side, -np.cos(lean)])
+    zero = np.zeros_like(data.q)
+    torque = inverse_dynamics(model, data.q, zero, zero)
+    for j in range(7):
+        own = BY_NAME["base_tilt"].columns(data, j, ()) @ [*side, 1 - np.cos(lean)]
+        assert np.allclose(data.gravity[:, j] + own, torque[:, j], atol=1e-9)
+
+
+def test_a_bristle_ends_at_its_level_and_remembers_at_rest() -> None:
+    """After way x from rest: 1 − e^(−x/d); at rest it stays."""
+    way = np.concatenate([np.zeros(20), np.linspace(0, 0.01, 50), np.full(50, 0.01)])[:, None]
+    zeta = bristles(way, [slice(0, 120)], np.array([[0.005]]))[:, 0, 0]
+    assert np.allclose(zeta[:70], 1 - np.exp(-way[:70, 0] / 0.005))
+    assert np.allclose(zeta[70:], zeta[69])
+
+
+def test_a_joint_that_moves_from_the_start_slides_already() -> None:
+    way = np.linspace(0, 0.1, 100)[:, None]
+    assert np.allclose(bristles(way, [slice(0, 100)], np.array([[0.005]])), 1.0)
+
+
+def test_a_grown_bristle_is_the_difference_of_two() -> None:
+    """LuGre of level g + εw less that of g, over ε, by fine integration."""
+    t = np.linspace(0, 6, 30_001)
+    way, sigma, level, eps = 3e-3 * np.sin(2 * t) + 1e-3 * np.sin(7 * t), 1000.0, 0.5, 1e-4
+    weight = 1.0 + 0.3 * np.cos(t)
+    z = np.zeros((2, len(t)))
+    for k, step in enumerate(np.diff(way)):
+        g = level + np.array([0.0, eps]) * weight[k + 1]
+        end = np.sign(step) * g / sigma
+        z[:, k + 1] = end + (z[:, k] - end) * np.exp(-sigma * abs(step) / g)
+    expected = sigma * (z[1] - z[0]) / eps
+    runs = [slice(0, len(t))]
+    zeta = bristles(way[:, None], runs, np.array([[level / sigma]]))[:, 0, 0]
+    found = grown(way, runs, level / sigma, zeta, weight)
+    late = t > 2
+    # once a bristle has settled, that it lags a level that changes slowly is left out
+    assert np.allclose(found[late], expected[late], atol=0.05)
+    assert np.abs(found - weight * zeta)[late].max() > 0.1
+
+
+def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
+    """To half the gap and what the flank yields when it is struck."""
+    delta = crossings(data, 2, 0.02)
+    yields = 5 * np.abs(data.rigid[:, 2]).max() / FLANK
+    assert 0.01 <= delta.max() < 0.01 + yields
+    assert -0.01 >= delta.min() > -0.01 - yields
+
+
+def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
+    q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
+    one = SimpleNamespace(way=q, q=q, runs=lambda: [slice(0, len(q))])
+    behind = lost(one, 0, 0.02)
+    forth, back = np.arange(201) < 101, np.arange(201) >= 120
+    assert np.allclose(behind[forth][11:], -0.01)
+    assert np.allclose(behind[back], 0.01)
+    still = (np.arange(201) >= 101) & ~back
+    assert np.allclose((behind + q[:, 0])[still], 0.09)
+
+
+def test_a_dragged_link_carries_nothing_until_the_gap_is_crossed() -> None:
+    q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
+    one = SimpleNamespace(way=q, q=q, runs=lambda: [slice(0, len(q))])
+    missing = dragged(one, 0, 0.02)
+    crossing = (np.arange(len(q)) > 100) & (q[:, 0] > 0.08 + 1e-9)
+    assert np.array_equal(missing, np.where(crossing, -1.0, 0.0))
+
+
+def test_weights_are_low_where_friction_at_rest_is_not_known() -> None:
+    case = make_case(1, motion="rests", known=True, seconds=10.0)
+    data = assemble(load_arm("panda"), prepare(case.logs), friction=case.nominal)
+    low = certain(data, 1) < 1
+    assert 0.05 < low.mean() < 0.6
+    assert np.abs(data.dq[low, 1]).max() < 0.05
+
+
+def test_a_stiff_spring_yields_load_over_stiffness(data: Data) -> None:
+    """Far below resonance δ = −load/K."""
+    delta = deflection(data, 1, 1e6)
+    assert np.allclose(delta[200:], -data.rigid[200:, 1] / 1e6, rtol=0.05, atol=2e-6)
+
+
+def test_the_mass_matrix_is_symmetric_and_positive(data: Data) -> None:
+    mass = mass_matrix(data)[::500]
+    assert np.allclose(mass, np.swapaxes(mass, 1, 2))
+    assert np.all(np.linalg.eigvalsh(mass) > 0)
+
+
+def test_blocks_hold_time_together_and_keep_apart(data: Data) -> None:
+    """Each block is one stretch of time; between two lies a guard."""
+    for b in range(data.blocks):
+        rows = np.flatnonzero(data.block == b)
+        assert np.all(np.diff(rows) == 1)
+    assert np.all(np.diff(data.block[data.block >= 0]) >= 0)
+    assert (data.block == -1).any()
+
+
+def test_no_inertia_is_negative(data: Data) -> None:
+    """What a joint's own axis may lack is less than what it has in any pose."""
+    own = mass_matrix(data).diagonal(axis1=1, axis2=2)
+    for j in range(7):
+        low, _ = BY_NAME["link_inertia"].bounds(data, j)
+        assert 0 < own[:, j].min() + low[0] + 1e-9 < 1e-6
+
+
+def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
+    """Its acceleration is noise, nothing is dragged, and friction may bear an offset."""
+    q, dq = data.q.copy(), data.dq.copy()
+    q[:, 2], dq[:, 2] = q[0, 2], 1e-3 * np.sin(data.t)
+    holds = replace(data, q=q, dq=dq, memory={})
+    inertia, offset, backlash = (BY_NAME[x] for x in ("link_inertia", "torque_offset", "backlash"))
+    dampings = {s[1] for s in backlash.shapes(holds, 2, holds.rigid[:, 2])}
+    assert dampings
+    assert dampings.isdisjoint({DRAGGED, LOST})
+    assert not inertia.lacking(data, 2)
+    assert "does not move" in inertia.lacking(holds, 2)
+    assert offset.alike(data, 2) == ()
+    assert offset.alike(holds, 2) == ("coulomb_friction",)
+
+
+def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> None:
+    shaking = 1e-3 * np.sin(50 * data.t)[:, None] * np.ones(7)
+    still = replace(data, dq=0 * data.dq, rigid=shaking, noise=np.full(7, 0.01), memory={})
+    assert "changes sign" in BY_NAME["backlash"].lacking(still, 2)
+    assert not BY_NAME["backlash"].lacking(replace(still, noise=np.full(7, 1e-4)), 2)
+
+
+def test_a_delays_low_pass_is_first_order(data: Data) -> None:
+    """T y' + y = n, so that the column times −T is y − n."""
+    lowpass = 0.03
+    column = BY_NAME["actuator_delay"].columns(data, 1, (-lowpass, 1.0))[:, 0]
+    n = data.nominal[:, 1]
+    y = n - lowpass * column
+    run = data.runs()[0]
+    left = lowpass * np.gradient(y[run], data.dt) + y[run] - n[run]
+    assert np.abs(left[5:-5]).max() < 0.1 * np.abs(y - n)[run].max()
+
+
+def test_what_a_target_sees_of_a_deflection_is_its_torques_product(data: Data) -> None:
+    rng = np.random.default_rng(5)
+    delta, target = rng.normal(size=(2, len(data.t)))
+    direct = target @ own_torque_of(data, 3, delta[:, None])[:, 0]
+    assert seen_by(data, 3, target) @ delta == pytest.approx(direct, rel=1e-9)

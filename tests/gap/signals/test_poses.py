@@ -1,0 +1,121 @@
+"""Poses at rest: each is alone, friction scatters them, and gravity's causes are found in them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.diagnosis import diagnose
+from stiction_envs.gap.signals.dataset import assemble, gravity_torque, inverse_dynamics
+from stiction_envs.gap.signals.poses import AT_REST, scatter, segment_numbers
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.measured.logs.reader import JointLog
+from tests.gap.small_logs import hidden, panda
+
+BAND = 0.1
+
+
+def poses(true=None, *, offset: float = 0.0, count: int = 200, seed: int = 0) -> JointLog:
+    """Poses of a Panda, the last 20 of them taken twice; friction holds what it likes."""
+    arm = panda()
+    rng = np.random.default_rng(seed)
+    low, high = arm.limits.position.T
+    q = low + (high - low) * rng.uniform(0.15, 0.85, (count, 7))
+    q = np.vstack([q, q[-20:] + 1e-3 * rng.normal(size=(20, 7))])
+    tau = gravity_torque((true or arm).pinocchio(), q)
+    tau[:, 2] += offset
+    return JointLog(
+        source="poses.csv",
+        t=np.arange(float(len(q))),
+        q=q,
+        dq=None,
+        tau=tau + BAND * rng.uniform(-1, 1, q.shape),
+        static=True,
+    )
+
+
+def test_each_pose_is_a_segment_and_a_log_is_one() -> None:
+    log = hidden(panda(), seconds=5.0)
+    signals = prepare([poses(count=30), log])
+    number = segment_numbers(signals.segments, signals.dt)
+    still = np.concatenate([np.full(len(s.t), s.static) for s in signals.segments])
+    assert len(np.unique(number[still])) == 50
+    assert len(np.unique(number[~still])) == 1
+    data = assemble(panda(), signals)
+    # nothing is smoothed from one pose into the next
+    np.testing.assert_array_equal(data.smooth(data.q)[still], data.q[still])
+
+
+def test_scatter_is_that_of_poses_taken_twice() -> None:
+    log = poses()
+    residual = log.tau - gravity_torque(panda().pinocchio(), log.q)
+    found = scatter(log.q, residual)
+    assert found is not None
+    np.testing.assert_allclose(found.mean(), BAND / np.sqrt(3), rtol=0.25)
+    assert scatter(log.q[:150], residual[:150]) is None
+
+
+def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:
+    """Half a kilogram, 5 cm before the flange, and a sensor that is off by 0.8 N·m."""
+    found = diagnose([poses(panda(payload=(0.5, 0.0, 0.0, 0.05)), offset=0.8)], "panda")
+    by = {c.name: c for c in found.causes}
+    assert set(by) <= set(AT_REST)
+    mass = by["payload"].parameters[0]["mass_kg"]
+    assert mass.value == pytest.approx(0.5, abs=0.05)
+    assert by["torque_offset"].joints == (3,)
+    assert by["torque_offset"].parameters[3]["offset_nm"].value == pytest.approx(0.8, abs=0.05)
+    assert found.verdict == "explained"
+
+
+def test_a_heavy_wrist_is_a_payload_though_the_last_joint_does_not_feel_it() -> None:
+    """A kilogram beside the flange's axis, on the link before the last: no gain of each sensor."""
+    log = poses(panda(payload=(1.0, 0.05, 0.0, 0.0)))
+    tau = np.array(log.tau)
+    tau[:, 6] = poses().tau[:, 6]
+    found = diagnose([dataclasses.replace(log, tau=tau)], "panda")
+    assert found.causes[0].name == "payload"
+    assert found.causes[0].parameters[0]["mass_kg"].value == pytest.approx(1.0, abs=0.15)
+    assert "torque_scale" not in [c.name for c in found.causes]
+
+
+def test_nothing_is_found_in_good_poses() -> None:
+    found = diagnose([poses()], "panda")
+    assert found.causes == ()
+    assert found.verdict == "no discrepancy"
+
+
+def test_blocks_hold_rows_of_one_log_only() -> None:
+    """Several logs are held out log by log, a run of one file in one piece with its neighbours."""
+    logs = [hidden(panda(), seconds=6.0, seed=k) for k in range(3)]
+    signals = prepare([*logs, poses(count=60)])
+    data = assemble(panda(), signals)
+    log = np.concatenate([np.full(len(s.t), s.log) for s in signals.segments])
+    for block in range(data.blocks):
+        assert len(np.unique(log[data.block == block])) == 1
+    assert data.blocks >= 12
+
+
+def test_a_joint_that_rests_is_no_evidence() -> None:
+    """Joint 3 holds while the others move, and what it holds creeps by 0.2 N·m: that is noise."""
+    rng = np.random.default_rng(3)
+    log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.tanh(dq / 0.002), noise=0.02)
+    q = np.array(log.q)
+    q[:, 2] = 0.0
+    model = panda().pinocchio()
+    dq, ddq = np.gradient(q, log.t, axis=0), np.zeros_like(q)
+    tau = inverse_dynamics(model, q, dq, ddq) + 0.8 * np.tanh(dq / 0.002)
+    tau[:, 2] += np.interp(log.t, np.arange(16.0), 0.2 * rng.normal(size=16))
+    still = dataclasses.replace(log, q=q, tau=tau + 0.02 * rng.normal(size=q.shape))
+    data = assemble(panda(), prepare([still]))
+    assert data.noise[2] > 0.1
+    assert np.delete(data.noise, 2).max() < data.noise[2]
+
+
+def test_poses_beside_a_log() -> None:
+    """The log shows friction, the poses the payload; one call takes both."""
+    true = panda(payload=(1.0, 0.0, 0.0, 0.05))
+    log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.tanh(dq / 0.002), true=true, noise=0.02)
+    found = diagnose([log, dataclasses.replace(poses(true))], "panda")
+    assert {"payload", "coulomb_friction"} <= {c.name for c in found.causes}

@@ -1,0 +1,385 @@
+"""Signals from logs whose truth is known: sines, and motions with friction and noise."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.prepare import (
+    Segment,
+    Signals,
+    lowpass,
+    prepare,
+)
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+
+MEASURED = Path(__file__).parents[3] / "shared" / "measured"
+N = 3
+
+
+def log_of(t: np.ndarray, q: np.ndarray, tau: np.ndarray, **other: object) -> JointLog:
+    return JointLog(source="made up", t=t, q=q, dq=None, tau=tau, **other)  # type: ignore[arg-type]
+
+
+class Motion:
+    """Fourier series of five harmonics for each joint, with exact derivatives, and friction."""
+
+    def __init__(self, seed: int = 0, base_hz: float = 0.1) -> None:
+        rng = np.random.default_rng(seed)
+        self.omega = 2 * np.pi * base_hz * np.arange(1, 6)
+        self.size = rng.normal(size=(5, N)) * 0.3 / np.arange(1, 6)[:, None]
+        self.phase = rng.uniform(0, 2 * np.pi, (5, N))
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
+        """q, dq, ddq, tau, (T, N) each."""
+        angle = t[:, None, None] * self.omega[:, None] + self.phase
+        w = self.omega[:, None]
+        q = (self.size * np.sin(angle)).sum(axis=1)
+        dq = (self.size * w * np.cos(angle)).sum(axis=1)
+        ddq = -(self.size * w**2 * np.sin(angle)).sum(axis=1)
+        return q, dq, ddq, 20 * np.sin(q) + 2 * ddq + np.tanh(dq / 0.01)
+
+
+def noisy(
+    q_noise: float, tau_noise: float, *, seconds: float = 40, rate: float = 1000, seed: int = 0
+) -> JointLog:
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    q, _, _, tau = Motion().at(t)
+    return log_of(
+        t, q + q_noise * rng.normal(size=q.shape), tau + tau_noise * rng.normal(size=q.shape)
+    )
+
+
+def only(signals: Signals) -> Segment:
+    (segment,) = signals.segments
+    return segment
+
+
+def acceleration_error(log: JointLog, cutoff: float | None) -> float:
+    """Error of the acceleration as a share of its root mean square."""
+    segment = only(prepare([log], cutoff_hz=cutoff))
+    ddq = Motion().at(segment.t)[2]
+    return float(np.std(segment.ddq - ddq) / np.std(ddq))
+
+
+# ---- derivatives and phase ----
+
+
+@pytest.mark.parametrize("hz", [0.05, 0.5, 2.0])
+def test_a_sine_is_differentiated_without_lag(hz: float) -> None:
+    """q = sin ωt far below the cutoff: dq = ω cos ωt, ddq = −ω² sin ωt, torque unchanged."""
+    t = np.arange(20_000) / 1000
+    w = 2 * np.pi * hz
+    q = np.sin(w * t)[:, None] * np.ones(N)
+    segment = only(prepare([log_of(t, q, 5 * q)], cutoff_hz=20.0))
+    at = segment.t[:, None]
+    assert np.abs(segment.q - np.sin(w * at)).max() < 2e-5
+    assert np.abs(segment.dq - w * np.cos(w * at)).max() < 2e-4 * max(w, 0.1)
+    # At the very ends the filter guesses; inside, all is as exact as the differences.
+    inner = slice(200, -200)
+    assert np.abs(segment.ddq - -(w**2) * np.sin(w * at))[inner].max() < 1e-5 + 1e-4 * w**2
+    assert np.abs(segment.tau - 5 * segment.q).max() < 1e-9
+
+
+def test_the_filter_has_half_the_amplitude_at_its_cutoff_and_no_phase() -> None:
+    t = np.arange(20_000) / 1000
+    for hz, share in ((1.0, 1.0), (5.0, 0.996), (10.0, 0.5), (20.0, 0.004)):
+        x = np.sin(2 * np.pi * hz * t)
+        y = lowpass(x, 1000.0, 10.0)
+        inner = slice(2000, -2000)
+        both = np.stack([x, np.cos(2 * np.pi * hz * t)], axis=1)[inner]
+        in_phase, out_of_phase = np.linalg.lstsq(both, y[inner], rcond=None)[0]
+        assert in_phase == pytest.approx(share, abs=1e-3)
+        assert abs(out_of_phase) < 1e-3
+
+
+def test_differences_are_right_up_to_the_highest_cutoff() -> None:
+    """At a tenth of the sampling rate the slope of a sine is right to 1 %, its bend too."""
+    t = np.arange(4000) / 1000
+    w = 2 * np.pi * 100
+    q = 1e-3 * np.sin(w * t)[:, None] * np.ones(N)
+    segment = only(prepare([log_of(t, q, q)], cutoff_hz=450.0))
+    at = segment.t[100:-100, None]
+    assert np.abs(segment.dq[100:-100] / w - 1e-3 * np.cos(w * at)).max() < 1e-5
+    assert np.abs(segment.ddq[100:-100] / w**2 + 1e-3 * np.sin(w * at)).max() < 1e-5
+
+
+def test_above_half_the_rate_nothing_is_filtered() -> None:
+    x = np.random.default_rng(0).normal(size=100)
+    assert np.array_equal(lowpass(x, 10.0, 5.0), x)
+
+
+def test_uneven_times_are_put_on_an_even_grid() -> None:
+    """Lost samples, and true uneven stamps: derivatives as from an even log."""
+    rng = np.random.default_rng(0)
+    lattice = np.arange(40_000) / 1000
+    for t in (
+        lattice[rng.random(40_000) > 0.1],
+        np.cumsum(1e-3 * (0.6 + 0.8 * rng.random(40_000))),
+    ):
+        q, _, _, tau = Motion().at(t)
+        signals = prepare([log_of(t, q, tau)], cutoff_hz=10.0)
+        segment = only(signals)
+        assert np.abs(np.diff(segment.t) - signals.dt).max() < 1e-9
+        _, dq, ddq, _ = Motion().at(segment.t)
+        assert np.std(segment.dq - dq) < 2e-4
+        assert np.std(segment.ddq - ddq) < 5e-3
+
+
+# ---- cutoff and noise ----
+
+
+@pytest.mark.parametrize(
+    ("q_noise", "tau_noise"), [(1e-6, 0.02), (1e-5, 0.05), (1e-4, 0.2), (1e-3, 1.0)]
+)
+def test_the_cutoff_fits_the_noise(q_noise: float, tau_noise: float) -> None:
+    """The acceleration is good, to 1 % or to 0.05 rad/s² and what one octave of luck allows."""
+    log = noisy(q_noise, tau_noise)
+    signals = prepare([log])
+    assert 3 < signals.cutoff_hz <= 100
+    ddq = Motion().at(only(signals).t)[2]
+    wrong = np.std(only(signals).ddq - ddq, axis=0)
+    assert np.all(wrong < 2 * np.maximum(0.05, 0.01 * np.std(ddq, axis=0)))
+    assert acceleration_error(log, 4 * signals.cutoff_hz) > 2 * acceleration_error(log, None)
+
+
+def test_noisier_data_get_a_lower_cutoff() -> None:
+    cutoffs = [prepare([noisy(s, 1e4 * s)]).cutoff_hz for s in (1e-6, 1e-5, 1e-4, 1e-3)]
+    assert cutoffs == sorted(cutoffs, reverse=True)
+    assert cutoffs[0] > 3 * cutoffs[-1]
+
+
+@pytest.mark.parametrize("band_hz", [3.0, 8.0, 20.0])
+def test_a_known_band_is_found(band_hz: float) -> None:
+    """Torque that is signal up to a frequency and noise above: the cutoff is within an octave."""
+    rng = np.random.default_rng(3)
+    t = np.arange(60_000) / 1000
+    f = np.fft.rfftfreq(len(t), 1e-3)
+    # As strong as the noise at the end of the band, falling by 12 dB an octave before.
+    shape = band_hz**2 / (1 + f**2)
+    signal = np.fft.irfft(
+        shape[:, None] * np.fft.rfft(rng.normal(size=(len(t), N)), axis=0), axis=0
+    )
+    tau = 0.05 * (signal + rng.normal(size=signal.shape))
+    q = 0.3 * np.sin(2 * np.pi * 0.2 * t)[:, None] + 0.01 * np.arange(N)
+    signals = prepare([log_of(t, q, tau)])
+    assert band_hz / 2 < signals.cutoff_hz < 2 * band_hz
+    assert signals.noise_tau_raw == pytest.approx(np.full(N, 0.05), rel=0.1)
+
+
+@pytest.mark.parametrize("cutoff", [None, 3.0, 30.0])
+@pytest.mark.parametrize("size", [0.01, 0.3])
+def test_noise_of_the_torque_is_right_to_20_per_cent(cutoff: float | None, size: float) -> None:
+    """White noise of known size, before the filter and behind it, under a signal with jumps."""
+    log, clean = noisy(1e-5, size), noisy(1e-5, 0.0)
+    signals = prepare([log], cutoff_hz=cutoff)
+    assert signals.noise_tau_raw == pytest.approx(np.full(N, size), rel=0.2)
+    left = only(signals).tau - only(prepare([clean], cutoff_hz=signals.cutoff_hz)).tau
+    assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.2)
+
+
+def test_noise_that_is_not_white_is_measured_beside_the_band() -> None:
+    """Torque noise low-passed at 60 Hz: what is left behind a filter of 15 Hz, to 30 %."""
+    rng = np.random.default_rng(8)
+    clean = noisy(1e-5, 0.0)
+    colour = lowpass(rng.normal(size=clean.tau.shape), 1000.0, 60.0) * 0.3
+    signals = prepare([log_of(clean.t, clean.q, clean.tau + colour)], cutoff_hz=15.0)
+    left = only(signals).tau - only(prepare([clean], cutoff_hz=15.0)).tau
+    assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.3)
+
+
+def test_torques_without_noise_have_the_noise_of_their_rounding() -> None:
+    clean = noisy(0.0, 0.0)
+    signals = prepare([log_of(clean.t, clean.q, np.round(clean.tau, 2))], cutoff_hz=500.0)
+    assert np.all(signals.noise_tau_raw > 0.5 * 0.01 / np.sqrt(12))
+    assert np.all(signals.noise_tau_raw < 0.05)
+
+
+def test_filtered_torques_are_told() -> None:
+    clean = noisy(1e-5, 0.0)
+    smooth = np.round(lowpass(clean.tau, 1000.0, 20.0), 4)
+    notes = prepare([log_of(clean.t, clean.q, smooth)]).notes
+    assert any("filtered before they were logged" in note for note in notes)
+    assert not any("filtered before" in note for note in prepare([noisy(1e-5, 0.05)]).notes)
+
+
+def test_speeds_from_angles_beat_logged_ones_that_lag() -> None:
+    """A robot's own estimate, 30 Hz first order: through the same filter still ten times worse."""
+    log = noisy(1e-5, 0.05)
+    _, dq, _, _ = Motion().at(log.t)
+    a = 1 - np.exp(-2 * np.pi * 30 / 1000)
+    own = np.zeros_like(dq)
+    for k in range(1, len(dq)):
+        own[k] = own[k - 1] + a * (dq[k] - own[k - 1])
+    signals = prepare([log])
+    segment = only(signals)
+    rows = np.round(segment.t * 1000).astype(int)
+    logged = lowpass(own, 1000.0, signals.cutoff_hz)[rows]
+    wrong = np.std(segment.dq - dq[rows])
+    assert np.std(logged - dq[rows]) > 10 * wrong
+
+
+# ---- segments, logs, long logs ----
+
+
+def test_segments_and_logs_keep_their_order_and_their_ends_are_cut() -> None:
+    t = np.arange(20_000) / 1000
+    t[8000:] += 1.0
+    q, _, _, tau = Motion().at(t)
+    split = log_of(t, q, tau, breaks=(8000,))
+    whole = noisy(1e-5, 0.05, seconds=10)
+    signals = prepare([whole, split], cutoff_hz=10.0)
+    assert [s.log for s in signals.segments] == [0, 1, 1]
+    one, two, three = signals.segments
+    for segment, start, end in ((one, 0, 9.999), (two, 0, 7.999), (three, 9, 20.999)):
+        assert segment.t[0] - start == pytest.approx(0.2, abs=0.01)
+        assert end - segment.t[-1] == pytest.approx(0.2, abs=0.01)
+    assert signals.dt == 1e-3
+
+
+def test_segments_too_short_for_the_filter_are_left_out() -> None:
+    t = np.arange(10_000) / 1000
+    t[9800:] += 1.0
+    q, _, _, tau = Motion().at(t)
+    signals = prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=5.0)
+    assert len(signals.segments) == 1
+    assert any("1 segment shorter than 1 s left out" in note for note in signals.notes)
+    with pytest.raises(StictionError, match=r"made up: no segment of 50 s without a gap"):
+        prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=0.1)
+
+
+def test_a_log_of_one_second_works() -> None:
+    signals = prepare([noisy(1e-5, 0.05, seconds=1.0)])
+    assert signals.cutoff_hz >= 6
+    assert len(only(signals).t) > 500
+
+
+def test_logs_of_different_rates_come_out_at_the_slower_one() -> None:
+    fast, slow = noisy(1e-6, 0.01, seconds=20), noisy(1e-6, 0.01, seconds=20, rate=400)
+    signals = prepare([fast, slow], cutoff_hz=8.0)
+    assert signals.dt == pytest.approx(2.5e-3)
+    for segment in signals.segments:
+        assert np.allclose(np.diff(segment.t), 2.5e-3)
+        q, dq, ddq, _ = Motion().at(segment.t)
+        assert np.abs(segment.q - q).max() < 1e-5
+        assert np.abs(segment.dq - dq).max() < 1e-3
+        assert np.abs(segment.ddq - ddq)[100:-100].max() < 0.03
+
+
+def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
+    log = noisy(1e-5, 0.05)
+    full, thin = prepare([log], cutoff_hz=5.0), prepare([log], cutoff_hz=5.0, most_samples=4000)
+    assert thin.dt == pytest.approx(0.01)
+    assert len(only(thin).t) <= 4000
+    assert np.array_equal(only(thin).dq, only(full).dq[::10])
+    assert any("every 10th sample, 100 Hz" in note for note in thin.notes)
+    chosen = prepare([log], most_samples=1000)
+    assert chosen.cutoff_hz == pytest.approx(1 / (5 * chosen.dt))
+    assert any("the cutoff is lowered" in note for note in chosen.notes)
+
+
+def test_extra_channels_pass_the_same_filter() -> None:
+    log = noisy(1e-5, 0.05)
+    log = log_of(log.t, log.q, log.tau, extra={"tau_cmd": log.tau.copy()})
+    segment = only(prepare([log]))
+    assert np.array_equal(segment.extra["tau_cmd"], segment.tau)
+
+
+def test_poses_are_static_and_not_filtered() -> None:
+    rng = np.random.default_rng(0)
+    q, tau = rng.normal(size=(30, N)), rng.normal(size=(30, N))
+    poses = log_of(np.arange(30.0), q, tau, static=True)
+    alone = prepare([poses])
+    assert only(alone).static
+    assert np.array_equal(only(alone).q, q)
+    assert np.array_equal(only(alone).tau, tau)
+    assert not only(alone).dq.any()
+    assert not only(alone).ddq.any()
+    assert np.isnan(alone.cutoff_hz)
+    both = prepare([poses, noisy(1e-5, 0.05)])
+    assert [s.static for s in both.segments] == [True, False]
+    assert np.isfinite(both.noise_tau).all()
+
+
+def test_a_resting_arm_is_static() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(5000) / 1000
+    q = 1 + 1e-6 * rng.normal(size=(5000, N))
+    assert only(prepare([log_of(t, q, q + 0.05 * rng.normal(size=q.shape))])).static
+
+
+def test_rest_is_told() -> None:
+    log = noisy(0.0, 0.05, seconds=20)
+    q = log.q.copy()
+    q[12_000:] = q[12_000]
+    notes = prepare([log_of(log.t, q, log.tau.copy())], cutoff_hz=5.0).notes
+    assert any("the arm rests in 38%" in note for note in notes)
+
+
+def test_signals_are_the_same_every_time_and_read_only() -> None:
+    one, two = (only(prepare([noisy(1e-5, 0.05)])) for _ in range(2))
+    for name in ("t", "q", "dq", "ddq", "tau"):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+        assert not getattr(one, name).flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("bad", "says"),
+    [
+        ({"cutoff_hz": 0.0}, "cutoff 0.0 Hz: allowed are numbers above 0"),
+        ({"cutoff_hz": float("nan")}, "cutoff nan Hz"),
+        ({"most_samples": 0}, "0 samples"),
+    ],
+)
+def test_bad_arguments(bad: dict[str, float], says: str) -> None:
+    with pytest.raises(StictionError, match=says):
+        prepare([noisy(1e-5, 0.05, seconds=2)], **bad)  # type: ignore[arg-type]
+
+
+def test_bad_logs() -> None:
+    with pytest.raises(StictionError, match="one or more"):
+        prepare([])
+    t = np.arange(2000) / 1000
+    other = JointLog(source="other", t=t, q=np.ones((2000, 6)), dq=None, tau=np.ones((2000, 6)))
+    with pytest.raises(StictionError, match="other: 6 joints, but made up has 3"):
+        prepare([noisy(1e-5, 0.05, seconds=2), other])
+
+
+def test_a_minute_of_seven_joints_takes_a_second() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(60_000) / 1000
+    q = np.sin(np.outer(t, np.arange(1, 8) * 0.4)) + 1e-5 * rng.normal(size=(60_000, 7))
+    log = log_of(t, q, 10 * q + 0.05 * rng.normal(size=q.shape))
+    start = time.process_time()
+    prepare([log])
+    assert time.process_time() - start < 5  # 0.4 s here
+
+
+# ---- real robots ----
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "low", "high"),
+    [
+        ("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz", 7, 2, 10),
+        ("iiwa14_joint_friction/joint2.csv.gz", 7, 10, 20),
+        ("staubli_tx40/tx40.csv.gz", 6, 10, 100),
+    ],
+)
+def test_real_logs(name: str, n: int, low: float, high: float) -> None:
+    path = MEASURED / name
+    if not path.exists():
+        pytest.skip(f"measured log {name} is not here")
+    signals = prepare(read_logs([path], n))
+    assert low <= signals.cutoff_hz <= high
+    assert np.all(signals.noise_tau > 0)
+    for segment in signals.segments:
+        assert np.isfinite(segment.ddq).all()
+        # Speeds and accelerations agree with the angles they come from.
+        dq = np.gradient(segment.q, signals.dt, axis=0)
+        assert np.std(dq - segment.dq) < 0.02 * np.std(segment.dq)

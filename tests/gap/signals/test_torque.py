@@ -1,0 +1,216 @@
+"""Torque channels that are turned round or late: seen beyond doubt and undone, or left alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.dataset import inverse_dynamics
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.torque_lag import late, mend_torques
+from stiction_envs.gap.signals.torque_sign import mend_sign, signs
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import RATE, hidden, panda, sliding
+
+MEASURED = Path(__file__).parents[4] / "shared" / "measured"
+ARM = panda()
+
+
+def rub(q, dq, ddq):
+    return 0.6 * sliding(q) + 0.3 * dq
+
+
+@pytest.fixture(scope="module")
+def good() -> JointLog:
+    return hidden(ARM, rub, noise=0.02)
+
+
+def with_torque(log: JointLog, tau: np.ndarray, name: str = "made.csv") -> JointLog:
+    return dataclasses.replace(log, tau=tau, source=name)
+
+
+def kinds(log: JointLog) -> list[str]:
+    return [m.kind for m in log.mends]
+
+
+def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0) -> JointLog:
+    """Joint 7 to and fro at constant speeds, a run each: friction of 0.3 N·m and no load."""
+    rng = np.random.default_rng(0)
+    parts, breaks, start = [], [], 0.0
+    for speed in speeds:
+        t = np.arange(0, 12.0, 1 / RATE)
+        back = 1.0 / speed  # 1 rad to and fro
+        q = speed * back * np.abs((t / back) % 2 - 1)
+        q = np.convolve(np.r_[np.full(20, q[0]), q, np.full(20, q[-1])], np.ones(41) / 41, "valid")
+        v = np.gradient(q, t)
+        side = np.zeros(len(t))
+        for k in range(1, len(t)):
+            # Dahl's bristle of a distance
+            way = q[k] - q[k - 1]
+            side[k] = side[k - 1] + (way - abs(way) * side[k - 1]) / max(distance, 2e-3)
+        tau = np.interp(t - lag, t, 0.3 * side + 0.05 * v)
+        parts.append((t + start, q, tau))
+        start += 13.0
+        breaks.append(len(t))
+    t, q7, tau7 = (np.concatenate(x) for x in zip(*parts, strict=True))
+    q = np.tile(ARM.rest, (len(t), 1))
+    q[:, 6] += q7 - 0.5
+    rest = inverse_dynamics(ARM.pinocchio(), q[:1], 0 * q[:1], 0 * q[:1])
+    tau = np.tile(rest, (len(t), 1))
+    tau[:, 6] += tau7
+    return JointLog(
+        source="sweeps.csv",
+        t=t,
+        q=q + 1e-6 * rng.normal(size=q.shape),
+        dq=None,
+        tau=sign * (tau + 0.005 * rng.normal(size=q.shape)),
+        breaks=tuple(np.cumsum(breaks)[:-1]),
+    )
+
+
+# ---- sign ----
+
+
+def test_a_right_sign_is_left_alone(good: JointLog) -> None:
+    signals = prepare([good])
+    logs, same = mend_sign([good], signals, ARM)
+    assert same is signals
+    assert logs[0] is good
+    assert {s.vote for s in signs(signals, ARM)} <= {0, 1}
+
+
+def test_torques_of_the_opposite_sign_are_inverted_and_told(good: JointLog) -> None:
+    wrong = with_torque(good, -good.tau)
+    (log,), signals = mend_sign([wrong], prepare([wrong]), ARM)
+    np.testing.assert_array_equal(log.tau, good.tau)
+    assert kinds(log) == ["sign"]
+    assert "opposite sign" in log.mends[0].text
+    right = prepare([good])
+    np.testing.assert_allclose(signals.segments[0].tau, right.segments[0].tau, atol=1e-12)
+
+
+def test_one_loaded_log_tells_the_sign_of_those_beside_it(good: JointLog) -> None:
+    """Joint 7 creeping alone has neither load nor friction worth a word: the other log speaks."""
+    still = sweeps([0.2], sign=-1.0)
+    still = with_torque(still, np.array(still.tau) * [1, 1, 1, 1, 1, 1, 0.01], "still.csv")
+    wrong = with_torque(good, -good.tau)
+    logs, _ = mend_sign([wrong, still], prepare([wrong, still]), ARM)
+    assert [kinds(x) for x in logs] == [["sign"], ["sign"]]
+    np.testing.assert_array_equal(logs[1].tau, -still.tau)
+
+
+def test_friction_that_would_push_tells_the_sign_too() -> None:
+    log = sweeps([0.2, 0.4], sign=-1.0)
+    (mended,), _ = mend_sign([log], prepare([log]), ARM)
+    assert kinds(mended) == ["sign"]
+    assert "friction would push" in mended.mends[0].text
+
+
+def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
+    wrong = with_torque(good, -good.tau, "turned.csv")
+    with pytest.raises(StictionError, match=r"turned\.csv: tau\d has the opposite sign") as error:
+        mend_sign([good, wrong], prepare([good, wrong]), ARM)
+    assert "\n" not in str(error.value)
+    assert "allowed" in str(error.value)
+
+
+def test_a_joint_of_the_other_sign_is_refused(good: JointLog) -> None:
+    tau = np.array(good.tau)
+    tau[:, 1] *= -1
+    with pytest.raises(StictionError, match="tau2 has the opposite sign"):
+        mend_sign([with_torque(good, tau)], prepare([with_torque(good, tau)]), ARM)
+
+
+def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
+    """Torques that are noise for the most part say nothing."""
+    rng = np.random.default_rng(1)
+    load = np.convolve(rng.normal(size=len(good.t)), np.ones(100) / 10, "same")
+    tau = -good.tau + 20 * load[:, None]
+    log = with_torque(good, tau)
+    assert mend_sign([log], prepare([log]), ARM)[0][0] is log
+
+
+# ---- late ----
+
+
+def delayed(log: JointLog, delay: float, lowpass: float) -> JointLog:
+    tau = np.array(log.tau)
+    if lowpass:
+        k = np.exp(-1 / RATE / lowpass)
+        tau = lfilter([1 - k], [1, -k], tau, axis=0, zi=k * tau[:1])[0]
+    late = np.stack([np.interp(log.t - delay, log.t, x) for x in tau.T], axis=1)
+    return with_torque(log, late)
+
+
+@pytest.mark.parametrize(("delay", "lowpass"), [(0.12, 0.0), (0.14, 0.0), (0.07, 0.06)])
+def test_late_torques_are_brought_forward(good: JointLog, delay: float, lowpass: float) -> None:
+    (log,), signals = mend_torques([delayed(good, delay, lowpass)], ARM, prepare)
+    assert kinds(log) == ["late"]
+    assert "later than the angles" in log.mends[0].text
+    found = late(prepare([delayed(good, delay, lowpass)]), ARM)[0]
+    assert found.delay + found.lowpass == pytest.approx(delay + lowpass, abs=0.015)
+    # what is left of the delay is noise
+    s = signals.segments[0]
+    truth = prepare([good]).segments[0]
+    inner = slice(100, -100)
+    for j in (1, 3):
+        right = np.interp(s.t, truth.t, truth.tau[:, j])
+        left = (s.tau[:, j] - right)[inner].std()
+        assert left < 0.15 * right.std()
+
+
+def test_in_step_or_early_torques_are_left_alone(good: JointLog) -> None:
+    """A command that acts late comes before the motion, and what is a little late may be a filter:
+    that is a cause, and no mend."""
+    for delay in (0.0, -0.03, 0.004, 0.03, 0.08):
+        (log,), _ = mend_torques([delayed(good, delay, 0.0)], ARM, prepare)
+        assert kinds(log) == []
+        assert log.warnings == ()
+
+
+def test_late_reversals_at_all_speeds_are_a_delay() -> None:
+    (log,), _ = mend_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], lag=0.1)], ARM, prepare)
+    assert kinds(log) == ["late"]
+    assert "at all speeds" in log.mends[0].text
+    assert len(log.segments) == 5
+
+
+def test_soft_bristles_are_no_delay() -> None:
+    """Friction that builds up over 0.03 rad lags by a way: 0.3 s when slow, 0.04 s when fast."""
+    (log,), _ = mend_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], distance=0.03)], ARM, prepare)
+    assert kinds(log) == []
+
+
+# ---- real robots ----
+
+
+def real(name: str, robot: str) -> tuple[JointLog, Arm]:
+    path = MEASURED / name
+    if not path.exists():
+        pytest.skip(f"measured log {name} is not here")
+    arm = load_arm(robot)
+    (log,) = read_logs([path], arm.n, limits=arm.limits)
+    return log, arm
+
+
+@pytest.mark.parametrize(
+    ("joint", "found"), [(2, ["sign", "late"]), (7, ["sign", "late"]), (3, []), (1, ["sign"])]
+)
+def test_what_the_iiwas_readme_says_of_its_torques(joint: int, found: list[str]) -> None:
+    """Opposite sign, and channels that are not aligned in time; joint 3's sweep shows neither."""
+    log, arm = real(f"iiwa14_joint_friction/joint{joint}.csv.gz", "iiwa14")
+    (mended,), _ = mend_torques([log], arm, lambda x: prepare(x, most_samples=40_000))
+    assert [k for k in kinds(mended) if k != "run"] == found
+    assert len(mended.segments) == len(log.segments)
+
+
+def test_the_pandas_torques_are_in_order() -> None:
+    log, arm = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz", "panda")
+    (same,), _ = mend_torques([log], arm, prepare)
+    assert same is log

@@ -1,0 +1,75 @@
+"""Small logs with something hidden in them: RNEA of pinocchio plus what a test adds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from stiction_envs.gap.signals.bristle import bristles
+from stiction_envs.gap.signals.dataset import BITE, Data, assemble, inverse_dynamics
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm, load_arm
+
+RATE = 200.0
+
+
+def motion(n: int, seconds: float = 15.0, seed: int = 1, size: float = 0.6):
+    """Time and Fourier angles, speeds, accelerations about zero."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
+    for k in range(1, 5):
+        w = 2 * np.pi * 0.1 * k
+        a, b = rng.normal(size=(2, n)) / np.sqrt(k)
+        s, c = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
+        q += a * s + b * c
+        dq += w * (a * c - b * s)
+        ddq += -(w**2) * (a * s + b * c)
+    scale = size / np.abs(q).max(axis=0)  # within the joints' limits
+    return t, q * scale, dq * scale, ddq * scale
+
+
+def hidden(
+    arm: Arm,
+    add: Callable[..., np.ndarray] = lambda q, dq, ddq: np.zeros_like(q),
+    *,
+    true: Arm | None = None,
+    noise: float = 0.01,
+    seconds: float = 15.0,
+    seed: int = 1,
+) -> JointLog:
+    """A log of ``true`` (by default the arm itself) with ``add(q, dq, ddq)`` on top."""
+    t, q, dq, ddq = motion(arm.n, seconds, seed)
+    q = q + arm.rest
+    tau = inverse_dynamics((true or arm).pinocchio(), q, dq, ddq) + add(q, dq, ddq)
+    rng = np.random.default_rng(seed + 100)
+    return JointLog(
+        source="made.csv",
+        t=t,
+        q=q + 1e-6 * rng.normal(size=q.shape),
+        dq=None,
+        tau=tau + noise * rng.normal(size=q.shape),
+    )
+
+
+def sliding(q: np.ndarray) -> np.ndarray:
+    """Direction of motion of joints whose dry friction bites within the engine's distance."""
+    return bristles(q, [slice(0, len(q))], np.full((q.shape[1], 1), BITE))[..., 0]
+
+
+def data_of(arm: Arm, log: JointLog) -> Data:
+    """Return a log beside the rigid arm."""
+    return assemble(arm, prepare([log]))
+
+
+def panda(**options) -> Arm:
+    return load_arm("panda", **options)
+
+
+def write_csv(path, log: JointLog) -> None:
+    n = log.n
+    names = ["t", *(f"q{j + 1}" for j in range(n)), *(f"tau{j + 1}" for j in range(n))]
+    table = np.column_stack([log.t, log.q, log.tau])
+    np.savetxt(path, table, fmt="%.9f", delimiter=",", header=",".join(names), comments="")

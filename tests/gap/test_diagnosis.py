@@ -1,0 +1,161 @@
+"""Blind tests: a cause is hidden in a simulated log; is it named, on its joint, with its size?"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose, model_of
+from stiction_envs.gap.model_file import with_causes
+from stiction_envs.testing.hidden_logs import Case, make_case
+from tests.gap.small_logs import hidden, panda, sliding
+
+# cause, seed, joint (0: the arm), motion, known friction
+CASES = [
+    ("coulomb_friction", 1, 5, "fourier", False),
+    ("viscous_friction", 2, 3, "fourier", True),
+    ("stribeck_friction", 1, 1, "rests", True),
+    ("direction_asymmetry", 1, 6, "rests", True),
+    ("load_dependent_friction", 1, 4, "fourier", True),
+    ("presliding_hysteresis", 1, 2, "reversals", True),
+    ("position_dependent_friction", 3, 6, "fourier", False),
+    ("warm_up_drift", 3, 6, "sweeps", True),
+    ("torque_offset", 2, 1, "fourier", False),
+    ("torque_scale", 2, 2, "fourier", False),
+    ("payload", 3, 0, "fourier", False),
+    ("base_tilt", 1, 0, "poses", False),
+    ("link_inertia", 1, 4, "fast", False),
+    ("backlash", 6, 3, "fourier", True),
+    ("joint_elasticity", 1, 1, "chirp", True),
+    ("actuator_delay", 1, 0, "fast", False),
+    ("external_spring", 1, 7, "sweeps", False),
+]
+
+
+def solved(case: Case) -> Diagnosis:
+    return diagnose(case.logs, "panda", nominal=case.nominal)
+
+
+def check_size(case: Case, named: NamedCause, slack: float = 0.1) -> None:
+    """The truth lies in the stated interval, or within ``slack`` of the value beside it."""
+    hidden = next(h for h in case.hidden if h.name == named.name)
+    for key, truth in hidden.values.items():
+        estimate = named.parameters[hidden.joint][key]
+        ci, true = np.array(estimate.ci95).reshape(-1, 2), np.ravel(truth)
+        room = slack * np.abs(true).max()
+        assert np.all((ci[:, 0] - room <= true) & (true <= ci[:, 1] + room)), (key, truth, estimate)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seed", "joint", "motion", "known"), CASES)
+def test_the_hidden_cause_is_named_first(
+    name: str, seed: int, joint: int, motion: str, known: bool
+) -> None:
+    case = make_case(seed, (name,), motion=motion, known=known, joint=joint or None, size=0.6)
+    found = solved(case)
+    assert found.causes, found.verdict
+    first = found.causes[0]
+    assert first.name == name
+    assert joint in first.joints or not joint
+    check_size(case, first, 0.4 if name == "backlash" else 0.1)
+    assert found.verdict in ("explained", "partly explained")
+    assert found.gain_percent > 0
+    assert np.isfinite(found.extended_rms).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "motion", "known"),
+    [(12, "sweeps", False), (13, "poses", False), (21, "chirp", False), (14, "fast", True)],
+)
+def test_nothing_hidden_nothing_named(seed: int, motion: str, known: bool) -> None:
+    found = solved(make_case(seed, motion=motion, known=known))
+    assert [c.name for c in found.causes] == []
+    assert found.verdict == "no discrepancy"
+
+
+def test_a_motion_that_excites_nothing_cannot_tell() -> None:
+    found = solved(make_case(1, ("coulomb_friction",), motion="still", known=False, seconds=12.0))
+    assert found.verdict == "cannot tell"
+    assert found.record
+
+
+@pytest.mark.slow
+def test_two_hidden_causes_are_both_named() -> None:
+    case = make_case(
+        4, ("external_spring", "coulomb_friction"), motion="fourier", known=False, size=0.7
+    )
+    assert {c.name for c in solved(case).causes} >= {"external_spring", "coulomb_friction"}
+
+
+@pytest.mark.slow
+def test_friction_feels_the_payload_that_was_found() -> None:
+    """The gears transmit it, so the coefficient is per load with it."""
+    hidden = ("payload", "load_dependent_friction")
+    case = make_case(3, hidden, motion="fast", known=True, joint=2, size=0.8)
+    found = solved(case)
+    named = {c.name: c for c in found.causes}
+    assert set(named) == set(hidden)
+    for name in hidden:
+        check_size(case, named[name], 0.02)
+    model = with_causes(found.base, model_of(found).parts)
+    added = np.stack([found.torque(j) for j in range(7)], axis=1)
+    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
+    again = diagnose(case.logs, "panda", nominal=model_of(found))
+    assert [c.name for c in again.causes] == []
+    assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6])
+def test_at_one_speed_coulomb_and_viscous_friction_are_hardly_two(seed: int) -> None:
+    """Whichever is named, the other is said to be what it may also be, named or not."""
+    case = make_case(seed, ("coulomb_friction",), motion="one_speed", known=False, size=0.8)
+    law = {"coulomb_friction", "viscous_friction"}
+    named = [c for c in solved(case).causes if c.name in law]
+    assert named
+    assert any(law - {c.name} <= set(c.confused_with) for c in named)
+
+
+@pytest.mark.slow
+def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
+    """A low-pass of 60 ms over all torques: no bristles, and friction of its full size."""
+    arm = panda()
+    log = hidden(arm, lambda q, dq, ddq: sliding(q) * np.full(7, 0.5), seconds=30.0)
+    k = np.exp(-np.diff(log.t).mean() / 0.06)
+    tau = lfilter([1 - k], [1, -k], log.tau, axis=0, zi=k * log.tau[:1])[0]
+    rng = np.random.default_rng(3)
+    logs = [replace(log, tau=tau + 0.01 * rng.normal(size=tau.shape))]
+    found = diagnose(logs, arm)
+    by = {c.name: c for c in found.causes}
+    assert set(by) == {"actuator_delay", "coulomb_friction"}
+    assert by["actuator_delay"].parameters[0]["delay_s"].value == pytest.approx(0.06, abs=0.01)
+    for j in range(1, 8):
+        level = by["coulomb_friction"].parameters[j]["coulomb_nm"].value
+        assert level == pytest.approx(0.5, abs=0.03)
+    # the record says it all: the same torque, and nothing is left to name beside it
+    model = model_of(found).extend(found.base)
+    added = np.stack([found.torque(j) for j in range(7)], axis=1)
+    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
+    assert [c.name for c in diagnose(logs, arm, nominal=model_of(found)).causes] == []
+
+
+def test_asymmetry_without_rest_is_confused_with_an_offset() -> None:
+    """One that never stops is the same as a constant torque; the simpler name comes first."""
+    case = make_case(5, ("direction_asymmetry",), motion="fourier", known=True, joint=3, size=0.8)
+    first = solved(case).causes[0]
+    assert first.name in ("torque_offset", "direction_asymmetry")
+    both = {first.name, *first.confused_with}
+    assert both >= {"torque_offset", "direction_asymmetry"}
+
+
+@pytest.mark.slow
+def test_the_same_logs_give_the_same_json() -> None:
+    case = make_case(1, ("coulomb_friction",), motion="fourier", known=False, seconds=12.0)
+    one, two = (json.dumps(solved(case).to_json()) for _ in range(2))
+    assert one == two
+    assert set(json.loads(one)) >= {"robot", "verdict", "nominal", "extended", "causes"}

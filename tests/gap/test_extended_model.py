@@ -1,0 +1,255 @@
+"""What was found goes into a model: exactly as record, and as physics that MuJoCo runs."""
+
+import dataclasses
+import tomllib
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.extended_model import extend, extended_nominal, load_extended
+from stiction_envs.gap.forward_validation import Proof, prove
+from stiction_envs.gap.model_file import Nominal, Part, read, resolve
+from stiction_envs.plant import Plant
+from tests.gap.small_logs import data_of, hidden, panda, sliding
+
+BALL = 0.4 * 1.2 * 0.03**2  # inertia of 1.2 kg as `load_arm` makes it
+COM = np.array([0.02, -0.01, 0.06])
+ABOUT_FLANGE = BALL * np.eye(3) + 1.2 * (COM @ COM * np.eye(3) - np.outer(COM, COM))
+PAYLOAD = (1.2, *(1.2 * COM), *ABOUT_FLANGE[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+FALL = 1 - np.sqrt(1 - 0.02**2 - 0.01**2)  # what leaning takes off the vertical part
+PARTS = {
+    "coulomb_friction": Part(cause="coulomb_friction", joint=4, shape=(), coefficients=(0.6,)),
+    "viscous_friction": Part(cause="viscous_friction", joint=4, shape=(), coefficients=(0.8,)),
+    "stribeck_friction": Part(
+        cause="stribeck_friction", joint=4, shape=(0.05,), coefficients=(0.2,)
+    ),
+    "direction_asymmetry": Part(
+        cause="direction_asymmetry", joint=4, shape=(), coefficients=(0.1,)
+    ),
+    "load_dependent_friction": Part(
+        cause="load_dependent_friction", joint=4, shape=(), coefficients=(0.03,)
+    ),
+    "presliding_hysteresis": Part(
+        cause="presliding_hysteresis", joint=4, shape=(0.01,), coefficients=(0.6,)
+    ),
+    "position_dependent_friction": Part(
+        cause="position_dependent_friction", joint=4, shape=(20.0,), coefficients=(0.2, 0.1)
+    ),
+    "warm_up_drift": Part(cause="warm_up_drift", joint=4, shape=(), coefficients=(0.01,)),
+    "torque_offset": Part(cause="torque_offset", joint=4, shape=(), coefficients=(0.7,)),
+    "torque_scale": Part(cause="torque_scale", joint=4, shape=(), coefficients=(0.1,)),
+    "payload": Part(cause="payload", joint=0, shape=(), coefficients=PAYLOAD),
+    "base_tilt": Part(cause="base_tilt", joint=0, shape=(), coefficients=(0.02, -0.01, FALL)),
+    "link_inertia": Part(cause="link_inertia", joint=4, shape=(), coefficients=(0.3,)),
+    "backlash": Part(cause="backlash", joint=4, shape=(0.01,), coefficients=(1.0,)),
+    "joint_elasticity": Part(
+        cause="joint_elasticity", joint=4, shape=(8000.0,), coefficients=(1.0,)
+    ),
+    "actuator_delay": Part(cause="actuator_delay", joint=0, shape=(0.005,), coefficients=(0.005,)),
+    "external_spring": Part(cause="external_spring", joint=4, shape=(), coefficients=(3.0, -1.5)),
+}
+SMOOTH = ("viscous_friction", "payload", "base_tilt", "link_inertia", "external_spring")
+LISTED = (
+    *("direction_asymmetry", "load_dependent_friction", "warm_up_drift", "torque_scale"),
+    *("backlash", "joint_elasticity", "actuator_delay"),
+)
+MADE = {"title": "made up"}
+
+
+@pytest.fixture(scope="module")
+def data():
+    arm = panda()
+    return data_of(arm, hidden(arm))
+
+
+def found(*names: str) -> Nominal:
+    return Nominal(robot="panda", parts=tuple(PARTS[n] for n in names))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _as_wide_as_their_columns(data):
+    """Give parts zeros for columns that this file has nothing to say about."""
+    for name, part in PARTS.items():
+        cause = next(c for c in CAUSES if c.name == name)
+        width = cause.columns(data, max(part.joint - 1, 0), part.shape).shape[1]
+        full = (*part.coefficients, *[0.0] * width)[:width]
+        PARTS[name] = dataclasses.replace(part, coefficients=full)
+
+
+def rows_of(data):
+    return np.linspace(50, len(data.t) - 50, 12).astype(int)
+
+
+def inverse(xml: str, data, rows) -> np.ndarray:
+    """Torque that stock MuJoCo wants for the measured motion; friction of actuators apart."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    work = mujoco.MjData(model)
+    out = []
+    for k in rows:
+        work.qpos[:], work.qvel[:], work.qacc[:] = data.q[k], data.dq[k], data.ddq[k]
+        mujoco.mj_inverse(model, work)
+        out.append(work.qfrc_inverse.copy())
+    return np.array(out)
+
+
+def test_there_is_a_part_for_every_cause():
+    assert set(PARTS) == {c.name for c in CAUSES}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_every_cause_is_held_or_said_to_be_left_out(data, name):
+    """Nothing is dropped in silence, and the comment of the MJCF says it too."""
+    needs = next(c for c in CAUSES if c.name == name).needs
+    made = extend(data, found(*needs, name))
+    mujoco.MjModel.from_xml_string(made.xml)
+    assert bool(made.missing) == (name in LISTED)
+    assert made.left_out.any() == (name in LISTED)
+    for text in made.missing:
+        assert text in made.xml
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_mujoco_wants_the_torque_that_the_cause_says(data, name):
+    """Inverse dynamics of the written MJCF is that of pinocchio plus the cause."""
+    rows = rows_of(data)
+    made = extend(data, found(name))
+    expected = (data.nominal + PARTS[name].torque(data))[rows]
+    np.testing.assert_allclose(inverse(made.xml, data, rows), expected, atol=2e-6)
+
+
+def test_tilt_turns_gravity_and_keeps_its_size(data):
+    model = mujoco.MjModel.from_xml_string(extend(data, found("base_tilt")).xml)
+    g = model.opt.gravity
+    np.testing.assert_allclose(np.linalg.norm(g), 9.81)
+    np.testing.assert_allclose(g[:2], 9.81 * np.array([0.02, -0.01]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["position_dependent_friction", "torque_offset"])
+def test_actuators_push_against_what_the_motor_must_overcome(data, name):
+    rows = rows_of(data)
+    part = PARTS[name]
+    model = mujoco.MjModel.from_xml_string(extend(data, found(name)).xml)
+    work = mujoco.MjData(model)
+    angle = 20.0 * data.q[rows, 3]
+    ripple = 0.2 * np.sin(angle) + 0.1 * np.cos(angle)
+    expected = ripple if name == "position_dependent_friction" else np.full(len(rows), 0.7)
+    for k, want in zip(rows, expected, strict=True):
+        work.qpos[:], work.qvel[:] = data.q[k], 0.0
+        mujoco.mj_forward(model, work)
+        assert work.qfrc_actuator[part.joint - 1] == pytest.approx(-want, abs=1e-9)
+
+
+def test_friction_tables_hold_levels_by_direction(data):
+    made = extend(data, found("coulomb_friction", "direction_asymmetry", "stribeck_friction"))
+    f = made.friction
+    np.testing.assert_allclose(f.stiction[3], [0.9, 0.7])
+    np.testing.assert_allclose((f.stiction * f.coulomb_ratio)[3], [0.7, 0.5])
+    assert f.stribeck_velocity[3, 0] == 0.05
+    assert np.delete(f.stiction, 3, axis=0).max() <= 1e-6
+
+
+def test_drift_starts_at_its_level_with_its_slope(data):
+    f = extend(data, found("coulomb_friction", "warm_up_drift")).friction
+    level = f.stiction[3, 0] * (1 + f.warm_up_friction[3])
+    slope = -f.stiction[3, 0] * f.warm_up_friction[3] / f.warm_up_time[3]
+    assert level == pytest.approx(0.6)
+    assert slope == pytest.approx(0.01)
+
+
+def test_second_ripple_and_negative_rotor_are_left_out(data):
+    two = dataclasses.replace(
+        PARTS["position_dependent_friction"], shape=(33.0,), coefficients=(0.05, 0.0)
+    )
+    less = dataclasses.replace(PARTS["link_inertia"], coefficients=(-0.2,))
+    parts = (two, PARTS["position_dependent_friction"], less)
+    made = extend(data, Nominal(robot="panda", parts=parts))
+    assert made.friction.ripple_periods[3] == 20.0
+    assert len(made.missing) == 2
+
+
+def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
+    everything = found(*PARTS)
+    everything = dataclasses.replace(
+        everything, distance=tuple(data.distance), friction=load_friction("panda")
+    )
+    made = extend(data, everything)
+    path = tmp_path / "model.toml"
+    path.write_text(made.toml(meta=MADE, provenance={}), encoding="utf-8")
+    tomllib.loads(path.read_text("utf-8"))
+    again = read(path)
+    assert again.parts == everything.parts
+    np.testing.assert_array_equal(again.friction.stiction, everything.friction.stiction)
+    np.testing.assert_array_equal(extended_nominal(path, data), everything.extend(data).nominal)
+    arm, friction = load_extended(path)
+    assert sum(arm.model().body_mass) == pytest.approx(sum(panda().model().body_mass) + 1.2)
+    from stiction_envs.friction.model import build
+
+    plant = Plant(build(arm, friction.rigid()), 1, nthread=1)
+    assert np.isfinite(plant.run(np.zeros((1, 50, 7)))).all()
+
+
+def test_levels_are_added_one_on_the_other(data):
+    """A gain of a later diagnosis multiplies what the earlier one made of the nominal torque."""
+    first = PARTS["torque_offset"]
+    second = dataclasses.replace(PARTS["torque_scale"], level=2)
+    both = Nominal(robot="panda", parts=(second, first)).extend(data).nominal
+    np.testing.assert_allclose(both[:, 3], 1.1 * (data.nominal[:, 3] + 0.7), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", None),
+        ("[arm]\nrobot = 'panda'\n", "as stiction diagnose writes it"),
+        ("[arm]\nrobot='panda'\npayload=[1.0]\ntilt=[0,0]\ndistance=[]\n", "payload"),
+        (
+            "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\nname='magic'\n"
+            "joint=1\nshape=[]\ncoefficients=[1]\nlevel=1\n",
+            "unknown cause 'magic'",
+        ),
+        ("[arm]\nrobot='iiwa7'\npayload=[]\ntilt=[0,0]\ndistance=[]\n", "of robot iiwa7"),
+        ("no toml", "not TOML"),
+    ],
+)
+def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    with pytest.raises(StictionError) as error:
+        resolve(path, panda())
+    assert "\n" not in str(error.value)
+    assert (says or "m.toml") in str(error.value)
+
+
+def test_extended_model_follows_the_log_forward():
+    """With friction hidden, the model that has it strays less and needs less help."""
+    from stiction_envs.gap.diagnosis import diagnose
+
+    arm = panda()
+    dry = np.array([0.6, 0.6, 0.5, 0.6, 0.4, 0.3, 0.3])
+    log = hidden(arm, lambda q, dq, ddq: dry * sliding(q))
+    d = diagnose([log], arm)
+    assert {c.name for c in d.causes} >= {"coulomb_friction"}
+    proof = prove(d, nthread=1)
+    assert isinstance(proof, Proof)
+    assert proof.torque_gain.min() > 50
+    assert proof.position_gain.mean() > 50
+
+
+def test_damping_of_a_bristle_is_carried_over(data):
+    """σ1 = 2ζ√(σ0 J): as a ratio to what the bristle carries; none that was found is assumed."""
+
+    def ratio(sigma: float) -> float:
+        part = Part(
+            cause="presliding_hysteresis", joint=4, shape=(0.01,), coefficients=(0.6, sigma)
+        )
+        level = Part(cause="coulomb_friction", joint=4, shape=(), coefficients=(0.6,))
+        made = extend(data, Nominal(robot="panda", parts=(level, part)))
+        return float(made.friction.bristle_damping_ratio[3])
+
+    assert ratio(0.0) == 0.4
+    assert np.isclose(ratio(2.0), 2 * ratio(1.0))
+    assert np.isclose(ratio(2.0), 2.0 / (2 * np.sqrt(60.0 * 0.5)), rtol=0.7)

@@ -1,0 +1,95 @@
+"""Causes as textbooks write them, in logs that somebody else's simulation could have made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose
+from tests.gap.simulated_logs import MIDDLE, inverse, plain_log
+
+
+def solved(cause: str | None, robot: str = "panda", **options) -> Diagnosis:
+    return diagnose([plain_log(cause, robot=robot, **options)], robot)
+
+
+def value(named: NamedCause, joint: int, key: str) -> float:
+    return float(np.ravel(named.parameters[joint][key].value)[0])
+
+
+# hidden, what is named first, and one of its parameters
+FIRST = [
+    ("coulomb_friction", "coulomb_friction", "coulomb_nm", 1.0),
+    ("viscous_friction", "viscous_friction", "viscous_nms", 1.0),
+    ("stribeck_friction", "coulomb_friction", "coulomb_nm", 1.0),
+    ("stribeck_alone", "stribeck_friction", "stribeck_velocity", 0.1),
+    ("direction_asymmetry", "coulomb_friction", "coulomb_nm", 1.0),
+    ("load_dependent_friction", "load_dependent_friction", "load_coefficient", 0.1),
+    ("load_alone", "load_dependent_friction", "load_coefficient", 0.1),
+    ("presliding_hysteresis", "coulomb_friction", "coulomb_nm", 1.0),
+    ("position_dependent_friction", "position_dependent_friction", "periods_per_rev", 20.0),
+    ("warm_up_drift", "coulomb_friction", "coulomb_nm", 1.0),
+    ("torque_offset", "torque_offset", "offset_nm", 1.0),
+    ("torque_scale", "torque_scale", "scale", 1.1),
+    ("payload", "payload", "mass_kg", 1.0),
+    ("base_tilt", "base_tilt", "tilt_rad", 0.05),
+    ("link_inertia", "link_inertia", "armature_kgm2", 0.4),
+    ("joint_elasticity", "joint_elasticity", "stiffness_nm_per_rad", 2000.0),
+    ("actuator_delay", "actuator_delay", "delay_s", 0.01),
+    ("external_spring", "external_spring", "stiffness_nm_per_rad", 3.0),
+]
+BESIDE = ("stribeck_friction", "presliding_hysteresis", "warm_up_drift")
+"""Hidden together with dry friction, and named beside it."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hidden", "first", "key", "truth"), FIRST, ids=lambda x: str(x))
+def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: float) -> None:
+    found = solved(hidden, rate=250.0)
+    named = {c.name: c for c in found.causes}
+    assert found.causes[0].name == first
+    joint = 0 if 0 in named[first].parameters else 4
+    assert np.isclose(value(named[first], joint, key), truth, rtol=0.2)
+    if hidden in BESIDE:
+        assert hidden in named
+    assert found.verdict == "explained"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robot", "noise", "rate", "seconds", "seed"),
+    [
+        ("panda", 0.01, 500.0, 12.0, 50),
+        ("iiwa7", 0.05, 200.0, 20.0, 51),
+        ("iiwa14", 0.5, 250.0, 15.0, 52),
+    ],
+)
+def test_no_effect_is_no_discrepancy(
+    robot: str, noise: float, rate: float, seconds: float, seed: int
+) -> None:
+    found = solved(None, robot, noise=noise, rate=rate, seconds=seconds, seed=seed)
+    assert found.verdict == "no discrepancy"
+    assert not found.causes
+
+
+@pytest.mark.slow
+def test_friction_of_all_joints_is_named_on_all_joints() -> None:
+    joints = (1, 2, 3, 4, 5, 6, 7)
+    found = solved("coulomb_friction", joints=joints, size=0.4, rate=250.0, angle_noise=1e-5)
+    assert [c.name for c in found.causes] == ["coulomb_friction"]
+    assert found.causes[0].joints == joints
+
+
+def test_a_constant_torque_about_a_vertical_axis_is_an_offset() -> None:
+    """Only joint 1 turns, so that gravity never changes: neither payload nor tilt is named."""
+    log = plain_log(None, robot="iiwa7", rate=200.0, seconds=10.0)
+    q = np.tile(MIDDLE, (len(log.q), 1))
+    q[:, 0] = log.q[:, 0]
+    v = np.gradient(q, log.t, axis=0)
+    tau = inverse("iiwa7", q, v, np.gradient(v, log.t, axis=0))
+    tau[:, 1] += 1.0
+    rng = np.random.default_rng(0)
+    found = diagnose([replace(log, q=q, tau=tau + 0.02 * rng.normal(size=q.shape))], "iiwa7")
+    assert {c.name for c in found.causes} == {"torque_offset"}

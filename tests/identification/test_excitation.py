@@ -1,0 +1,263 @@
+"""Excitation: laws of the motion, limits held by independent means, better than random motions."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiction_envs import robots
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.identification.excitation import Excitation, ExcitationSettings, excite
+from stiction_envs.identification.excitation_limits import Clearance, acceleration_limits
+from stiction_envs.identification.excitation_motion import (
+    FourierSeries,
+    _table,
+    rest_basis,
+    sweeps_from,
+)
+from stiction_envs.identification.excitation_plots import plot_excitation
+from stiction_envs.identification.excitation_search import Problem, smooth_condition
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.tables import lookup, read_toml
+
+QUICK = ExcitationSettings(iterations=30, starts=1, randoms=6)
+
+
+@pytest.fixture(scope="module")
+def panda() -> Arm:
+    return load_arm("panda")
+
+
+@pytest.fixture(scope="module")
+def motion(panda) -> Excitation:
+    return excite(panda, QUICK, sweeps=True, seed=3)
+
+
+def any_series(harmonics: int = 5, n: int = 3) -> FourierSeries:
+    rng = np.random.default_rng(0)
+    c = rng.normal(size=(n, 2 * harmonics - 2)) @ rest_basis(harmonics).T
+    return FourierSeries(
+        base_frequency=0.1,
+        offset=rng.normal(size=n),
+        sine=c[:, :harmonics],
+        cosine=c[:, harmonics:],
+    )
+
+
+# ---- motions -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("harmonics", [2, 3, 5, 8])
+def test_series_rests_at_the_start_of_every_period(harmonics):
+    """Swevers's conditions: Σ a_k = 0 is zero speed, Σ k b_k = 0 zero acceleration."""
+    q, dq, ddq = any_series(harmonics).state(np.array([0.0, 10.0, 20.0]))
+    np.testing.assert_allclose(dq, 0, atol=1e-12)
+    np.testing.assert_allclose(ddq, 0, atol=1e-12)
+    np.testing.assert_allclose(q, q[[0, 0, 0]], atol=1e-12)
+
+
+def test_speeds_and_accelerations_are_derivatives(motion):
+    """Central differences of the angles, over series, join and sweeps."""
+    t, h = np.linspace(0.01, motion.duration - 0.01, 4001), 1e-5
+    before, after = motion.state(t - h), motion.state(t + h)
+    np.testing.assert_allclose((after[0] - before[0]) / 2 / h, motion.dq(t), atol=1e-6)
+    np.testing.assert_allclose((after[1] - before[1]) / 2 / h, motion.ddq(t), atol=1e-3)
+
+
+def test_begins_and_ends_at_rest_and_stays_there(motion):
+    for t in (-1.0, 0.0, motion.duration, motion.duration + 5):
+        assert np.abs(motion.dq(t)).max() < 1e-12
+        assert np.abs(motion.ddq(t)).max() < 1e-9
+    np.testing.assert_array_equal(motion.q(motion.duration + 5), motion.q(motion.duration))
+    np.testing.assert_allclose(motion.q(0.0), motion.q(motion.duration), atol=1e-9)
+
+
+def test_sweeps_go_there_and_back_at_each_speed():
+    low, high = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
+    slow = sweeps_from(np.array([0.9, -0.2]), low, high)
+    t = np.arange(0, slow.duration, 1e-3)
+    q, dq, _ = slow.state(t)
+    for speed in _table()["sweeps"]["speeds"]["value"]:
+        for sign in (1, -1):
+            steady = np.abs(dq - sign * speed) < 1e-9
+            assert (steady.sum(axis=0) > 100).all(), speed
+    np.testing.assert_allclose(q[-1], q[0], atol=1e-9)
+    assert (q >= low).all()
+    assert (q <= high).all()
+    assert (q[:, 0] <= 0.9 + 1e-9).all()  # towards the middle of the range
+
+
+# ---- limits, looked at by other means ------------------------------------------------------------
+
+
+def test_limits_are_held(panda, motion):
+    t = motion.times(1000.0)
+    q, dq, ddq = motion.state(t)
+    low, high = panda.limits.position.T
+    margin = QUICK.position_margin
+    assert (q > low + margin - 1e-6).all()
+    assert (q < high - margin + 1e-6).all()
+    assert (np.abs(dq) < QUICK.velocity_part * panda.limits.velocity + 1e-3).all()
+    limit = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])  # FCI documentation
+    np.testing.assert_array_equal(acceleration_limits(panda, 1.0)[0], limit)
+    assert (np.abs(ddq) < QUICK.acceleration_part * limit * 1.001).all()
+    model, data = panda.pinocchio(), panda.pinocchio().createData()
+    tau = np.array([pin.rnea(model, data, q[k], dq[k], ddq[k]) for k in range(0, len(q), 10)])
+    assert (np.abs(tau) < QUICK.torque_part * panda.limits.torque * 1.001).all()
+
+
+def test_clear_of_the_floor_and_itself(panda, motion):
+    """MuJoCo's own contact detection on the arm's geometry, and the flange above the floor."""
+    model = panda.model()
+    data = mujoco.MjData(model)
+    for q in motion.q(motion.times(50.0)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        assert data.ncon == 0
+        assert data.site(panda.end_effector).xpos[2] > QUICK.clearance
+    assert motion.clearance >= QUICK.clearance
+
+
+def test_distances_see_floor_and_self(panda):
+    """A flange driven into the floor and one driven into the shoulder are both seen."""
+    clear = Clearance(panda)
+    rest = panda.rest
+    down = np.array([0, 1.7, 0, -1.0, 0, 2.5, 0])
+    folded = np.array([0, -1.7, 0, -3.0, 0, 0.0, 0])
+    least = clear.least(np.array([rest, down, folded]))
+    assert least[0] > 0.05
+    assert least[1] < 0
+    assert least[2] < 0.05
+
+
+def test_gradient_of_the_shortfall(panda):
+    clear = Clearance(panda)
+    rng = np.random.default_rng(1)
+    q = rng.uniform(*panda.limits.position.T, (30, 7))
+    value, gradient = clear.shortfall(q, 0.1)
+    assert value > 0
+    step = rng.normal(size=q.shape)
+    h = 1e-6
+    change = clear.shortfall(q + h * step, 0.1)[0] - clear.shortfall(q - h * step, 0.1)[0]
+    assert change / 2 / h == pytest.approx(float((gradient * step).sum()), rel=1e-4)
+
+
+# ---- what it is for ------------------------------------------------------------------------------
+
+
+def test_better_conditioned_than_random_motions(motion):
+    assert motion.condition < 0.7 * motion.random_condition.min()
+    assert motion.condition < 0.4 * np.median(motion.random_condition)
+
+
+def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
+    """In SI units, worked out anew: 43 links' base parameters of the Panda and 21 of friction."""
+    assert len(motion.columns) == 43 + 21
+    problem = Problem(panda, QUICK, np.random.default_rng(3))
+    q, dq, ddq = motion.series.state(problem.fine)
+    model, data = panda.pinocchio(), panda.pinocchio().createData()
+    rows = []
+    for k in range(len(q)):
+        w = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
+        own = [np.diag(x) for x in (np.tanh(dq[k] / QUICK.sign_speed), dq[k], np.ones(7))]
+        friction = np.stack(own, axis=2).reshape(7, 21)
+        rows.append(np.hstack([w, friction])[:, problem.base.kept])
+    s = np.linalg.svd(np.concatenate(rows), compute_uv=False)
+    assert motion.condition_si == pytest.approx(s[0] / s[-1], rel=1e-6)
+
+
+def test_gradient_of_the_objective(panda):
+    """Finite differences of the whole, with penalties active."""
+    rng = np.random.default_rng(0)
+    problem = Problem(panda, QUICK, rng)
+    x = 1.4 * problem.random(rng)
+    value, gradient = problem.value(x, 10.0)
+    assert value > problem.value(x, 0.0)[0]  # the penalties count
+    step, h = rng.normal(size=x.size), 1e-6
+    change = problem.value(x + h * step, 10.0)[0] - problem.value(x - h * step, 10.0)[0]
+    assert change / 2 / h == pytest.approx(float(gradient @ step), rel=1e-3)
+
+
+def test_smooth_condition_lies_above_the_condition_number():
+    """κ ≤ κ_p ≤ r^(1/p) κ for r columns; equal singular values give r^(1/p)."""
+    w = np.random.default_rng(0).normal(size=(50, 8)) * np.geomspace(1, 30, 8)
+    s = np.linalg.svd(w, compute_uv=False)
+    found = np.exp(smooth_condition(w)[0])
+    assert s[0] / s[-1] <= found <= 8**0.5 * s[0] / s[-1]
+    assert np.exp(smooth_condition(np.eye(8))[0]) == pytest.approx(8**0.5)
+
+
+def test_same_seed_same_motion(panda):
+    few = QUICK.replace(iterations=3, randoms=2)
+    one, same, other = (excite(panda, few, seed=s) for s in (5, 5, 6))
+    np.testing.assert_array_equal(one.series.sine, same.series.sine)
+    np.testing.assert_array_equal(one.series.offset, same.series.offset)
+    assert np.abs(one.series.sine - other.series.sine).max() > 0.01
+
+
+def test_progress_rises_to_one(panda):
+    seen: list[tuple[str, float]] = []
+    excite(panda, QUICK.replace(iterations=3, randoms=2), progress=lambda *x: seen.append(x))
+    search = [part for stage, part in seen if stage == "search"]
+    assert search == sorted(search)
+    assert search[-1] == 1.0
+
+
+def test_csv(tmp_path, motion):
+    path = tmp_path / "trajectory.csv"
+    motion.to_csv(path, 100.0)
+    head, *rows = path.read_text().splitlines()
+    assert head.split(",") == [
+        "t",
+        *(f"q{j}" for j in range(1, 8)),
+        *(f"dq{j}" for j in range(1, 8)),
+    ]
+    table = np.array([[float(v) for v in row.split(",")] for row in rows])
+    np.testing.assert_allclose(table[:, 1:8], motion.q(table[:, 0]), atol=1e-7)
+    with pytest.raises(StictionError, match="rate"):
+        motion.to_csv(path, 0.0)
+
+
+def test_plot_is_written(tmp_path, panda, motion):
+    plot_excitation(motion, panda, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+# ---- numbers and bad input -----------------------------------------------------------------------
+
+
+def test_every_number_has_a_source():
+    for table in _table().values():
+        for name, entry in table.items():
+            assert entry["source"], name
+            assert entry["source"].startswith("assumed") == entry.get("assumed", False), name
+
+
+def test_accelerations_are_the_robots():
+    for name in ("panda", "iiwa7", "iiwa14"):
+        arm = load_arm(name)
+        path = Path(robots.__file__).with_name(f"{name}.toml")
+        said = lookup(read_toml(path), "limits.acceleration")
+        found, known = acceleration_limits(arm, 10.0)
+        assert known == (said is not None)
+        np.testing.assert_array_equal(found, np.full(7, 10.0) if said is None else said)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"harmonics": 1}, {"periods": 0}, {"velocity_part": 1.1}, {"clearance": -0.1}),
+        *({"base_frequency": 0.0}, {"base_frequency": np.nan}, {"samples": 2.5}),
+    ],
+)
+def test_settings_that_make_no_sense(change):
+    with pytest.raises(StictionError, match=next(iter(change))):
+        ExcitationSettings(**change)
+
+
+def test_no_room_is_said(panda):
+    with pytest.raises(ExperimentError, match="clearance"):
+        excite(panda, QUICK.replace(clearance=5.0))

@@ -1,0 +1,344 @@
+"""Identification: true parameters inside their errors, links that exist, the thesis's failure."""
+
+import csv
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import check_grad
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.gap.signals.dataset import assemble, inverse_dynamics
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.identification.arm import with_inertias
+from stiction_envs.identification.base_parameters import (
+    correlated_rows,
+    design,
+    fit,
+    standard_errors,
+    structural_base,
+)
+from stiction_envs.identification.bodies import _merit, consistent_fit, frames
+from stiction_envs.identification.excitation import ExcitationSettings, excite
+from stiction_envs.identification.identify import MODELS, identify
+from stiction_envs.measured import thesis_tables
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+from stiction_envs.robots.regressor import (
+    consistent,
+    from_pseudo_inertia,
+    inertial_parameters,
+    pseudo_inertia,
+)
+from stiction_envs.testing import excited_logs as excited
+from stiction_envs.thesis.rosdyn import rosdyn
+from tests.robots.own_arms import MJCF, TETRA
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return load_arm("panda")
+
+
+@pytest.fixture(scope="module")
+def motion(panda):
+    return excite(panda, ExcitationSettings(iterations=30, starts=1, randoms=6), seed=1)
+
+
+@pytest.fixture(scope="module")
+def true(panda):
+    return excited.perturbed(panda, 0.2, 0)
+
+
+@pytest.fixture(scope="module")
+def recorded(motion, true):
+    state = motion.state(motion.times(RATE))
+    return excited.log(true, state, RATE, noise=0.1, seed=1)
+
+
+@pytest.fixture(scope="module")
+def found(panda, recorded):
+    return identify([recorded], panda, link_side=True)
+
+
+# ---- what is identified --------------------------------------------------------------------------
+
+
+def test_true_base_parameters_lie_within_their_intervals(motion, panda, true):
+    """Over four recordings 95 % intervals hold 256 true values as often as they say."""
+    state = motion.state(motion.times(RATE))
+    inside = []
+    for seed in range(4):
+        log = excited.log(true, state, RATE, noise=0.1, seed=seed)
+        found = identify([log], panda, link_side=True)
+        error = found.values - found.base.values(excited.truth(true))
+        inside += (np.abs(error) < 1.96 * found.errors).tolist()
+    assert 0.89 <= np.mean(inside) <= 0.99
+
+
+def test_errors_are_those_of_repeated_recordings():
+    """Standard errors against the scatter of 300 fits, with noise that neighbours share."""
+    rng = np.random.default_rng(0)
+    rows, columns = 400, rng.normal(size=(400, 2, 5)).cumsum(axis=0) / 10
+    values, said = [], []
+    for _ in range(300):
+        white = rng.normal(size=(rows + 9, 2))
+        noise = np.array([np.convolve(w, np.ones(10) / 10, "valid") for w in white.T]).T
+        one = fit(columns, columns @ np.arange(5.0) + noise)
+        values.append(one.values)
+        said.append(standard_errors(columns, one)[0])
+    ratio = np.mean(said, axis=0) / np.std(values, axis=0)
+    assert (ratio > 0.75).all()
+    assert (ratio < 1.35).all()
+    plain = fit(columns, columns @ np.arange(5.0) + rng.normal(size=(rows, 2)))
+    assert correlated_rows(plain.residual) <= 3
+    assert correlated_rows(noise) >= 8
+
+
+def test_held_out_residual_falls_to_the_noise(found):
+    assert set(found.rms) == set(MODELS)
+    ratio = found.rms["consistent"] / found.rms["nominal + friction"]
+    assert (ratio < 0.9).all()
+    assert ratio.mean() < 0.5
+    assert (found.rms["consistent"] < 0.08).all()  # noise was 0.1 N·m before the filter
+    assert found.gain_percent > 50
+
+
+def test_links_can_exist_and_friction_is_found(found):
+    assert consistent(found.phi).all()
+    assert (found.phi[:, 0] > 0).all()
+    np.testing.assert_allclose(found.coulomb, excited.COULOMB, atol=0.1)
+    np.testing.assert_allclose(found.offset, excited.OFFSET, atol=0.1)
+    assert found.rotor is None
+    assert found.condition < 40
+
+
+def test_consistent_links_lie_nearer_to_the_truth_than_the_nominal(found, true):
+    own = np.concatenate([found.phi.ravel(), found.coulomb, found.viscous, found.offset])
+    right = found.base.values(excited.truth(true))
+    ours = (found.base.values(own) - right) / found.errors
+    nominal = (found.nominal_values - right) / found.errors
+    free = (found.values - right) / found.errors
+    assert np.linalg.norm(ours[:43]) < 0.1 * np.linalg.norm(nominal[:43])
+    assert np.linalg.norm(ours) < 1.2 * np.linalg.norm(free)
+
+
+def test_outliers_change_little():
+    """Three rows in a hundred, fifty times the noise: plain least squares is thrown off."""
+    rng = np.random.default_rng(0)
+    columns, right = rng.normal(size=(400, 2, 5)), np.arange(5.0)
+    torque = columns @ right + 0.1 * rng.normal(size=(400, 2))
+    hit = rng.choice(400, 12, replace=False)
+    torque[hit] += 5.0
+    robust = np.abs(fit(columns, torque).values - right).max()
+    plain = np.linalg.lstsq(columns.reshape(-1, 5), torque.ravel(), rcond=None)[0]
+    assert robust < 0.02
+    assert np.abs(plain - right).max() > 2 * robust
+
+
+def test_rotors_are_seen_in_front_of_the_gear(panda, motion):
+    """Joint 7's rotor stands apart from its link only through other joints' motion."""
+    q, dq, ddq = motion.state(motion.times(RATE))
+    rotor = np.array([0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2])
+    log = excited.log(panda, (q, dq, ddq), RATE, noise=0.02, seed=0)
+    with_rotors = JointLog(
+        source="rotors.csv", t=log.t.copy(), q=log.q.copy(), dq=None, tau=log.tau + rotor * ddq
+    )
+    seen = identify([with_rotors], panda)
+    assert seen.rotor is not None
+    np.testing.assert_allclose(seen.rotor[2:], rotor[2:], rtol=0.3)
+
+
+def test_says_what_is_hardly_excited(panda):
+    """Joints 1 and 2 at rest: their friction and link 2 are not in the torques."""
+    reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
+    state = excited.from_pose_to_pose(panda, reach, 30.0, RATE, 0)
+    found = identify([excited.log(panda, state, RATE, noise=0.1, seed=0)], panda, link_side=True)
+    unsure = {found.names[i] for i in found.unsure}
+    assert {"Fv1", "Fv2"} <= unsure
+    assert not {"Fc3", "Fc7", "Fv7"} & unsure
+    assert consistent(found.phi).all()
+    nominal = inertial_parameters(panda.pinocchio())[:, 0]
+    assert np.abs(found.phi[:, 0] / nominal - 1).max() < 0.3  # the nominal stands in
+    assert found.viscous.max() < 5
+
+
+# ---- the method ----------------------------------------------------------------------------------
+
+
+def test_deviations_have_no_frame(panda):
+    """Turning and shifting a link's axes leaves its deviation from the nominal as it is."""
+    phi = inertial_parameters(panda.pinocchio())
+    other = inertial_parameters(excited.perturbed(panda, 0.1, 3).pinocchio())
+    turn = np.eye(4)
+    turn[:3, :3] = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+
+    def size(a, b):
+        c = np.linalg.inv(frames(a).c)
+        return np.linalg.norm(c @ (pseudo_inertia(b) - pseudo_inertia(a)) @ c.transpose(0, 2, 1))
+
+    moved = [from_pseudo_inertia(turn @ pseudo_inertia(p) @ turn.T) for p in (phi, other)]
+    assert size(phi, other) == pytest.approx(size(*moved), rel=1e-9)
+
+
+def test_interior_point_has_the_right_derivatives():
+    n, size = 2, 2 * 10 + 2 + 2
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(size, size))
+    hessian, slope = root @ root.T, rng.normal(size=size)
+    x = np.concatenate([np.tile([1.0 if i in (0, 2, 5, 9) else 0.05 for i in range(10)], n)])
+    x = np.concatenate([x, [0.5, 0.7], rng.normal(size=2)])
+
+    def value(y):
+        return _merit(hessian, slope, y, n, 0.3)[0]
+
+    def gradient(y):
+        return _merit(hessian, slope, y, n, 0.3)[1]
+
+    assert check_grad(value, gradient, x) < 1e-4
+    curve = _merit(hessian, slope, x, n, 0.3)[2]
+    h = 1e-6
+    numeric = [(gradient(x + h * e) - gradient(x - h * e)) / 2 / h for e in np.eye(size)]
+    np.testing.assert_allclose(curve, numeric, atol=1e-4)
+
+
+def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
+    """Without noise and far from every bound, links that exist give the same base parameters."""
+    state = motion.state(motion.times(RATE))
+    clean = excited.log(true, state, RATE, noise=1e-3, seed=0, angle_noise=1e-8)
+    data = assemble(panda, prepare([clean], cutoff_hz=15.0), link_side=True)
+    d = design(data)
+    base, _ = structural_base(data, False)
+    free = fit(d.columns[:, :, base.kept], d.torque)
+    p = consistent_fit(d, free)
+    ours, theirs = d.columns @ p, d.columns[:, :, base.kept] @ free.values
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01
+
+
+# ---- the thesis's failure ------------------------------------------------------------------------
+
+
+def table_4_1() -> np.ndarray:
+    path = Path(thesis_tables.__file__).parent / "thesis" / "table_4_1.csv"
+    with path.open() as file:
+        found = {(r["joint"], r["quantity"]): float(r["value"]) for r in csv.DictReader(file)}
+    return np.array([found[str(j), "mass"] for j in range(1, 8)])
+
+
+def test_unconstrained_links_have_negative_masses_where_joints_rest():
+    """Table 4.1: links 3 to 7 off by hundreds of kg, in this proportion, if joints 1, 2 rest."""
+    arm = load_arm("iiwa7")
+    reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
+    state = excited.from_pose_to_pose(arm, reach, 60.0, RATE, 0)
+    log = excited.log(excited.perturbed(arm, 0.1, 0), state, RATE, noise=0.1, seed=0)
+    theirs = rosdyn([log], arm)
+    assert len(theirs.negative_masses) > 0
+    assert len(theirs.impossible) == 7
+    assert np.abs(theirs.phi[:, 0]).max() > 100
+    nominal = inertial_parameters(arm.pinocchio())[:, 0]
+    ours, printed = (theirs.phi[:, 0] - nominal)[2:], (table_4_1() - nominal)[2:]
+    alike = ours @ printed / np.linalg.norm(ours) / np.linalg.norm(printed)
+    assert abs(alike) > 0.998  # links 4 to 7 alike and nothing else would be 0.992
+    found = identify([log], arm, link_side=True)
+    assert consistent(found.phi).all()
+    assert found.gain_percent > 20
+
+
+def test_unconstrained_links_cannot_exist_even_on_a_good_recording(panda, recorded):
+    theirs = rosdyn([recorded], panda)
+    assert len(theirs.impossible) >= 4
+    with pytest.raises(StictionError, match="no body has them"):
+        with_inertias(panda, theirs.phi)
+
+
+# ---- into the plant ------------------------------------------------------------------------------
+
+
+def test_arm_with_the_links_moves_by_them(found, panda):
+    arm = found.arm()
+    np.testing.assert_allclose(inertial_parameters(arm.pinocchio()), found.phi, atol=1e-9)
+    q, dq, ddq = (np.random.default_rng(i).uniform(-1, 1, (20, 7)) for i in range(3))
+    q += panda.rest
+    tau = excited.torque(arm, q, dq, ddq)
+    np.testing.assert_allclose(tau, inverse_dynamics(arm.pinocchio(), q, dq, ddq), atol=1e-9)
+
+
+def test_plant_accelerates_by_the_links(found, panda):
+    """A push far above friction moves joint 1 by ½ t² (M + rotors)⁻¹ τ, gravity compensated."""
+    friction = load_friction("generic", 7)
+    friction = friction.replace(stiction=0.01 * friction.stiction)
+    push, steps = np.array([60.0, 0, 0, 0, 0, 0, 0]), 30
+    for arm in (found.arm(), panda):
+        plant = Plant(build(arm, friction), 1, nthread=1)
+        way = plant.run(np.tile(push, (1, steps, 1)))[0, -1] - panda.rest
+        model = arm.pinocchio()
+        mass = pin.crba(model, model.createData(), panda.rest)
+        mass = np.triu(mass) + np.triu(mass, 1).T + np.diag(friction.rotor_inertia)
+        expected = np.linalg.solve(mass, push) * (steps * 1e-3) ** 2 / 2
+        assert way[0] == pytest.approx(expected[0], rel=0.1)
+
+
+def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
+    """Payloads, hands, joints that sit beside their body's origin."""
+    loaded = load_arm("panda", payload=(1.5, 0.0, 0.02, 0.1))
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
+    (tmp_path / "three.xml").write_text(MJCF)
+    for arm in (loaded, load_arm(tmp_path / "three.xml")):
+        phi = inertial_parameters(arm.pinocchio()) * 1.1
+        new = with_inertias(arm, phi)
+        mass = new.model().body_mass.sum() - arm.model().body_mass.sum()
+        moving = phi[:, 0].sum() / 1.1
+        assert mass == pytest.approx(0.1 * moving, rel=1e-9)
+        mujoco.MjModel.from_xml_string(new.xml)
+
+
+def test_written_mjcf_is_read_again(tmp_path, found):
+    found.write_mjcf(tmp_path / "identified.xml")
+    again = load_arm(tmp_path / "identified.xml")
+    np.testing.assert_allclose(inertial_parameters(again.pinocchio()), found.phi, atol=1e-7)
+
+
+def test_page_and_json_hold_everything(found):
+    page, said = found.page(), found.to_json()
+    for name in found.names:
+        assert name in page
+    assert len(said["base"]) == found.base.size == 64
+    assert min(link["least_eigenvalue"] for link in said["links"]) > 0
+    assert set(said["held_out_rms_nm"]) == set(MODELS)
+
+
+def test_bad_input(panda, recorded):
+    with pytest.raises(StictionError, match="one or more"):
+        identify([], panda)
+    with pytest.raises(StictionError, match=r"\(7, 10\)"):
+        with_inertias(panda, np.ones((6, 10)))
+    short = JointLog(
+        source="short.csv",
+        t=recorded.t[:60].copy(),
+        q=recorded.q[:60].copy(),
+        dq=None,
+        tau=recorded.tau[:60].copy(),
+    )
+    with pytest.raises(StictionError):
+        identify([short], panda, cutoff_hz=15.0)
+
+
+def test_torques_counted_the_other_way_round(panda, recorded, found):
+    log = JointLog(
+        source="turned.csv",
+        t=recorded.t.copy(),
+        q=recorded.q.copy(),
+        dq=None,
+        tau=-recorded.tau,
+    )
+    again = identify([log], panda, link_side=True)
+    np.testing.assert_allclose(again.phi, found.phi, atol=1e-9)
+    assert "opposite sign" in again.page()

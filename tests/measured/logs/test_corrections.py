@@ -1,0 +1,392 @@
+"""What the reader finds and mends: in made-up logs whose truth is known, and in real ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.corrections import longest_run
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.robots import load_arm
+
+MEASURED = Path(__file__).parents[3] / "shared" / "measured"
+RATE = 1000.0
+N = 3
+
+Log = dict[str, np.ndarray]
+
+
+def sway(seconds: float = 10.0, *, q_noise: float = 1e-5, tau_noise: float = 0.05) -> Log:
+    """A clean log: three joints that sway, friction, white noise; six digits after the point."""
+    rng = np.random.default_rng(7)
+    t = np.arange(round(seconds * RATE)) / RATE
+    omega = 2 * np.pi * np.array([0.2, 0.27, 0.33])
+    angle = np.outer(t, omega) + np.arange(N)
+    q = 0.6 * np.sin(angle)
+    dq = 0.6 * omega * np.cos(angle)
+    tau = 8 * np.sin(q) + 0.7 * np.tanh(dq / 0.02)
+    return {
+        "t": t,
+        "q": np.round(q + q_noise * rng.normal(size=q.shape), 6),
+        "dq": np.round(dq + 1e-3 * rng.normal(size=q.shape), 6),
+        "tau": np.round(tau + tau_noise * rng.normal(size=q.shape), 4),
+    }
+
+
+def rows_of(log: Log, rows: np.ndarray) -> Log:
+    return {name: array[rows] for name, array in log.items()}
+
+
+def read(tmp_path: Path, log: Log) -> JointLog:
+    np.savez(tmp_path / "log.npz", **log)
+    return read_logs([tmp_path / "log.npz"], N)[0]
+
+
+def mended(log: JointLog) -> dict[str, int]:
+    """Rows mended, by kind."""
+    found: dict[str, int] = {}
+    for mend in log.mends:
+        found[mend.kind] = found.get(mend.kind, 0) + mend.rows
+    return found
+
+
+def test_a_clean_log_is_left_alone(tmp_path: Path) -> None:
+    truth = sway()
+    log = read(tmp_path, truth)
+    assert (log.mends, log.warnings, log.breaks) == ((), (), ())
+    assert all(np.array_equal(getattr(log, k), truth[k]) for k in ("t", "q", "dq", "tau"))
+
+
+# ---- rows that are no samples ----
+
+
+def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
+    """The logger writes 300 samples twice: exactly those rows go, and the clock is the robot's."""
+    truth = sway()
+    rng = np.random.default_rng(0)
+    twice = np.sort(rng.choice(np.arange(1, 9999), 300, replace=False))
+    rows = np.sort(np.r_[np.arange(10_000), twice])
+    log = rows_of(truth, rows)
+    again = np.r_[False, rows[1:] == rows[:-1]]
+    log["t"] = log["t"] + 4e-4 * again
+    found = read(tmp_path, log)
+    assert mended(found) == {"repeat": 300}
+    assert np.array_equal(found.q, truth["q"])
+    assert np.allclose(found.t, truth["t"], atol=1e-12)
+
+
+def test_a_slow_robot_in_a_fast_log(tmp_path: Path) -> None:
+    """A 200 Hz robot logged at 1 kHz: four rows of five repeat."""
+    truth = sway()
+    rows = np.arange(10_000) // 5 * 5
+    found = read(tmp_path, rows_of(truth, rows) | {"t": truth["t"]})
+    assert mended(found) == {"repeat": 8000}
+    assert np.array_equal(found.q, truth["q"][::5])
+    assert found.step == pytest.approx(5e-3)
+
+
+def test_a_robot_at_rest_may_repeat_itself(tmp_path: Path) -> None:
+    """A simulated log without noise stands still for 2 s, to the last digit: nothing to mend."""
+    truth = sway(q_noise=0, tau_noise=0)
+    truth["dq"] = np.gradient(truth["q"], 1e-3, axis=0)
+    stop = rows_of(truth, np.r_[np.arange(5000), np.full(2000, 5000), np.arange(5000, 10_000)])
+    stop["t"] = np.arange(12_000) / RATE
+    stop["dq"][5000:7000] = 0
+    found = read(tmp_path, stop)
+    assert len(found.t) == 12_000
+    assert "frozen" not in mended(found)
+    assert found.breaks == ()
+
+
+def test_a_frozen_log_becomes_a_gap(tmp_path: Path) -> None:
+    """The logger hangs for 0.6 s and the arm moves on: those rows go, the log is split."""
+    truth = sway()
+    rows = np.arange(10_000)
+    rows[4000:4600] = 3999
+    found = read(tmp_path, rows_of(truth, rows) | {"t": truth["t"]})
+    assert mended(found) == {"frozen": 600, "gap": 1}
+    assert found.breaks == (4000,)
+    assert np.array_equal(found.q, truth["q"][np.r_[0:4000, 4600:10_000]])
+
+
+def test_rows_with_an_old_position_are_dropped(tmp_path: Path) -> None:
+    truth = sway()
+    rng = np.random.default_rng(1)
+    old = 2 * rng.choice(np.arange(50, 4950), 120, replace=False)
+    log = {k: v.copy() for k, v in truth.items()}
+    log["q"][old] = log["q"][old - 1]
+    found = read(tmp_path, log)
+    # Where all joints are slow at once, an old position is as good as a new one.
+    assert set(mended(found)) == {"stale"}
+    assert 114 <= mended(found)["stale"] <= 120
+    kept = np.round(found.t * RATE).astype(int)
+    assert set(range(10_000)) - set(kept) <= set(old)
+    assert np.abs(found.q - truth["q"][kept]).max() < 2e-3
+
+
+def test_two_halves_of_a_sample_are_put_together(tmp_path: Path) -> None:
+    """Torques that come a row late: one row too many for each, and nothing is lost."""
+    truth = sway()
+    late = np.arange(100, 9000, 100)
+    rows = np.sort(np.r_[np.arange(10_000), late])
+    log = rows_of(truth, rows)
+    log["t"] = np.arange(len(rows)) / RATE
+    first = np.searchsorted(rows, late)
+    log["tau"][first] = log["tau"][first - 1]
+    found = read(tmp_path, log)
+    assert mended(found)["stale"] == len(late)
+    for name in ("q", "dq", "tau"):
+        assert np.array_equal(getattr(found, name), truth[name])
+
+
+def test_old_torques_are_interpolated(tmp_path: Path) -> None:
+    truth = sway()
+    old = np.arange(500, 9500, 300)
+    log = {k: v.copy() for k, v in truth.items()}
+    log["tau"][old] = log["tau"][old - 1]
+    found = read(tmp_path, log)
+    assert mended(found) == {"stale": len(old)}
+    expected = (truth["tau"][old - 1] + truth["tau"][old + 1]) / 2
+    assert np.allclose(found.tau[old], expected)
+
+
+def test_single_missing_values_are_interpolated(tmp_path: Path) -> None:
+    truth = sway()
+    log = {k: v.copy() for k, v in truth.items()}
+    log["q"][[200, 201, 5000], 1] = np.nan
+    log["tau"][300, 0] = np.nan
+    log["dq"][0] = np.nan  # what a difference leaves behind
+    for name in ("q", "dq", "tau"):
+        log[name][7000:7004] = np.nan  # rows without any value
+    found = read(tmp_path, log)
+    assert mended(found) == {"missing": 4 + 1 + 4}
+    assert len(found.t) == 10_000 - 5
+    rest = np.delete(np.arange(10_000), [0, *range(7000, 7004)])
+    assert np.abs(found.q - truth["q"][rest]).max() < 1e-4
+    assert np.abs(found.tau - truth["tau"][rest]).max() < 0.3
+
+
+def test_speeds_that_are_mostly_missing_are_not_used(tmp_path: Path) -> None:
+    log = sway()
+    log["dq"][::2, 1] = np.nan
+    found = read(tmp_path, log)
+    assert found.dq is None
+    assert found.warnings == ("dq2 has no value in 5000 of 10000 rows: dq is not used",)
+
+
+@pytest.mark.parametrize("flags", [[], [0], [1], [0, 1, 1, 0, 1, 1, 1], [1, 1, 0]])
+def test_longest_run(flags: list[int]) -> None:
+    expected = max((len(x) for x in "".join(map(str, flags)).split("0")), default=0)
+    assert longest_run(np.array(flags, bool)) == expected
+
+
+# ---- clock ----
+
+
+def jittered(kind: str, t: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    if kind == "slight":
+        return t + 5e-5 * rng.normal(size=len(t))
+    if kind == "half a step":
+        return t + 4e-4 * (2 * rng.random(len(t)) - 1)
+    if kind == "late":
+        return np.maximum.accumulate(t + 2e-4 * rng.exponential(size=len(t))) + 1e-9 * t
+    if kind == "drifting":
+        return t * (1 + 5e-5) + 3e-4 * (2 * rng.random(len(t)) - 1)
+    return np.floor(t / 4e-3) * 4e-3
+
+
+@pytest.mark.parametrize("kind", ["slight", "half a step", "late", "drifting", "coarse"])
+@pytest.mark.parametrize("lost", [0.0, 0.06])
+def test_the_robot_clock_is_rebuilt(tmp_path: Path, kind: str, lost: float) -> None:
+    """Stamps wrong by up to half a step or more, samples lost: steps right in every row."""
+    truth = sway()
+    rows = np.flatnonzero(np.random.default_rng(2).random(10_000) >= lost)
+    log = rows_of(truth, rows)
+    log["t"] = jittered(kind, log["t"])
+    found = read(tmp_path, log)
+    assert "clock" in mended(found)
+    assert len(found.t) == len(rows)
+    wrong = np.abs(np.diff(found.t) - np.diff(truth["t"][rows])) > 1e-7
+    # At both ends there is nothing to compare with on one side; jittered stamps stay there.
+    assert wrong[30:-30].mean() < (0.002 if kind != "coarse" else 0.02)
+
+
+def test_uneven_sampling_that_is_true_is_left_alone(tmp_path: Path) -> None:
+    """Samples at random times with true stamps: the motion agrees with them."""
+    rng = np.random.default_rng(4)
+    t = np.cumsum(1e-3 * (0.5 + rng.random(8000)))
+    omega = 2 * np.pi * np.array([0.2, 0.27, 0.33])
+    q = 0.6 * np.sin(np.outer(t, omega)) + 1e-5 * rng.normal(size=(8000, N))
+    found = read(tmp_path, {"t": t, "q": q, "tau": 8 * q + 0.05 * rng.normal(size=q.shape)})
+    assert (found.mends, found.warnings) == ((), ())
+    assert np.array_equal(found.t, t)
+
+
+def test_jitter_that_the_noise_hides_is_left_alone(tmp_path: Path) -> None:
+    log = sway(q_noise=2e-3)
+    log["t"] = jittered("half a step", log["t"])
+    found = read(tmp_path, log)
+    assert "clock" not in mended(found)
+    assert np.array_equal(found.t, log["t"])
+
+
+def test_gaps_split_the_log(tmp_path: Path) -> None:
+    truth = sway()
+    keep = np.r_[
+        0:3000,
+        3500:6000,
+        6030:10_000,
+    ]
+    found = read(tmp_path, rows_of(truth, keep))
+    assert mended(found) == {"gap": 2}
+    assert found.breaks == (3000, 5500)
+    # A few lost samples are no gap.
+    assert read(tmp_path, rows_of(truth, np.r_[0:3000, 3015:10_000])).breaks == ()
+
+
+# ---- warnings ----
+
+
+def test_speeds_that_lag_are_found(tmp_path: Path) -> None:
+    log = sway()
+    log["dq"] = np.roll(log["dq"], 7, axis=0)
+    log["dq"][:7] = log["dq"][7]
+    (warning,) = read(tmp_path, log).warnings
+    assert "dq lags the derivative of q by 7" in warning
+
+
+def test_speeds_that_are_low_passed_are_found(tmp_path: Path) -> None:
+    """First-order low-pass of 10 Hz: 16 ms at low frequency, half the power lost at 10 Hz."""
+    log = sway(20)
+    rng = np.random.default_rng(3)
+    shake = np.cumsum(0.02 * rng.normal(size=(20_000, N)), axis=0)
+    shake -= np.linspace(0, 1, 20_000)[:, None] * shake[-1]
+    v = shake
+    log["q"] = np.cumsum(v, axis=0) * 1e-3
+    a = 1 - np.exp(-2 * np.pi * 10 / RATE)
+    low = np.zeros(N)
+    for k in range(len(v)):
+        low = low + a * (v[k] - low)
+        log["dq"][k] = low
+    (warning,) = read(tmp_path, log).warnings
+    lag = float(warning.split(" by ")[1].split(" ms")[0])
+    corner = float(warning.split("near ")[1].split(" Hz")[0])
+    assert lag == pytest.approx(16, rel=0.15)
+    assert corner == pytest.approx(10, rel=0.25)
+
+
+def test_wrong_speeds_are_found(tmp_path: Path) -> None:
+    log = sway()
+    assert any("opposite sign" in w for w in read(tmp_path, log | {"dq": -log["dq"]}).warnings)
+    assert any("0.5 times" in w for w in read(tmp_path, log | {"dq": 0.5 * log["dq"]}).warnings)
+    with pytest.raises(StictionError, match=r"log\.npz: dq is 57\.3 times"):
+        read(tmp_path, log | {"dq": np.rad2deg(log["dq"])})
+
+
+def test_a_commanded_position_is_found(tmp_path: Path) -> None:
+    """The arm shakes at 20 to 30 Hz; speed and torque show it, the logged angle does not."""
+    log = sway(20)
+    rng = np.random.default_rng(9)
+    t = log["t"]
+    shake = sum(
+        np.sin(2 * np.pi * f * t + p)
+        for f, p in zip(rng.uniform(18, 30, 40), rng.uniform(0, 7, 40), strict=True)
+    )[:, None]
+    log["dq"] = log["dq"] + 0.005 * shake
+    log["tau"] = log["tau"] + 0.05 * shake
+    (warning,) = read(tmp_path, log).warnings
+    assert "q may be the commanded position" in warning
+    # Where the angle shakes along, it is a measurement.
+    log["q"] = log["q"] + np.cumsum(0.005 * shake, axis=0) * 1e-3
+    assert read(tmp_path, log).warnings == ()
+
+
+def test_noisy_speeds_are_no_sign_of_commanded_positions(tmp_path: Path) -> None:
+    log = sway()
+    log["dq"] = log["dq"] + 0.05 * np.random.default_rng(0).normal(size=log["dq"].shape)
+    assert read(tmp_path, log).warnings == ()
+
+
+def test_saturated_and_dead_torques_are_found(tmp_path: Path) -> None:
+    log = sway()
+    log["tau"][:, 1] = np.clip(log["tau"][:, 1], -9, 3.5)
+    log["tau"][:, 2] = 0.25
+    warnings = read(tmp_path, log).warnings
+    assert len(warnings) == 2
+    assert warnings[0] == "tau3 is always 0.25 although the joint moves"
+    assert warnings[1].startswith("tau2 stands at its largest value 3.5 N·m in ")
+
+
+def test_coarse_torques_are_not_saturated(tmp_path: Path) -> None:
+    log = sway()
+    log["tau"] = np.round(log["tau"] / 0.2) * 0.2
+    assert read(tmp_path, log).warnings == ()
+
+
+def test_values_beyond_the_limits_are_warned_of(tmp_path: Path) -> None:
+    limits = load_arm("panda").limits
+    rng = np.random.default_rng(0)
+    t = np.arange(2000) / RATE
+    q = np.sin(2 * t)[:, None] + np.zeros(7)
+    tau = 8 * q + 0.05 * rng.normal(size=q.shape)
+    np.savez(tmp_path / "log.npz", t=t, q=q, tau=tau)
+    (log,) = read_logs([tmp_path / "log.npz"], 7, limits=limits)
+    assert [w[:2] for w in log.warnings] == ["q4", "q6"]
+    assert "beyond the joint's limits" in log.warnings[0]
+
+
+# ---- real robots ----
+
+
+def real(name: str) -> Path:
+    path = MEASURED / name
+    if not path.exists():
+        pytest.skip(f"measured log {name} is not here")
+    return path
+
+
+def test_panda_defects_are_found() -> None:
+    """What the log's README lists: repeats, late halves, robot clock, lag, q too good."""
+    path = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz")
+    (log,) = read_logs([path], 7, limits=load_arm("panda").limits)
+    found = mended(log)
+    assert found["repeat"] == 1131
+    assert {m.rows for m in log.mends if "old q" in m.text or "half" in m.text} == {59, 63}
+    step = np.diff(log.t) / 1e-3
+    assert np.abs(step - np.round(step)).max() < 1e-6
+    assert log.breaks == ()
+    assert "robot clock rebuilt: the angles follow a regular 1 ms clock" in log.mends[-1].text
+    lag, obedient = log.warnings
+    assert float(lag.split(" by ")[1].split(" ms")[0]) == pytest.approx(5.3, abs=0.5)
+    assert "q may be the commanded position" in obedient
+
+
+def test_iiwa_defects_are_found() -> None:
+    path = real("iiwa14_joint_friction/joint2.csv.gz")
+    (log,) = read_logs([path], 7, limits=load_arm("iiwa14").limits)
+    assert mended(log) == {"run": 7}
+    assert len(log.segments) == 8
+    assert log.step == pytest.approx(5e-3)
+    assert log.warnings[0] == "columns not used: 'segment'"
+    assert "lags the derivative of q" in log.warnings[1]
+    assert "low-passed" in log.warnings[1]
+    assert len(log.warnings) == 2
+
+
+def test_iiwa_poses() -> None:
+    path = real("iiwa14_joint_friction/static_poses.csv.gz")
+    log = read_poses(path, 7, limits=load_arm("iiwa14").limits)
+    assert log.q.shape == (996, 7)
+    assert log.static
+    assert log.q[1, 1] == -0.69958
+    assert log.tau[1, 1] == -46.527
+    assert log.warnings == ("columns not used: 'session'",)
+
+
+def test_staubli_is_clean() -> None:
+    (log,) = read_logs([real("staubli_tx40/tx40.csv.gz")], 6)
+    assert (log.mends, log.warnings, log.breaks, log.dq) == ((), (), (), None)

@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+import gzip
+import re
+import resource
+import string
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs import files as log_files
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import BAD_LOGS, HEADER, BadLog, good_values, text_of
+
+LIMITS = load_arm("panda").limits
+
+
+def read(path: Path, n: int = 7) -> JointLog:
+    return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
+
+
+def put(path: Path, text: str | bytes) -> Path:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+# ---- bad input ----
+
+
+@pytest.mark.parametrize("bad", BAD_LOGS, ids=lambda b: b.name)
+def test_bad_log_is_one_clear_line(tmp_path: Path, bad: BadLog) -> None:
+    paths = bad.write(tmp_path)
+    start = time.perf_counter()
+    with pytest.raises(StictionError) as error:
+        read_logs(paths, 7, limits=LIMITS)
+    message = str(error.value)
+    assert re.search(bad.says, message)
+    assert "\n" not in message
+    assert len(message.replace(str(tmp_path), "")) < 300
+    assert "allowed" in message
+    assert any(str(path) in message for path in paths)
+    assert time.perf_counter() - start < 10
+
+
+def test_bad_logs_are_many_and_have_different_names() -> None:
+    assert len({bad.name for bad in BAD_LOGS}) == len(BAD_LOGS) >= 30
+
+
+def test_no_log_at_all() -> None:
+    with pytest.raises(StictionError, match="one or more"):
+        read_logs([], 7)
+
+
+def test_a_packed_bomb_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small file that unpacks to a lot: an error after the limit, and no memory for it."""
+    monkeypatch.setattr(log_files, "MOST_BYTES", 2**24)
+    row = (",".join(["0"] * 22) + "\n").encode()
+    bomb = gzip.compress((HEADER + "\n").encode() + row * (2**26 // len(row)), 1)
+    assert len(bomb) < 2**20
+    path = put(tmp_path / "bomb.csv.gz", bomb)
+    del bomb
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(StictionError, match="over 16 MiB of text"):
+        read(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150_000  # KiB
+
+
+def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_files, "MOST_VALUES", 1000)
+    with pytest.raises(StictionError, match="200 rows or more: allowed are 1000 numbers"):
+        read(put(tmp_path / "log.csv", text_of(good_values())))
+    v = good_values()
+    np.savez(tmp_path / "log.npz", t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
+    with pytest.raises(StictionError, match="200 rows or more"):
+        read(tmp_path / "log.npz")
+
+
+def test_errors_below_a_block_name_the_right_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_files, "_BLOCK", 5000)
+    lines = text_of(good_values()).splitlines()
+    lines.insert(40, "")
+    lines.insert(41, "  ")
+    cells = lines[180].split(",")
+    cells[3] = "x"
+    lines[180] = ",".join(cells)
+    with pytest.raises(StictionError, match=r"line 181: q3 is 'x'"):
+        read(put(tmp_path / "log.csv", "\n".join(lines)))
+    cells[3] = "inf"
+    lines[180] = ",".join(cells)
+    with pytest.raises(StictionError, match=r"line 181: q3 is inf"):
+        read(put(tmp_path / "log.csv", "\n".join(lines)))
+
+
+def test_units_without_limits(tmp_path: Path) -> None:
+    values = good_values()
+    values[:, 1:15] *= 180 / np.pi
+    path = put(tmp_path / "log.csv", text_of(values))
+    with pytest.raises(StictionError, match="looks like degrees: allowed are radians"):
+        read_logs([path], 7)
+
+
+# ---- good input ----
+
+
+def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
+    values = good_values()
+    log = read(put(tmp_path / "log.csv", text_of(values)))
+    shown = np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(log.t, shown[:, 0])
+    assert np.array_equal(log.q, shown[:, 1:8])
+    assert np.array_equal(log.dq, shown[:, 8:15])
+    assert np.array_equal(log.tau, shown[:, 15:])
+    assert (log.breaks, log.mends, log.warnings, log.extra) == ((), (), (), {})
+    assert log.source == str(tmp_path / "log.csv")
+    assert log.step == pytest.approx(0.01)
+    assert not log.q.flags.writeable
+
+
+def same(a: JointLog, b: JointLog) -> bool:
+    return all(
+        np.array_equal(x, y)
+        for x, y in ((a.t, b.t), (a.q, b.q), (a.tau, b.tau), (np.array(a.dq), np.array(b.dq)))
+    )
+
+
+def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
+    text = text_of(good_values())
+    v = np.loadtxt(text.splitlines()[1:], delimiter=",")
+    log = read(put(tmp_path / "log.csv", text))
+    np.savez(tmp_path / "matrices.npz", t=v[:, 0], q=v[:, 1:8], dq=v[:, 8:15], tau=v[:, 15:])
+    named = dict(zip(HEADER.split(","), v.T, strict=True))
+    np.savez_compressed(tmp_path / "columns.npz", **named)
+    quoted = ",".join(f'"{name}"' for name in HEADER.split(","))
+    others = {
+        "LOG.CSV.GZ": gzip.compress(text.encode()),
+        "crlf.csv": text.replace("\n", "\r\n"),
+        "bom.csv": b"\xef\xbb\xbf" + text.encode(),
+        "no_end.csv": text.rstrip("\n"),
+        "blank_lines.csv": "\n\n" + text.replace("\n", "\n\n", 30),
+        "spaces.csv": text.replace(",", " , "),
+        "quoted.csv": text.replace(HEADER, quoted),
+        "numpy.csv": "# " + text,
+    }
+    files = [put(tmp_path / name, data) for name, data in others.items()]
+    for path in (*files, tmp_path / "matrices.npz", tmp_path / "columns.npz"):
+        assert same(read(path), log), path
+
+
+def test_parquet(tmp_path: Path) -> None:
+    text = text_of(good_values())
+    v = np.loadtxt(text.splitlines()[1:], delimiter=",")
+    table = pa.table(dict(zip(HEADER.split(","), v.T, strict=True)))
+    parquet.write_table(table, tmp_path / "log.parquet")
+    assert same(read(tmp_path / "log.parquet"), read(put(tmp_path / "log.csv", text)))
+
+
+def test_columns_in_any_order_and_others_ignored(tmp_path: Path) -> None:
+    v = good_values()
+    order = np.random.default_rng(0).permutation(22)
+    names = np.array(HEADER.split(","))
+    log = read(put(tmp_path / "log.csv", text_of(v)))
+    mixed = text_of(v[:, order], ",".join(names[order])).splitlines()
+    lines = [f"{line},{'note' if i == 0 else 'a b'}," for i, line in enumerate(mixed)]
+    other = read(put(tmp_path / "mixed.csv", "\n".join(lines)))
+    assert same(other, log)
+    assert other.warnings == ("columns not used: 'note'",)
+
+
+def test_speeds_may_be_missing(tmp_path: Path) -> None:
+    v = good_values()
+    keep = np.r_[0:8, 15:22]
+    header = ",".join(np.array(HEADER.split(","))[keep])
+    log = read(put(tmp_path / "log.csv", text_of(v[:, keep], header)))
+    assert log.dq is None
+    assert log.tau.shape == (200, 7)
+
+
+def test_extra_channels_are_taken_along(tmp_path: Path) -> None:
+    v = good_values()
+    warm = np.full((200, 7), np.nan)
+    warm[::50] = 30 + np.arange(4)[:, None]
+    names = [f"{c}{j}" for c in ("temperature", "tau_cmd") for j in range(1, 8)]
+    data = np.column_stack([v, warm, v[:, 15:] + 1])
+    text = text_of(data, HEADER + "," + ",".join(names)).replace("nan", "")
+    log = read(put(tmp_path / "log.csv", text))
+    assert set(log.extra) == {"temperature", "tau_cmd"}
+    assert np.allclose(log.extra["tau_cmd"], log.tau + 1)
+    # Temperatures come once in half a second: lines between them, the last one held.
+    assert np.allclose(log.extra["temperature"][[0, 25, 199], 2], [30, 30.5, 33])
+    assert log.mends == ()
+
+
+def test_an_incomplete_extra_channel_is_not_used(tmp_path: Path) -> None:
+    data = np.column_stack([good_values(), np.ones(200)])
+    log = read(put(tmp_path / "log.csv", text_of(data, HEADER + ",temperature3")))
+    assert log.extra == {}
+    assert log.warnings == ("columns not used: 'temperature3'",)
+
+
+def test_runs_with_a_clock_of_their_own(tmp_path: Path) -> None:
+    """Two recordings in one file: time goes on rising, the second begins a segment."""
+    v = good_values()
+    lines = text_of(np.vstack([v, v[:150]])).splitlines()
+    names = ["run", *(["slow"] * 200), *(["fast"] * 150)]
+    path = put(
+        tmp_path / "log.csv", "\n".join(f"{a},{b}" for a, b in zip(names, lines, strict=True))
+    )
+    log = read(path)
+    assert log.breaks == (200,)
+    assert log.segments == (slice(0, 200), slice(200, 350))
+    assert np.all(np.diff(log.t) > 0)
+    assert log.t[200] - log.t[199] == pytest.approx(1)
+    assert [m.kind for m in log.mends] == ["run"]
+    np.savez(
+        tmp_path / "log.npz",
+        run=np.array(names[1:]),
+        t=np.r_[v[:, 0], v[:150, 0]],
+        q=np.vstack([v, v[:150]])[:, 1:8],
+        tau=np.vstack([v, v[:150]])[:, 15:],
+    )
+    assert read(tmp_path / "log.npz").breaks == (200,)
+
+
+def test_dates_are_counted_from_the_first_row(tmp_path: Path) -> None:
+    v = good_values()
+    v[:, 0] += 1.7e9
+    np.savez(tmp_path / "log.npz", t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
+    log = read(tmp_path / "log.npz")
+    assert log.t[0] == 0
+    assert log.t[-1] == pytest.approx(1.99, abs=1e-5)
+    assert log.mends[0].kind == "epoch"
+
+
+def test_a_robot_at_rest_is_a_log(tmp_path: Path) -> None:
+    """Nothing moves and the torque is noise: that is for the diagnosis to say, not an error."""
+    v = good_values()
+    v[:, 1:15] = 0
+    v[:, 4], v[:, 6] = -1.5, 1.5
+    log = read(put(tmp_path / "log.csv", text_of(v)))
+    assert any("no q ever changes" in w for w in log.warnings)
+
+
+def test_poses_at_rest(tmp_path: Path) -> None:
+    v = good_values(20)
+    header = "session," + ",".join(f"{c}{j}" for c in ("q", "tau") for j in range(1, 8))
+    lines = text_of(np.column_stack([v[:, 1:8], v[:, 15:]]), header.removeprefix("session,"))
+    text = "\n".join(f"{'A' if i else 'session'},{x}" for i, x in enumerate(lines.splitlines()))
+    log = read_poses(put(tmp_path / "poses.csv", text), 7, limits=LIMITS)
+    assert log.static
+    assert np.allclose(log.q, v[:, 1:8], rtol=1e-8)
+    assert np.allclose(log.tau, v[:, 15:], rtol=1e-8)
+    assert np.array_equal(log.t, np.arange(20))
+    with pytest.raises(StictionError, match="missing column 't'"):
+        read(tmp_path / "poses.csv")
+    with pytest.raises(StictionError, match="1 pose: allowed are two"):
+        read_poses(put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2])), 7)
+
+
+def test_a_minute_at_1_khz_is_read_in_seconds(tmp_path: Path) -> None:
+    v = good_values(10_000, rate=1000.0)
+    lines = text_of(v).splitlines()[1:]
+    rows = [x.split(",", 1)[1] for x in lines]
+    text = "\n".join(f"{k / 1000:.3f},{rows[k % 10_000]}" for k in range(60_000))
+    path = put(tmp_path / "log.csv", HEADER + "\n" + text)
+    start = time.process_time()
+    log = read(path)
+    assert time.process_time() - start < 6  # 1.2 s here
+    assert log.q.shape == (60_000, 7)
+
+
+# ---- fuzz ----
+
+CELLS = st.one_of(
+    st.floats(width=32).map(repr),
+    st.integers(-3, 3).map(str),
+    st.sampled_from(["", "nan", "inf", "-1e999", "1_0", "0x1", "a", '"', " ", "\0", "é", "1e300"]),
+)
+
+
+def reads_or_complains(path: Path, n: int = 2) -> None:
+    try:
+        log = read_logs([path], n)[0]
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+        assert np.all(np.diff(log.t) > 0)
+        assert all(np.isfinite(x).all() for x in (log.t, log.q, log.tau))
+    assert "\n" not in message
+
+
+def fuzz(examples: int) -> settings:
+    return settings(
+        max_examples=examples,
+        deadline=5000,
+        derandomize=True,
+        database=None,
+        suppress_health_check=[HealthCheck.function_scoped_fixture],
+    )
+
+
+@fuzz(150)
+@given(
+    st.sampled_from(["log.csv", "log.csv.gz", "log.npz", "log.parquet"]),
+    st.sampled_from([b"", b"\x1f\x8b\x08\0", b"PK\x03\x04", b"PAR1", b"t,q1,q2,tau1,tau2\n"]),
+    st.binary(max_size=400),
+)
+def test_fuzz_bytes(tmp_path: Path, name: str, start: bytes, data: bytes) -> None:
+    reads_or_complains(put(tmp_path / name, start + data))
+
+
+@fuzz(150)
+@given(
+    st.permutations(["t", "q1", "q2", "tau1", "tau2", "dq1", "dq2", "run"]),
+    st.integers(5, 8),
+    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
+    st.sampled_from(["\n", "\r\n", "\r"]),
+)
+def test_fuzz_cells(
+    tmp_path: Path, names: list[str], width: int, rows: list[list[str]], end: str
+) -> None:
+    text = end.join(",".join(row[:width]) for row in [names, *rows])
+    reads_or_complains(put(tmp_path / "log.csv", text))
+
+
+@fuzz(120)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 400),
+    st.floats(0, 2),
+    st.floats(0, 0.3),
+    st.sampled_from([0.0, 1e-6, 1e-2, 1.0]),
+    st.booleans(),
+)
+def test_fuzz_numbers(
+    tmp_path: Path, seed: int, rows: int, jitter: float, holes: float, size: float, still: bool
+) -> None:
+    """Clocks that jitter, stand and leap, values that repeat and are missing."""
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.maximum.accumulate(np.arange(rows) + jitter * rng.normal(size=rows))
+    t += rng.random() * (rng.random(rows) < 0.01).cumsum()
+    v = size * rng.normal(size=(rows, 6)).cumsum(axis=0)
+    v[rng.random(rows) < holes] = np.nan
+    v[rng.random(v.shape) < holes / 20] = np.nan
+    if still:
+        v[rows // 3 :] = v[rows // 3]
+    held = np.maximum.accumulate(np.where(rng.random(rows) < holes, 0, np.arange(rows)))
+    text = text_of(np.column_stack([t, v[held]]), "t,q1,q2,dq1,dq2,tau1,tau2")
+    reads_or_complains(put(tmp_path / "log.csv", text))
+
+
+@fuzz(60)
+@given(st.data())
+def test_fuzz_a_damaged_good_log(tmp_path: Path, data: st.DataObject) -> None:
+    """One to five bytes of a good log, packed or not, are changed."""
+    packed = data.draw(st.booleans())
+    raw = text_of(good_values(120)).encode()
+    raw = bytearray(gzip.compress(raw, mtime=0) if packed else raw)
+    for _ in range(data.draw(st.integers(1, 5))):
+        place = data.draw(st.integers(0, len(raw) - 1))
+        raw[place] = data.draw(st.sampled_from(string.printable.encode() + b"\0\xff"))
+    reads_or_complains(put(tmp_path / ("log.csv.gz" if packed else "log.csv"), bytes(raw)), 7)

@@ -1,0 +1,144 @@
+"""The rooms of ARCHITECTURE.md: imports run one way, and no two files need each other."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLOW = (
+    ("stiction_envs.errors", "stiction_envs.compiled", "stiction_envs.version"),
+    ("stiction_envs.reporting",),
+    ("stiction_envs.robots", "stiction_envs.dither"),
+    ("stiction_envs.measured",),
+    ("stiction_envs.friction",),
+    ("stiction_envs.plant",),
+    ("stiction_envs.control",),
+    ("stiction_envs.experiments",),
+    ("stiction_envs.gap",),
+    ("stiction_envs.identification",),
+    ("stiction_envs.thesis", "stiction_envs.envs", "stiction_envs.testing"),
+    ("tuning",),
+    ("stiction_envs.cli",),
+    ("benchmarks",),
+    ("tests",),
+)
+"""Rooms from the ground up: a file imports from its own room and from those above it in this list.
+
+Rooms in one row know nothing of each other.
+"""
+FACADE = "stiction_envs"
+"""Hands names on to users and registers environments; the library itself never asks it."""
+FACADE_FOR = ("stiction_envs.cli", "benchmarks", "tests")
+
+
+def sources() -> dict[str, Path]:
+    """Return every module of the project by its name."""
+    out = {}
+    for top in ("stiction_envs", "tuning", "benchmarks", "tests"):
+        for path in (ROOT / top).rglob("*.py"):
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            out[name.removesuffix(".__init__")] = path
+    return out
+
+
+SOURCES = sources()
+
+
+def imported(name: str) -> set[str]:
+    """Return the project's modules that a module imports anywhere, for types too."""
+    out: set[str] = set()
+    for node in ast.walk(ast.parse(SOURCES[name].read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative import"
+            found = [f"{node.module}.{a.name}" for a in node.names]
+            out |= {x if x in SOURCES else str(node.module) for x in found}
+        elif isinstance(node, ast.Import):
+            out |= {a.name for a in node.names}
+    return {x for x in out if x in SOURCES and x != name}
+
+
+IMPORTS = {name: imported(name) for name in SOURCES}
+
+
+def room(name: str) -> int | None:
+    """Return the row of a module's room; None for the facade."""
+    for row, rooms in enumerate(FLOW):
+        if any(name == x or name.startswith(f"{x}.") for x in rooms):
+            return row
+    assert name == FACADE, f"{name} is in no room"
+    return None
+
+
+def same_room(one: str, other: str) -> bool:
+    """Whether two modules are in one room, not only in one row."""
+    return any(
+        all(x == r or x.startswith(f"{r}.") for x in (one, other)) for row in FLOW for r in row
+    )
+
+
+def against_the_flow(name: str, target: str) -> bool:
+    """Whether an import runs up, or to a neighbour."""
+    if target == FACADE:
+        return name != FACADE and not name.startswith(FACADE_FOR)
+    here, there = room(name), room(target)
+    if here is None or there is None:
+        return False
+    return there > here or (there == here and not same_room(name, target))
+
+
+def test_imports_run_one_way():
+    found = [f"{a} -> {b}" for a in IMPORTS for b in sorted(IMPORTS[a]) if against_the_flow(a, b)]
+    assert found == []
+
+
+def circles() -> list[list[str]]:
+    """Return strongly connected modules (Tarjan), packages' faces left out."""
+    faces = {n for n, p in SOURCES.items() if p.name == "__init__.py"}
+    graph = {n: IMPORTS[n] - faces for n in SOURCES if n not in faces}
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    out: list[list[str]] = []
+
+    def visit(n: str) -> None:
+        index[n] = low[n] = len(index)
+        stack.append(n)
+        for m in graph[n]:
+            if m not in index:
+                visit(m)
+                low[n] = min(low[n], low[m])
+            elif m in stack:
+                low[n] = min(low[n], index[m])
+        if low[n] == index[n]:
+            part = []
+            while not part or part[-1] != n:
+                part.append(stack.pop())
+            if len(part) > 1:
+                out.append(sorted(part))
+
+    for n in graph:
+        if n not in index:
+            visit(n)
+    return out
+
+
+def test_no_files_need_each_other():
+    assert circles() == []
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "wrong"),
+    [
+        ("stiction_envs.gap.extended_mjcf", "stiction_envs.cli.common", True),
+        ("benchmarks.blind_logs", "tests.gap.small_logs", True),
+        ("stiction_envs.envs.sje", "stiction_envs.thesis.page", True),
+        ("stiction_envs.plant", "stiction_envs", True),
+        ("stiction_envs.cli.sje", "stiction_envs.experiments.sje.experiment", False),
+        ("stiction_envs.gap.causes.payload", "stiction_envs.gap.signals.dataset", False),
+    ],
+)
+def test_the_rule_tells_right_from_wrong(name, target, wrong):
+    assert against_the_flow(name, target) is wrong
