@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from stiction_envs.compiled import compiled
 
@@ -22,7 +21,6 @@ def test_division_by_zero_is_as_in_numpy():
     assert np.isnan(ratio(0.0, 0.0))
 
 
-@pytest.mark.slow
 def test_without_a_place_for_the_cache(tmp_path):
     """A package that is installed read-only, run by a user without a home."""
     code = (

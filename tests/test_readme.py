@@ -85,8 +85,13 @@ def test_what_it_shows_exists():
 
 def test_make_test_lints_checks_types_and_tests():
     text = "\n".join(made_by("test"))
-    for word in ("ruff check", "ruff format --check", "mypy", "pytest"):
+    for word in ("ruff check", "ruff format --check", "mypy", 'pytest -m "not slow"'):
         assert word in text
+
+
+def test_make_test_all_leaves_no_test_out():
+    asked = [line.partition("pytest ")[2] for line in made_by("test-all") if "/pytest" in line]
+    assert asked == ['-m "not slow"', "-m slow"]
 
 
 @pytest.mark.slow
@@ -96,7 +101,7 @@ def test_all_commands(place):
     wanted = commands()
     assert wanted[0] == "make tune"
     for command in wanted:
-        if command == "make test":
+        if command in ("make test", "make test-all"):
             continue  # that is this run; see test_make_test_lints_checks_types_and_tests
         for line in made_by("tune") if command == "make tune" else [command]:
             run(line, place)
@@ -109,7 +114,6 @@ def test_all_commands(place):
     assert {r.joint for r in read_sje(place / "runs" / "sje-panda" / "sje.csv")} == {7}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("code", blocks("python"))
 def test_python(code, place):
     out = subprocess.run(

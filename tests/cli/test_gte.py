@@ -94,7 +94,6 @@ def test_with_dither(cli, work, path, table):
     assert [r["goal"] for r in read(out / "points.csv")] == ["1", "2"] * 2
 
 
-@pytest.mark.slow
 def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
     options = ["--trajectory", "triangle", "--stiffness", 400, 40, 0, "--iterations", 1]
     ran = cli("gte", "panda", *options, "--dither", table, "--json", "--out", "a")
@@ -110,7 +109,6 @@ def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
     assert "thesis: without" in gte.show(result)
 
 
-@pytest.mark.slow
 def test_options_reach_the_experiment(cli, work, path, table):
     """Each changes the dithered run, and what it should leave alone it does."""
     path.write_text("x,y,z\n0.02,0,0\n")

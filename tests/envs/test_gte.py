@@ -101,7 +101,6 @@ def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> No
         assert final["shaking"] == pytest.approx(measures.shaking[k], rel=1e-3)
 
 
-@pytest.mark.slow
 def test_a_constant_action_is_the_experiment_bit_for_bit():
     """What `stiction gte` runs, by key of the scatter: the same path, the same numbers."""
     env = gym.make(PANDA_GTE, render_mode="rgb_array")
@@ -418,7 +417,6 @@ def test_what_an_undithered_run_depends_on():
     assert fingerprint(of("panda")) == fingerprint(usual)
 
 
-@pytest.mark.slow
 def test_a_wrong_belief_shows_in_the_error():
     heavy = (1.0, 0.0, 0.0, 0.05)
     finals = []

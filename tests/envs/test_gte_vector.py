@@ -27,7 +27,6 @@ def actions(space: gym.spaces.Box, count: int) -> list[np.ndarray]:
     ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_a_batch_is_its_single_environments_bit_for_bit(mode):
     """Against Gymnasium's own SyncVectorEnv of singles: values, masks, resets and all."""

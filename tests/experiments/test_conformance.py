@@ -38,8 +38,10 @@ def stock(frictionloss: float = 0.3, *, extra: str = "", inertia: float = 0.2) -
 # ---- what must pass ------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("robot", BUILTIN)
+@pytest.mark.parametrize(
+    "robot",
+    [r if r == "iiwa14" else pytest.param(r, marks=pytest.mark.slow) for r in BUILTIN],
+)
 def test_every_joint_of_every_arm_sticks(robot):
     report = check(robot)
     assert report.passed, report.text()

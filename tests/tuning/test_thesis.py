@@ -64,7 +64,6 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_p
     assert calls == [], "a finished run measured again"
 
 
-@pytest.mark.slow
 def test_the_tables_are_consistent(small_arm, fast, tmp_path):
     summary = run(small_arm, fast, tmp_path / "out")
     base = {(r.joint, r.load, r.direction): r for r in read_sje(tmp_path / "out" / "base.csv")}
@@ -95,7 +94,6 @@ def test_the_tables_are_consistent(small_arm, fast, tmp_path):
     assert summary["final"][0]["amplitude_nm"] == final[0].amplitude_nm
 
 
-@pytest.mark.slow
 def test_another_run_in_the_folder_is_refused(small_arm, fast, tmp_path):
     run(small_arm, fast, tmp_path / "out")
     with pytest.raises(StictionError, match="another run"):
@@ -153,7 +151,6 @@ def test_bad_input(small_arm, fast, tmp_path, options, message):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_path):
     """A 600 Hz dither at 1 kHz is another frequency's alias; it must not become the table."""
     summary = tune(small_arm, out=tmp_path / "out", protocol=fast, frequencies=(600.0, 15.0))

@@ -173,7 +173,6 @@ def test_gte_rendering_does_not_touch_the_physics():
 
 
 @pytest.mark.usefixtures("gl")
-@pytest.mark.slow
 def test_record_video(tmp_path):
     pytest.importorskip("moviepy")
     from moviepy import VideoFileClip

@@ -245,7 +245,6 @@ def test_iterations_do_not_depend_on_how_many_there_are(arms, threads):
     assert_same(one(bench(nthread=threads), SHAKEN, arms), eight(), slice(0, arms))
 
 
-@pytest.mark.slow
 def test_case_does_not_depend_on_the_others():
     """Neither gated dither nor random waveform nor a longer path of another case matters."""
     plain = Case(trajectory="there", stiffness=SOFT)
