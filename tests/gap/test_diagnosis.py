@@ -34,6 +34,8 @@ CASES = [
     ("actuator_delay", 1, 0, "fast", False),
     ("external_spring", 1, 7, "sweeps", False),
 ]
+QUICK = ("torque_offset", "link_inertia", "position_dependent_friction")
+"""The others' quick test is `test_simulated_logs.py`, backlash's `causes/test_causes.py`."""
 
 
 def solved(case: Case) -> Diagnosis:
@@ -50,8 +52,10 @@ def check_size(case: Case, named: NamedCause, slack: float = 0.1) -> None:
         assert np.all((ci[:, 0] - room <= true) & (true <= ci[:, 1] + room)), (key, truth, estimate)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed", "joint", "motion", "known"), CASES)
+@pytest.mark.parametrize(
+    ("name", "seed", "joint", "motion", "known"),
+    [c if c[0] in QUICK else pytest.param(*c, marks=pytest.mark.slow) for c in CASES],
+)
 def test_the_hidden_cause_is_named_first(
     name: str, seed: int, joint: int, motion: str, known: bool
 ) -> None:
@@ -67,10 +71,15 @@ def test_the_hidden_cause_is_named_first(
     assert np.isfinite(found.extended_rms).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "motion", "known"),
-    [(12, "sweeps", False), (13, "poses", False), (21, "chirp", False), (14, "fast", True)],
+    [
+        (12, "sweeps", False),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in ((13, "poses", False), (21, "chirp", False), (14, "fast", True))
+        ),
+    ],
 )
 def test_nothing_hidden_nothing_named(seed: int, motion: str, known: bool) -> None:
     found = solved(make_case(seed, motion=motion, known=known))
@@ -110,8 +119,7 @@ def test_friction_feels_the_payload_that_was_found() -> None:
     assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_at_one_speed_coulomb_and_viscous_friction_are_hardly_two(seed: int) -> None:
     """Whichever is named, the other is said to be what it may also be, named or not."""
     case = make_case(seed, ("coulomb_friction",), motion="one_speed", known=False, size=0.8)
@@ -144,6 +152,7 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     assert [c.name for c in diagnose(logs, arm, nominal=model_of(found)).causes] == []
 
 
+@pytest.mark.slow
 def test_asymmetry_without_rest_is_confused_with_an_offset() -> None:
     """One that never stops is the same as a constant torque; the simpler name comes first."""
     case = make_case(5, ("direction_asymmetry",), motion="fourier", known=True, joint=3, size=0.8)

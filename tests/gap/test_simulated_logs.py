@@ -44,7 +44,6 @@ BESIDE = ("stribeck_friction", "presliding_hysteresis", "warm_up_drift")
 """Hidden together with dry friction, and named beside it."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "first", "key", "truth"), FIRST, ids=lambda x: str(x))
 def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: float) -> None:
     found = solved(hidden, rate=250.0)
@@ -57,7 +56,6 @@ def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: fl
     assert found.verdict == "explained"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "noise", "rate", "seconds", "seed"),
     [
@@ -74,7 +72,6 @@ def test_no_effect_is_no_discrepancy(
     assert not found.causes
 
 
-@pytest.mark.slow
 def test_friction_of_all_joints_is_named_on_all_joints() -> None:
     joints = (1, 2, 3, 4, 5, 6, 7)
     found = solved("coulomb_friction", joints=joints, size=0.4, rate=250.0, angle_noise=1e-5)

@@ -113,6 +113,7 @@ def test_a_joint_that_rests_is_no_evidence() -> None:
     assert np.delete(data.noise, 2).max() < data.noise[2]
 
 
+@pytest.mark.slow
 def test_poses_beside_a_log() -> None:
     """The log shows friction, the poses the payload; one call takes both."""
     true = panda(payload=(1.0, 0.0, 0.0, 0.05))
