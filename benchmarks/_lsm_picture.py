@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.gap.least_squares import line
-from stiction_envs.reporting.png import save
+from stiction_envs.reporting.png import save_small
 
 Panel = tuple[str, np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray] | None]
 """Title, speeds [rad/s], friction torques [N·m] and the truth over speed, where it is known."""
@@ -50,4 +50,4 @@ def draw_panels(panels: list[Panel], path: Path) -> None:
         axes.set_ylabel("friction torque [N·m]", fontsize=9)
     for axes in grid[-5:]:
         axes.set_xlabel("speed [rad/s]", fontsize=9)
-    save(figure, path)
+    save_small(figure, path)

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from stiction_envs.gap.report import UNITS
 from stiction_envs.reporting.markdown import short, table
-from stiction_envs.reporting.png import save
+from stiction_envs.reporting.png import save_small
 
 Row = dict[str, Any]
 RIGID, USUAL, TOOL = "#c2590c", "0.45", "#1f5fa8"
@@ -287,7 +287,7 @@ def _overview(rows: dict[str, Row], path: Path) -> None:
     axes.legend(fontsize=8.5, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0, 1))
     axes.grid(alpha=0.25, lw=0.6, axis="y")
     axes.spines[["top", "right"]].set_visible(False)
-    save(figure, path)
+    save_small(figure, path)
 
 
 def _residuals(robot: str, shown: list[tuple[int, Row]], path: Path) -> None:
@@ -312,7 +312,7 @@ def _residuals(robot: str, shown: list[tuple[int, Row]], path: Path) -> None:
         x=0.01,
         ha="left",
     )
-    save(figure, path)
+    save_small(figure, path)
 
 
 def _tidy(axes: Axes) -> None:

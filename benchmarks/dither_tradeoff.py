@@ -22,7 +22,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
-from stiction_envs.experiments.sje.plots import save
+from stiction_envs.reporting.png import save_full
 
 HERE = Path(__file__).parent
 FINAL = thesis_final_dither()
@@ -250,7 +250,7 @@ def plot(outcomes, path):
     figure.suptitle(
         "Panda: tracking error against shaking, mean of two paths at two stiffnesses", fontsize=12
     )
-    save(figure, path)
+    save_full(figure, path)
 
 
 def sign(x):

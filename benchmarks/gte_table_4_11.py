@@ -37,8 +37,8 @@ from stiction_envs.experiments.gte.rows import (
     thesis_stiffness,
     thesis_window_sums,
 )
-from stiction_envs.experiments.sje.plots import save
 from stiction_envs.friction.parameters import friction_path, load_friction
+from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
 
 HERE = Path(__file__).parent
@@ -383,7 +383,7 @@ def plot_variations(found, path):
     bar = figure.colorbar(image, ax=axes, pad=0.01, ticks=[-100, -30, -10, -5, 0, 5, 10, 30, 100])
     bar.ax.set_yticklabels([f"{t:+d}" if t else "0" for t in bar.get_ticks().astype(int)])
     bar.set_label("change of the window sum by dither [%]")
-    save(figure, path)
+    save_full(figure, path)
 
 
 def main():

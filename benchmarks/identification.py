@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from stiction_envs.experiments.sje.plots import save
 from stiction_envs.gap.signals.dataset import GUARD, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.identification.excitation import ExcitationSettings, excite
 from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.identify import FOLDS, MODELS, identify
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
 from stiction_envs.testing import excited_logs as excited
@@ -396,7 +396,7 @@ def picture(rows, measured, path):
         three.set_xticks(range(1, 8))
         three.legend(ncols=3, fontsize=8)
         three.grid(axis="y", alpha=0.25)
-    save(figure, path)
+    save_full(figure, path)
 
 
 def main():

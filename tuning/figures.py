@@ -17,6 +17,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
 )
 from stiction_envs.measured import BaseTable, DitheredRow
+from stiction_envs.reporting.png import save_full
 from tuning.thesis import ThesisTuner
 
 Verified = dict[str, dict[Job, Measurement]]
@@ -51,7 +52,7 @@ def base(tuner: ThesisTuner, measured: BaseTable, path: Path) -> None:
     axes.set_ylabel("base torque τ_b [N·m]")
     threshold = tuner.experiment.protocol.threshold
     axes.set_title(f"Torque to move each joint by {threshold:g} rad without dither")
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 def frequency(tuner: ThesisTuner, rows: list[DitheredRow], path: Path) -> None:
@@ -92,7 +93,7 @@ def frequency(tuner: ThesisTuner, rows: list[DitheredRow], path: Path) -> None:
         axes.axis("off")
     grid.ravel()[n].legend(handles, labels, loc="center", frameon=False)
     figure.suptitle("Change of the torque that moves a joint, mean of four configurations")
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 def _change(tuner: ThesisTuner, job: Job) -> float:
@@ -124,7 +125,7 @@ def verification(
     _label_bars(axes, cs)
     axes.set_ylabel("change of torque [%]")
     axes.set_title("Torque to move each joint with the final dither, against none")
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 def appendix(tuner: ThesisTuner, verified: Verified) -> list[str]:

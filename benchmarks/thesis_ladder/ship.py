@@ -15,7 +15,8 @@ import numpy as np
 from stiction_envs.experiments.sje.calibrate import Calibration, calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import friction_path
-from stiction_envs.measured import thesis_base, write_text_atomic
+from stiction_envs.measured import thesis_base
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.thesis.nested_models import Ladder
 from stiction_envs.thesis.whole_arm import ROBOT, start_friction, with_parameters
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.toml import toml_text
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -301,19 +302,14 @@ def dump_friction(
         provenance: how the fitted numbers came about.
     """
 
-    def text(value: str) -> str:
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-    lines = ["# Joint friction. SI units; direction order is +, −. Written by calibration."]
-    for title, entries in (("meta", meta), ("provenance", provenance)):
-        lines += ["", f"[{title}]", *(f"{k} = {text(v)}" for k, v in entries.items())]
+    table: dict[str, Any] = {"meta": meta, "provenance": provenance}
     for name, quantity in QUANTITIES.items():
-        value: Any = getattr(parameters, name)
+        value: Array = getattr(parameters, name)
         if quantity.by_direction and np.array_equal(value[:, 0], value[:, 1]):
             value = value[:, 0]
         source = sources[name]
-        lines += ["", f"[{name}]", f"value = {value.tolist()!r}", f"unit = {text(quantity.unit)}"]
-        lines += [f"source = {text(source)}"]
+        table[name] = {"value": value.tolist(), "unit": quantity.unit, "source": source}
         if source.startswith("assumed"):
-            lines += ["assumed = true"]
-    return "\n".join(lines) + "\n"
+            table[name]["assumed"] = True
+    head = "Joint friction. SI units; direction order is +, −. Written by calibration."
+    return toml_text(table, head=head)

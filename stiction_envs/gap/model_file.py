@@ -19,6 +19,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.gap.causes import CAUSES, ActuatorDelay, Cause
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -230,31 +231,25 @@ def read(path: Path) -> Nominal:
 
 def dump(nominal: Nominal) -> str:
     """Return the TOML tables ``[arm]`` and ``[[cause]]``; floats read back exactly."""
-
-    def text(value: str) -> str:
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-    lines = [
-        "",
-        "# What the causes stand on, and the causes exactly: for --nominal of stiction diagnose.",
-        "[arm]",
-        f"robot = {text(nominal.robot or '')}",
-        f"payload = {[float(x) for x in nominal.payload or ()]!r}",
-        f"tilt = {[float(x) for x in nominal.tilt]!r}",
-        f"distance = {[float(x) for x in nominal.distance or ()]!r}",
-    ]
+    arm: dict[str, Any] = {
+        "robot": nominal.robot or "",
+        "payload": [float(x) for x in nominal.payload or ()],
+        "tilt": [float(x) for x in nominal.tilt],
+        "distance": [float(x) for x in nominal.distance or ()],
+    }
     if nominal.friction is not None:
-        lines += ["", "[arm.friction]"]
-        lines += [f"{k} = {getattr(nominal.friction, k).tolist()!r}" for k in QUANTITIES]
-    for part in nominal.parts:
-        lines += [
-            "",
-            "[[cause]]",
-            f"name = {text(part.cause)}",
-            f"joint = {part.joint}",
-            f"shape = {[float(x) for x in part.shape]!r}",
-            f"coefficients = {[float(x) for x in part.coefficients]!r}",
-            f"level = {part.level}",
-            f"carried = {str(part.carried).lower()}",
-        ]
-    return "\n".join(lines) + "\n"
+        arm["friction"] = {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES}
+    causes = [
+        {
+            "name": part.cause,
+            "joint": part.joint,
+            "shape": [float(x) for x in part.shape],
+            "coefficients": [float(x) for x in part.coefficients],
+            "level": part.level,
+            "carried": part.carried,
+        }
+        for part in nominal.parts
+    ]
+    what = "What the causes stand on, and the causes exactly: for --nominal of stiction diagnose."
+    tables = {"arm": arm, **({"cause": causes} if causes else {})}
+    return "\n" + toml_text(tables, comments={"arm": what})

@@ -20,7 +20,7 @@ from stiction_envs.gap.report_figures import (
     draw_joint,
 )
 from stiction_envs.gap.report_scores import draw_proof, draw_summary
-from stiction_envs.measured import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.html import to_html
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.reporting.markdown import listed, plural, short, table

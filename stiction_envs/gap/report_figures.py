@@ -18,7 +18,7 @@ from scipy.signal import welch
 from stiction_envs.gap.candidates import ARM, Term
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.reporting.png import save
+from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
@@ -243,7 +243,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
     names = ["residual without it", "what the cause predicts", "residual with it"]
     figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
     figure.suptitle(f"{cause.name}: {view.note}", fontsize=10.5)
-    save(figure, path)
+    save_small(figure, path)
     return Drawn(
         path.name,
         f"{cause.name}: residual torque{folded} against {view.label}. Above without this cause "
@@ -327,7 +327,7 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
         frameon=False,
     )
     figure.suptitle(f"joint {joint + 1}", x=0.02, ha="left", fontsize=12)
-    save(figure, path)
+    save_small(figure, path)
     return Drawn(path.name, f"Joint {joint + 1}: torque, and residual against everything.")
 
 

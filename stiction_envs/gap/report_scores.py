@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.forward_validation import REPLAY, Proof
 from stiction_envs.gap.report_figures import AFTER, BEFORE, Drawn
-from stiction_envs.reporting.png import save
+from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def draw_summary(d: Diagnosis, path: Path) -> Drawn:
     axes.plot(np.arange(n), d.noise, "_", color="0.1", ms=26, mew=1.6, label="noise floor")
     axes.set_ylabel("held-out residual [N·m]")
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    save(figure, path)
+    save_small(figure, path)
     return Drawn(path.name, "Root mean square residual on data that was not fitted.")
 
 
@@ -86,7 +86,7 @@ def draw_proof(proof: Proof, path: Path) -> Drawn:
         axes.spines[["top", "right"]].set_visible(False)
         if k == 0:
             axes.set_ylabel("angle from its start [rad]\n(dashed: measured)", fontsize=9)
-    save(figure, path)
+    save_small(figure, path)
     return Drawn(
         path.name,
         "The logs' torques drive both models in stock MuJoCo, from the measured state, in windows "

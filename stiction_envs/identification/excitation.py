@@ -33,7 +33,7 @@ from stiction_envs.identification.excitation_motion import (
     sweeps_from,
 )
 from stiction_envs.identification.excitation_search import Problem, search
-from stiction_envs.measured import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import Arm, load_arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT, save
+from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT
 from stiction_envs.identification.excitation import Excitation
+from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm
 
 RATE = 50.0
@@ -48,7 +49,7 @@ def plot_excitation(motion: Excitation, arm: Arm, path: str | os.PathLike[str]) 
     _conditions(bars, motion)
     title = ROBOTS.get(motion.robot, motion.robot)
     figure.suptitle(f"{title}: excitation, {motion.duration:.3g} s, κ = {motion.condition:.3g}")
-    save(figure, path)
+    save_full(figure, path)
 
 
 def _conditions(axes, motion: Excitation) -> None:  # type: ignore[no-untyped-def]

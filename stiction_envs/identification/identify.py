@@ -37,8 +37,8 @@ from stiction_envs.identification.base_parameters import (
     structural_base,
 )
 from stiction_envs.identification.bodies import consistent_fit
-from stiction_envs.measured import write_text_atomic
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 

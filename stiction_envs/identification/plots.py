@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from stiction_envs.experiments.sje.plots import save
 from stiction_envs.identification.identify import Identification
+from stiction_envs.reporting.png import save_full
 
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
 """Of `identification.MODELS`."""
@@ -35,4 +35,4 @@ def plot_identification(found: Identification, path: str | Path) -> None:
     axes.grid(axis="y", which="both", alpha=0.25)
     axes.set_axisbelow(True)
     axes.legend(ncols=5, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14))
-    save(figure, Path(path))
+    save_full(figure, Path(path))

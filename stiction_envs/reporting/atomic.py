@@ -11,12 +11,17 @@ def write_text_atomic(path: str | os.PathLike[str], text: str) -> None:
 
     Line ends are written as they are in ``text``, so that files are the same on every system.
     """
+    write_bytes_atomic(path, text.encode())
+
+
+def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write ``data`` to ``path`` at once; a failure leaves what was there before."""
     path = Path(path)
-    # Beside the target, since a rename is atomic only within one file system.
+    # In the target's folder, since a rename is atomic only within one file system.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with open(part, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with open(part, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)

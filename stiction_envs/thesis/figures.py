@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
+from stiction_envs.reporting.png import save_full
 from stiction_envs.thesis.nyquist_phase import PhaseStudy
 from stiction_envs.thesis.scores import ARM, FREQUENCIES, JOINTS, TARGETS, Findings
 
@@ -64,7 +65,7 @@ def ladder(findings: Findings, path: Path) -> None:
     axes.set_title("Tables 4.7, 4.8 and 4.10 of the thesis, predicted from 4.3 and 4.6")
     axes.grid(axis="x", alpha=0.3)
     axes.legend(frameon=False, fontsize=8, loc="lower right")
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 # ---- one joint -----------------------------------------------------------------------------------
@@ -132,7 +133,7 @@ def joint(findings: Findings, number: int, path: Path) -> None:
     text = "" if band is None else f"\n{band.name} is off the scale: −100 % at scale 1.0"
     figure.suptitle(f"Joint {number}: measured and predicted change{text}", fontsize=12)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 def _chosen_frequency(findings: Findings, number: int) -> float:
@@ -301,7 +302,7 @@ def residuals(findings: Findings, path: Path) -> None:
     )
     axes.grid(axis="y", alpha=0.3)
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 # ---- the iiwa ------------------------------------------------------------------------------------
@@ -357,4 +358,4 @@ def iiwa(study: PhaseStudy, path: Path) -> None:
         axes.grid(alpha=0.25, lw=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     figure.suptitle("LBR iiwa 7 R800: dither at half the controller's rate", fontsize=12)
-    plots.save(figure, path)
+    save_full(figure, path)

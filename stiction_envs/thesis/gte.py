@@ -26,8 +26,8 @@ from stiction_envs.experiments.gte.rows import (
     thesis_window_sums,
     unit,
 )
-from stiction_envs.measured import write_text_atomic
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.atomic import write_text_atomic
 
 Measured = tuple[Run, Measures]
 Pair = tuple[Measured, Measured]

@@ -22,7 +22,8 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.tables.cells import Cell, cells
 from stiction_envs.gap.tables.model import Bench, Effects, JointTables, with_drift
-from stiction_envs.measured import thesis_base, write_text_atomic
+from stiction_envs.measured import thesis_base
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import load_arm
 from stiction_envs.thesis.fit import Fit, Found, search, settings
 from stiction_envs.thesis.whole_arm import ROBOT, start_friction, whole_arm, with_parameters

@@ -11,7 +11,7 @@ from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.tables.cells import Cell, Score, cells
-from stiction_envs.measured import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import plural, table
 from stiction_envs.thesis import figures, page_iiwa, page_joints, page_limits, page_questions
 from stiction_envs.thesis.nested_models import Rung

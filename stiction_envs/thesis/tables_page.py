@@ -21,8 +21,10 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
-from stiction_envs.measured import thesis_dithered, write_text_atomic
+from stiction_envs.measured import thesis_dithered
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.png import save_full
 from stiction_envs.thesis.tables import (
     TITLES,
     Reproduced,
@@ -222,7 +224,7 @@ def _scatter(rows: Sequence[TableRow], path: Path) -> None:
         axes.legend(frameon=False, fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
     figure.suptitle("The thesis's torques, simulated with the shipped friction")
-    plots.save(figure, path)
+    save_full(figure, path)
 
 
 def _points(

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from stiction_envs.measured import write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 
 
 def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
 from stiction_envs.experiments.gte.rows import thesis_window_sums, unit
-from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT, save
+from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT
+from stiction_envs.reporting.png import save_full
 
 Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
@@ -95,7 +96,7 @@ def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(handles=_path_legend(runs), loc="best", frameon=False, fontsize=9)
     figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
-    save(figure, path)
+    save_full(figure, path)
 
 
 def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str) -> None:
@@ -120,7 +121,7 @@ def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
         handles=_path_legend(runs), loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=False
     )
     figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
-    save(figure, path)
+    save_full(figure, path)
 
 
 def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...]) -> Array:
@@ -193,7 +194,7 @@ def plot_errors(
     )
     what = "orientation error, mean and std" if orientation else "position error, mean and std"
     figure.suptitle(_title(runs[0], robot, what), fontsize=11)
-    save(figure, path)
+    save_full(figure, path)
 
 
 _DOTS: tuple[Any, ...] = ((0, (1, 1.5)), (0, (1, 4)))  # without dither, with it
@@ -247,7 +248,7 @@ def plot_window_sums(
         f"{ROBOTS.get(robot, robot)}: Table 4.11, from without dither (ring) to with it (dot)",
         fontsize=11,
     )
-    save(figure, path)
+    save_full(figure, path)
 
 
 def _arrows(axes: Axes, ends: tuple[Array, Array], shade: str, shift: float) -> None:

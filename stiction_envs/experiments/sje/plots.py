@@ -7,10 +7,8 @@ the positive direction, cold ones the negative.
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.plant import CONTROL_DT
+from stiction_envs.reporting.png import save_full
 
 Array = NDArray[np.float64]
 POSES = {"load": "load pose", "no_load": "no-load pose"}
@@ -29,21 +28,6 @@ ROBOTS = {"panda": "Panda", "iiwa7": "LBR iiwa 7 R800", "iiwa14": "LBR iiwa 14 R
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
 SIGNS = {"+": "+", "-": "−"}
 WITHOUT, WITH = "0.45", "#d1701a"
-DPI = 130
-
-
-def save(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a PNG that is there in full or not at all, and the same for the same figure."""
-    path = Path(path)
-    text = io.BytesIO()
-    figure.savefig(text, format="png", dpi=DPI, metadata={"Software": None})
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(text.getvalue())
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
 
 
 def dither_text(job: Job) -> str:
@@ -156,7 +140,7 @@ def plot_sje(
         f"{ROBOTS.get(robot, robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
         fontsize=12,
     )
-    save(figure, path)
+    save_full(figure, path)
 
 
 def _iterations(axes: Axes, m: Measurement, ramp_rate: float) -> None:
@@ -295,4 +279,4 @@ def plot_with_and_without(
     axes.spines[["top", "right"]].set_visible(False)
     most = max(abs(base.mean), abs(dithered.mean))
     axes.set_xlim(right=1.22 * most)
-    save(figure, path)
+    save_full(figure, path)

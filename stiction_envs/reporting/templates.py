@@ -1,0 +1,50 @@
+"""Report texts: Jinja2 templates that lie in a ``templates`` folder beside the code that fills them.
+
+A template holds the words and the few branches that choose between them; numbers come from Python,
+either formatted or through the filters `signed`, `percent`, `short`, `span`, `listed`, `joints`.
+Tables are made by `markdown.table` and come as text.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from stiction_envs.reporting import markdown
+from stiction_envs.reporting.atomic import write_text_atomic
+
+
+@cache
+def _environment(folder: Path) -> Environment:
+    out = Environment(
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # noqa: S701  Markdown for people, of our own numbers
+    )
+    for name in ("signed", "percent", "short", "span", "listed", "joints", "plural"):
+        out.filters[name] = getattr(markdown, name)
+    return out
+
+
+def render(template: Path, **values: object) -> str:
+    """Return the text of a template: no blank lines but single ones, one line end at the end.
+
+    Args:
+        template: its path.
+        values: what it asks for; one that is missing is an error.
+    """
+    text = _environment(template.parent).get_template(template.name).render(**values)
+    return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
+
+
+def write_page(path: Path, template: Path, **values: Any) -> str:
+    """Write a template's text to a file; return the text."""
+    text = render(template, **values)
+    write_text_atomic(path, text)
+    return text
