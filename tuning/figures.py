@@ -128,28 +128,28 @@ def verification(
     save_full(figure, path)
 
 
-def appendix(tuner: ThesisTuner, verified: Verified) -> list[str]:
-    """Draw every joint and pose as in the thesis's appendices; return the report's lines."""
+def iterations(tuner: ThesisTuner, verified: Verified) -> list[tuple[int, str, str, str]]:
+    """Draw every joint and pose as in the thesis's appendices, without dither and with the final.
+
+    Returns:
+        Joint, load and the two files, from the tuner's folder.
+    """
     threshold = tuner.experiment.protocol.threshold
     rate = tuner.experiment.protocol.ramp_rate
     final = {j.configuration: m for j, m in verified["final"].items()}
-    lines = ["## Iterations (Appendices C and D)", ""]
+    drawn = []
     (tuner.out / "plots").mkdir(exist_ok=True)
     for joint in range(1, tuner.experiment.n + 1):
         for load in LOADS:
             cs = [c for c in configurations(tuner.experiment.n, [joint]) if c.load == load]
+            files = {k: f"plots/joint{joint}_{load}_{k}.png" for k in ("base", "final")}
             for name, found in (("base", tuner.base), ("final", final)):
-                file = f"plots/joint{joint}_{load}_{name}.png"
                 plots.plot_sje(
                     [found[c] for c in cs if found[c].traces],
-                    tuner.out / file,
+                    tuner.out / files[name],
                     robot=tuner.experiment.sticking.arm.name,
                     threshold=threshold,
                     ramp_rate=rate,
                 )
-            lines += [
-                f"![joint {joint}, {load}, no dither](plots/joint{joint}_{load}_base.png) "
-                f"![joint {joint}, {load}, final dither](plots/joint{joint}_{load}_final.png)",
-                "",
-            ]
-    return lines
+            drawn.append((joint, load, files["base"], files["final"]))
+    return drawn

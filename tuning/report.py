@@ -1,8 +1,12 @@
-"""report.md: what was tuned, and the thesis's tables simulated beside measured."""
+"""report.md: what was tuned, and the thesis's tables simulated beside measured.
+
+The words are in ``templates/``; here are the numbers and tables that go into them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,22 +19,20 @@ from stiction_envs.measured import (
     thesis_dithered,
     thesis_table,
 )
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import signed, table_text
+from stiction_envs.reporting.templates import write_page
 from tuning import figures
 from tuning.rules import Choice
 from tuning.thesis import ThesisTuner
 
+TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 Verified = dict[str, dict[Job, Measurement]]
 LOAD_NAMES = {"load": "load", "no_load": "no load"}
+PLACE = "joint, pose, direction"
 
 
 def _name(c: Configuration) -> str:
-    return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction})"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return [*lines, *("| " + " | ".join(r) + " |" for r in rows), ""]
+    return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
 
 
 def change(m: Measurement, base: Measurement) -> float:
@@ -65,60 +67,52 @@ def _measured_base(tuner: ThesisTuner, table: BaseTable | None) -> BaseTable | N
     return thesis_base(name) if name in ("panda", "iiwa7") else None
 
 
-def _base_section(tuner: ThesisTuner, measured: BaseTable | None) -> tuple[list[str], float]:
-    rows, worst = [], float("nan")
-    errors = []
+def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
+    rows = []
     for c, m in tuner.base.items():
-        cells = [_name(c), f"{m.mean:+.4f} ± {m.std:.4f}"]
+        row = [_name(c), f"{signed(m.mean, 4)} ± {m.std:.4f}"]
         if measured is not None:
             value = measured.get(c.joint, c.load, c.direction)
-            errors.append(100 * (m.mean / value - 1))
-            cells += [f"{value:+.4f}", f"{errors[-1]:+.2f} %"]
-        rows.append(cells)
-    header = ["joint, pose, direction", "simulated τ_b [N·m]"]
+            row += [signed(value, 4), f"{signed(100 * (m.mean / value - 1), 2)} %"]
+        rows.append(row)
+    header = [PLACE, "simulated τ_b [N·m]"]
     if measured is not None:
         header += ["measured τ_b [N·m]", "difference"]
-        worst = float(np.max(np.abs(errors)))
-    return ["## Base torques (Table 4.3)", "", *_table(header, rows)], worst
+    return table_text(header, rows)
 
 
-def _dither_section(
-    title: str, rows: list[DitheredRow], tuner: ThesisTuner, verified: Verified, key: str
-) -> list[str]:
+def _dithered(
+    number: str, rows: Sequence[DitheredRow], tuner: ThesisTuner, verified: Verified
+) -> dict[str, Any]:
     """One of Tables 4.5–4.8 and 4.10: a line per configuration, a column per setting."""
+    key = "amplitude_set" if number == "4.10" else "frequency_hz"
     columns = list(dict.fromkeys(getattr(r, key) for r in rows))
     lines: dict[Configuration, dict[Any, str]] = {}
-    gaps = []
+    differences = []
     for r in rows:
-        c = Configuration(r.joint, r.load, r.direction)
         both = pair(tuner, verified, r)
-        cell = f"– / {r.change_pct:+.1f}"
+        cell = f"– / {signed(r.change_pct)}"
         if both is not None:
             simulated = change(*both)
-            cell = f"{both[0].mean:+.3f} ({simulated:+.1f})"
-            cell += f" / {r.tau_sje_nm:+.3f} ({r.change_pct:+.1f})"
+            cell = f"{signed(both[0].mean, 3)} ({signed(simulated)})"
+            cell += f" / {signed(r.tau_sje_nm, 3)} ({signed(r.change_pct)})"
             if not r.outlier:
-                gaps.append(abs(simulated - r.change_pct))
-        if r.outlier:
-            cell += " †"
-        lines.setdefault(c, {})[getattr(r, key)] = cell
-    unit = " Hz" if key == "frequency_hz" else ""
+                differences.append(abs(simulated - r.change_pct))
+        place = Configuration(r.joint, r.load, r.direction)
+        lines.setdefault(place, {})[getattr(r, key)] = cell + (" †" if r.outlier else "")
+    names = [k if isinstance(k, str) else f"{k:g} Hz" for k in columns]
     body = [[_name(c), *(cells.get(k, "") for k in columns)] for c, cells in lines.items()]
-    header = ["joint, pose, direction", *(f"{k:g}{unit}" if unit else str(k) for k in columns)]
-    out = [f"## {title}", "", "Cells: simulated N·m (change %) / measured N·m (change %).", ""]
-    out += _table(header, body)
-    if gaps:
-        out += [
-            f"Difference of the changes: mean {np.mean(gaps):.1f}, median {np.median(gaps):.1f} "
-            "points of the base torque.",
-            "",
-        ]
-    if any(r.outlier for r in rows):
-        out += ["† not credible: the same setting repeated in Table 4.10 gives +1.65 %.", ""]
-    return out
+    return {
+        "number": number,
+        "table": table_text([PLACE, *names], body),
+        "differences": differences,
+        "mean": float(np.mean(differences)) if differences else float("nan"),
+        "median": float(np.median(differences)) if differences else float("nan"),
+        "broken": any(r.outlier for r in rows),
+    }
 
 
-def _choice_section(choices: list[Choice], robot: str) -> list[str]:
+def _choices(choices: list[Choice], robot: str) -> str:
     by_joint: dict[int, dict[str, Any]] = {}
     if robot == "panda":
         by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
@@ -135,7 +129,50 @@ def _choice_section(choices: list[Choice], robot: str) -> list[str]:
             r = by_joint[c.joint]
             cells += [f"{r['frequency_Hz']:g}, {abs(r['tau_final_Nm']):g}"]
         rows.append(cells)
-    return ["## Final amplitude table (Table 4.9)", "", *_table(header, rows)]
+    return table_text(header, rows)
+
+
+def _own_verification(tuner: ThesisTuner, verified: Verified) -> str:
+    rows = []
+    for c in configurations(tuner.experiment.n):
+        cells = [_name(c), signed(tuner.base[c].mean, 4)]
+        for kind in ("intermediate", "final"):
+            m = next(m for j, m in verified[kind].items() if j.configuration == c)
+            cells.append(f"{signed(m.mean, 4)} ({signed(change(m, tuner.base[c]))} %)")
+        rows.append(cells)
+    return table_text([PLACE, "base [N·m]", "intermediate [N·m]", "final [N·m]"], rows)
+
+
+def _caveats(tuner: ThesisTuner, reductions: dict[int, float], warnings: list[str]) -> list[str]:
+    out = list(warnings)
+    left_out = [f"{f:g}" for f in tuner.frequencies if f not in tuner.eligible]
+    if left_out:
+        out.append(
+            f"measured, but not chosen from: {', '.join(left_out)} Hz (not below half the "
+            "controller's rate)"
+        )
+    worse = [str(j) for j, r in reductions.items() if r < 0]
+    if worse:
+        out.append(f"not confirmed by the verification: joint {', '.join(worse)}")
+    return out
+
+
+def _reductions(
+    tuner: ThesisTuner, choices: list[Choice], final: dict[Job, Measurement]
+) -> dict[int, float]:
+    """Return by how much the torque falls on each joint, mean of its configurations [%]."""
+    return {
+        c.joint: float(
+            np.mean(
+                [
+                    -change(m, tuner.base[j.configuration])
+                    for j, m in final.items()
+                    if j.configuration.joint == c.joint
+                ]
+            )
+        )
+        for c in choices
+    }
 
 
 def write_report(
@@ -147,72 +184,41 @@ def write_report(
     warnings: list[str],
 ) -> dict[str, Any]:
     """Write report.md and its plots; return the summary that ``--json`` prints."""
-    arm = tuner.experiment.sticking.arm
-    measured = _measured_base(tuner, table)
-    rows = thesis_rows(tuner)
-    base_lines, worst = _base_section(tuner, measured)
-    reductions = {
-        c.joint: float(
-            np.mean(
-                [
-                    -change(m, tuner.base[j.configuration])
-                    for j, m in verified["final"].items()
-                    if j.configuration.joint == c.joint
-                ]
-            )
-        )
-        for c in choices
-    }
+    robot = tuner.experiment.sticking.arm.name
+    measured, rows = _measured_base(tuner, table), thesis_rows(tuner)
+    reductions = _reductions(tuner, choices, verified["final"])
     mean = float(np.mean(list(reductions.values())))
-    best, least = (
-        max(reductions, key=reductions.__getitem__),
-        min(reductions, key=reductions.__getitem__),
-    )
-    lines = [
-        f"# Dither amplitudes for {arm.name}",
-        "",
-        f"With the final table the torque to move a joint falls by {mean:.0f} % on average in "
-        f"simulation, most on joint {best} ({reductions[best]:.0f} %), least on joint {least} "
-        f"({reductions[least]:.0f} %). Verified on {len(verified['final'])} configurations "
-        "measured anew with another seed.",
-        "",
-        *_caveats(tuner, reductions, warnings),
-        *_choice_section(choices, arm.name),
-        "![reduction against frequency](frequency.png)",
-        "",
-        "![verification](verification.png)",
-        "",
-        *base_lines,
-        *([] if measured is None else ["![base torques](base.png)", ""]),
-    ]
-    titles = {
-        "4.5": "First trials on the iiwa (Table 4.5)",
-        "4.6": "Frequencies at scale 1.0 (Table 4.6)",
-        "4.7": "Scale 1.2 (Table 4.7)",
-        "4.8": "Scale 0.8 (Table 4.8)",
-        "4.10": "Verification: intermediate and final amplitudes (Table 4.10)",
-    }
-    if not any(r.table == "4.10" for r in rows):
-        lines += _own_verification(tuner, verified)
-    for number, title in titles.items():
-        mine = [r for r in rows if r.table == number]
-        if mine:
-            key = "amplitude_set" if number == "4.10" else "frequency_hz"
-            lines += _dither_section(title, mine, tuner, verified, key)
-    if any(r.table == "4.10" for r in rows):
-        lines += [
-            "In Table 4.10 each side uses its own amplitudes: ours from the table above, the "
-            "thesis's from its Table 4.9.",
-            "",
-        ]
+    numbers = list(dict.fromkeys(r.table for r in rows))
     figures.frequency(tuner, rows, tuner.out / "frequency.png")
     figures.verification(tuner, verified, rows, tuner.out / "verification.png")
+    worst = float("nan")
     if measured is not None:
         figures.base(tuner, measured, tuner.out / "base.png")
-    lines += figures.appendix(tuner, verified)
-    write_text_atomic(tuner.out / "report.md", "\n".join(lines).rstrip() + "\n")
+        found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
+        worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
+    write_page(
+        tuner.out / "report.md",
+        TEMPLATE,
+        robot=robot,
+        mean=mean,
+        reductions=reductions,
+        best=max(reductions, key=reductions.__getitem__),
+        least=min(reductions, key=reductions.__getitem__),
+        count=len(verified["final"]),
+        caveats=_caveats(tuner, reductions, warnings),
+        choices=_choices(choices, robot),
+        base=_base_table(tuner, measured),
+        measured=measured is not None,
+        own_verification="" if "4.10" in numbers else _own_verification(tuner, verified),
+        dithered=[
+            _dithered(n, [r for r in rows if r.table == n], tuner, verified)
+            for n in ("4.5", "4.6", "4.7", "4.8", "4.10")
+            if n in numbers
+        ],
+        iterations=figures.iterations(tuner, verified),
+    )
     return {
-        "robot": arm.name,
+        "robot": robot,
         "final": [
             {"joint": c.joint, "frequency_hz": c.frequency_hz, "amplitude_nm": c.amplitude_nm}
             for c in choices
@@ -223,30 +229,3 @@ def write_report(
         "warnings": warnings,
         "report": str(tuner.out / "report.md"),
     }
-
-
-def _caveats(tuner: ThesisTuner, reductions: dict[int, float], warnings: list[str]) -> list[str]:
-    lines = [f"> {w}" for w in warnings]
-    left_out = [f"{f:g}" for f in tuner.frequencies if f not in tuner.eligible]
-    if left_out:
-        lines.append(
-            f"> measured, but not chosen from: {', '.join(left_out)} Hz (not below half the "
-            "controller's rate)"
-        )
-    worse = [str(j) for j, r in reductions.items() if r < 0]
-    if worse:
-        lines.append(f"> not confirmed by the verification: joint {', '.join(worse)}")
-    # an empty quoted line between them keeps each a paragraph of its own
-    return ["\n>\n".join(lines), ""] if lines else []
-
-
-def _own_verification(tuner: ThesisTuner, verified: Verified) -> list[str]:
-    rows = []
-    for c in configurations(tuner.experiment.n):
-        cells = [_name(c), f"{tuner.base[c].mean:+.4f}"]
-        for kind in ("intermediate", "final"):
-            m = next(m for j, m in verified[kind].items() if j.configuration == c)
-            cells.append(f"{m.mean:+.4f} ({change(m, tuner.base[c]):+.1f} %)")
-        rows.append(cells)
-    header = ["joint, pose, direction", "base [N·m]", "intermediate [N·m]", "final [N·m]"]
-    return ["## Verification", "", *_table(header, rows)]

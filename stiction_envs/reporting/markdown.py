@@ -6,6 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 
 
+def number(value: float, digits: int = 1) -> str:
+    """Return a number with a true minus and no −0.0; – for NaN."""
+    return signed(value, digits).removeprefix("+")
+
+
 def signed(value: float, digits: int = 1) -> str:
     """Return a number with its sign, a true minus, and no −0.0; – for NaN."""
     if math.isnan(value):
@@ -22,7 +27,9 @@ def percent(value: float, digits: int = 1) -> str:
 
 
 def short(value: float, figures: int = 3) -> str:
-    """Return a number of any size with some figures, without an exponent."""
+    """Return a number of any size with some figures, without an exponent; – for NaN."""
+    if math.isnan(value):
+        return "–"
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, figures - 1 - math.floor(math.log10(abs(value))))
@@ -51,12 +58,23 @@ def joints(numbers: Sequence[int]) -> str:
     return ("joints " if len(numbers) > 1 else "joint ") + listed(numbers)
 
 
+def plural(count: int, noun: str) -> str:
+    """Return ``1 cell`` or ``2 cells``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def sentence(text: str) -> str:
+    """Return a clause with a capital letter and a full stop."""
+    text = text[:1].upper() + text[1:]
+    return text if text.endswith(".") else text + "."
+
+
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return a Markdown table and an empty line."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
 
 
-def plural(count: int, noun: str) -> str:
-    """Return ``1 cell`` or ``2 cells``."""
-    return f"{count} {noun}" + ("" if count == 1 else "s")
+def table_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table as a template takes it."""
+    return "\n".join(table(header, rows))

@@ -1,8 +1,7 @@
-"""Report texts: Jinja2 templates that lie in a ``templates`` folder beside the code that fills them.
+"""Report texts: Jinja2 templates in the ``templates`` folder of the package that fills them.
 
 A template holds the words and the few branches that choose between them; numbers come from Python,
-either formatted or through the filters `signed`, `percent`, `short`, `span`, `listed`, `joints`.
-Tables are made by `markdown.table` and come as text.
+either as text or through `FILTERS`. Tables are made by `markdown.table` and come as text.
 """
 
 from __future__ import annotations
@@ -17,6 +16,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from stiction_envs.reporting import markdown
 from stiction_envs.reporting.atomic import write_text_atomic
 
+FILTERS = (
+    *("number", "signed", "percent", "short", "span"),
+    *("listed", "joints", "plural", "sentence"),
+)
+"""Functions of `markdown` that templates know by name."""
+
 
 @cache
 def _environment(folder: Path) -> Environment:
@@ -25,9 +30,9 @@ def _environment(folder: Path) -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        autoescape=False,  # noqa: S701  Markdown for people, of our own numbers
+        autoescape=False,  # the pages are Markdown
     )
-    for name in ("signed", "percent", "short", "span", "listed", "joints", "plural"):
+    for name in FILTERS:
         out.filters[name] = getattr(markdown, name)
     return out
 

@@ -22,7 +22,8 @@ def toml_text(
         head: comment at the top, without ``#``.
         comments: comments above tables, by top-level name.
     """
-    single, tables = [], []
+    single: list[str] = []
+    tables: list[str] = []
     for name, value in table.items():
         text = _NUMBERS.sub(_one_line, tomli_w.dumps({name: value}))
         # what stands after a table's header would belong to that table

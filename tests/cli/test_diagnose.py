@@ -111,7 +111,7 @@ def test_writes_what_the_contract_says(ran, work, two, log, cli):
     assert all(x.startswith("data:image/png;base64,") for x in links.found)
     assert len(page) < 120_000 * len(pictures)  # with them it must still go into a mail
     text = (work / "a/report.md").read_text("utf-8")
-    for heading in ("## Causes", "## Held-out residual", "## Forward proof", "## Provenance"):
+    for heading in ("## Causes", "## Held-out residual", "## Forward validation", "## Provenance"):
         assert heading in text
     for cause in found["causes"]:
         assert (work / f"a/plots/cause_{cause['name']}.png").is_file()

@@ -44,3 +44,18 @@ def test_small_is_small_and_full_is_full(tmp_path):
     assert small.size == (300, 200)
     assert len(small.convert("RGB").getcolors()) <= COLOURS
     assert len(full.convert("RGB").getcolors(10**6)) > COLOURS
+
+
+def test_colours_of_a_small_picture(tmp_path):
+    """A palette of few colours; white stays white and a line keeps its colour."""
+    figure = Figure(figsize=(4, 3))
+    axes = figure.subplots()
+    axes.plot(np.random.default_rng(0).normal(size=3000), ".", color="#c2590c", ms=2)
+    axes.plot([0, 3000], [0, 0], color="#1f5fa8", lw=6)
+    save_small(figure, tmp_path / "a.png")
+    picture = Image.open(tmp_path / "a.png")
+    assert picture.mode == "P"
+    colours = [c for _, c in picture.convert("RGB").getcolors()]
+    assert len(colours) <= COLOURS
+    for wanted in ((255, 255, 255), (0xC2, 0x59, 0x0C), (0x1F, 0x5F, 0xA8)):
+        assert min(max(abs(a - b) for a, b in zip(wanted, c, strict=True)) for c in colours) < 6
