@@ -27,7 +27,8 @@ from stiction_envs.experiments.gte.rows import (
     unit,
 )
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import percent, table_text
+from stiction_envs.reporting.templates import write_page
 
 Measured = tuple[Run, Measures]
 Pair = tuple[Measured, Measured]
@@ -191,60 +192,41 @@ def write_gte(
         if progress is not None:
             progress("figures", k + 1, len(pairs))
     iterations = len(pairs[0][0][0].accepted)
-    write_text_atomic(folder / "gte.md", "\n".join(_page(rows, shown, iterations)) + "\n")
-    return score(rows)
+    found = score(rows)
+    write_page(
+        folder / "gte.md",
+        Path(__file__).parent / "templates" / "gte.md.j2",
+        iterations=iterations,
+        s=found,
+        table=_table(rows, iterations),
+        figures=shown,
+    )
+    return found
 
 
 # ---- page ----------------------------------------------------------------------------------------
 
 
-def _page(
-    rows: Sequence[WindowSum], figures: dict[str, list[str]], iterations: int
-) -> Iterator[str]:
-    s = score(rows)
-    yield "# The Generated Trajectory Experiment, simulated beside measured"
-    yield ""
-    yield (
-        f"Panda, Cartesian impedance control, final dither of Table 4.9, {iterations} iterations. "
-        "Sums of the absolute error over 200 samples (± standard deviation over iterations). "
-        "Nothing is fitted to this table; sizes of paths, start and speeds are assumed, since the "
-        "thesis prints none."
+def _table(rows: Sequence[WindowSum], iterations: int) -> str:
+    header = ["case", "axis", *("measured", "with dither", "change")]
+    return table_text(
+        [*header, "simulated", "with dither", "change"],
+        [
+            [
+                f"{r.trajectory} {r.stiffness}",
+                f"{r.axis} [{r.unit}]",
+                f"{r.measured_no_dither:.3f}",
+                f"{r.measured_dither:.3f}",
+                percent(100 * r.measured_change),
+                _sum(r.simulated_no_dither, r.simulated_no_dither_std),
+                _sum(r.simulated_dither, r.simulated_dither_std),
+                percent(100 * r.simulated_change)
+                + ("" if r.clear(iterations) else " (within noise)"),
+            ]
+            for r in rows
+        ],
     )
-    yield ""
-    yield (
-        f"Signs of the dither's effect right: {s['signs_right']} of {s['axes']} (a coin would have "
-        f"{s['axes'] / 2:g}); of the {s['rises']} that rose {s['rises_right']}. Errors without "
-        f"dither are off by a factor of {s['factor']:.1f} (root mean square of the logarithms). "
-        "Why, and what would change it: `benchmarks/gte_table_4_11.md`."
-    )
-    yield ""
-    yield "![Table 4.11](table_4_11.png)"
-    yield ""
-    yield "| case | axis | measured | with dither | change | simulated | with dither | change |"
-    yield "|" + "---|" * 8
-    for r in rows:
-        cells = (
-            f"{r.trajectory} {r.stiffness}",
-            f"{r.axis} [{r.unit}]",
-            f"{r.measured_no_dither:.3f}",
-            f"{r.measured_dither:.3f}",
-            _percent(r.measured_change),
-            _sum(r.simulated_no_dither, r.simulated_no_dither_std),
-            _sum(r.simulated_dither, r.simulated_dither_std),
-            _percent(r.simulated_change) + ("" if r.clear(iterations) else " (within noise)"),
-        )
-        yield "| " + " | ".join(cells) + " |"
-    for number in sorted(figures):
-        yield ""
-        yield f"## Figure {number}"
-        yield ""
-        for file in figures[number]:
-            yield f"![{Path(file).stem}]({file})"
 
 
 def _sum(mean: float, spread: float) -> str:
     return f"{mean:.3f}" + ("" if math.isnan(spread) else f" ± {spread:.3f}")
-
-
-def _percent(x: float) -> str:
-    return f"{100 * x:+.1f} %".replace("-", "−")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,9 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.measured import thesis_dithered
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.png import save_full
+from stiction_envs.reporting.templates import write_page
 from stiction_envs.thesis.tables import (
     TITLES,
     Reproduced,
@@ -63,8 +64,15 @@ def write_tables(
     write_lines(folder / "tables.csv", header, rows)
     _scatter(found.rows, folder / "tables.png")
     figures = _appendices(folder, found, progress)
-    write_text_atomic(folder / "tables.md", "\n".join(_page(found, figures)).rstrip() + "\n")
-    return scores(found.rows)
+    marks = scores(found.rows)
+    write_page(
+        folder / "tables.md",
+        Path(__file__).parent / "templates" / "tables.md.j2",
+        overview=_overview(marks),
+        tables=list(_tables(found)),
+        figures=figures,
+    )
+    return marks
 
 
 # ---- page ----------------------------------------------------------------------------------------
@@ -75,102 +83,76 @@ def _name(c: Configuration, robot: str = "") -> str:
     return f"{robot} {c.joint} {POSES[c.load]} ({sign})".strip()
 
 
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return [*lines, *("| " + " | ".join(r) + " |" for r in rows), ""]
+def _torque(value: float, digits: int) -> str:
+    return "stuck" if math.isnan(value) else signed(value, digits)
 
 
-def _number(value: float, digits: int) -> str:
-    return "stuck" if math.isnan(value) else f"{value:+.{digits}f}".replace("-", "−")
-
-
-def _page(found: Reproduced, figures: Sequence[str]) -> list[str]:
-    marks = scores(found.rows)
-    lines = [
-        "# The thesis's tables, simulated beside measured",
-        "",
-        "Single Joint Experiments of the whole arm with the friction shipped in "
-        "`stiction_envs/friction`. That friction is calibrated to Table 4.3; which of the others "
-        "its parameters have seen stands in its TOML. Tables 4.1, 4.2, 4.4 and A.1 are line fits "
-        "to trajectories and are not simulated here.",
-        "",
-        *_markdown(
-            ["table", "", "cells", "mean difference", "median", "largest"],
-            [
-                [
-                    f"[{number}](#table-{number.replace('.', '')})",
-                    TITLES[number],
-                    f"{s['cells']:.0f}",
-                    *(f"{s[k]:.1f} %" for k in ("mean", "median", "largest")),
-                ]
-                for number, s in marks.items()
-            ],
-        ),
-        "Differences are in per cent of the base torque: of the torque itself in Table 4.3, of the "
-        "change by dither in the others, each against its own base.",
-        "",
-        "![simulated against measured](tables.png)",
-        "",
+def _overview(marks: Mapping[str, Mapping[str, float]]) -> str:
+    rows = [
+        [
+            f"[{number}](#table-{number.replace('.', '')})",
+            TITLES[number],
+            f"{s['cells']:.0f}",
+            *(f"{s[k]:.1f} %" for k in ("mean", "median", "largest")),
+        ]
+        for number, s in marks.items()
     ]
-    for number in TITLES:
+    return table_text(["table", "", "cells", "mean difference", "median", "largest"], rows)
+
+
+def _tables(found: Reproduced) -> Iterator[dict[str, Any]]:
+    for number, title in TITLES.items():
         mine = [r for r in found.rows if r.table == number]
         if number == "4.9" and found.chosen:
-            lines += _chosen(found)
-        elif number == "4.3" and mine:
-            lines += _base(mine)
+            text = _chosen(found)
         elif mine:
-            lines += _dithered(number, mine)
-    if figures:
-        lines += ["## Figures (Appendices B, C and D)", ""]
-        lines += [f"![{Path(f).stem}]({f})" for f in figures]
-    return lines
+            text = _base(mine) if number == "4.3" else _dithered(number, mine)
+        else:
+            continue
+        yield {
+            "number": number,
+            "title": title,
+            "text": text,
+            "broken": any(r.outlier for r in mine),
+            "no_effect": number == "4.5" and not any(r.simulated_change_pct for r in mine),
+        }
 
 
-def _base(rows: Sequence[TableRow]) -> list[str]:
+def _base(rows: Sequence[TableRow]) -> str:
     body = [
         [
             _name(r.configuration, NAMES[r.robot]),
-            f"{_number(r.simulated_nm, 4)}" + _spread(r),
-            _number(r.measured_nm, 4),
-            f"{_number(r.difference, 2)} %",
+            f"{_torque(r.simulated_nm, 4)}" + _spread(r),
+            _torque(r.measured_nm, 4),
+            f"{_torque(r.difference, 2)} %",
         ]
         for r in rows
     ]
     header = ["robot, joint, pose, direction", "simulated [N·m]", "measured [N·m]", "difference"]
-    return ["## Table 4.3", "", TITLES["4.3"] + ".", "", *_markdown(header, body)]
+    return table_text(header, body)
 
 
 def _spread(r: TableRow) -> str:
     return "" if math.isnan(r.simulated_std_nm) else f" ± {r.simulated_std_nm:.4f}"
 
 
-def _dithered(number: str, rows: Sequence[TableRow]) -> list[str]:
+def _dithered(number: str, rows: Sequence[TableRow]) -> str:
     key: Callable[[TableRow], Any] = (
         (lambda r: r.amplitude_set) if number == "4.10" else (lambda r: r.frequency_hz)
     )
     columns = list(dict.fromkeys(map(key, rows)))
     lines: dict[Configuration, dict[Any, str]] = {}
     for r in rows:
-        text = f"{_number(r.simulated_nm, 3)} ({_number(r.simulated_change_pct, 1)})"
-        text += f" / {_number(r.measured_nm, 3)} ({_number(r.measured_change_pct, 1)})"
+        text = f"{_torque(r.simulated_nm, 3)} ({_torque(r.simulated_change_pct, 1)})"
+        text += f" / {_torque(r.measured_nm, 3)} ({_torque(r.measured_change_pct, 1)})"
         lines.setdefault(r.configuration, {})[key(r)] = text + (" †" if r.outlier else "")
     header = ["joint, pose, direction"]
     header += [c if isinstance(c, str) else f"{c:g} Hz" for c in columns]
     body = [[_name(c), *(found.get(k, "") for k in columns)] for c, found in lines.items()]
-    out = [f"## Table {number}", "", f"{TITLES[number]}. Simulated / measured, N·m (change in %)."]
-    out += ["", *_markdown(header, body)]
-    if rows[0].robot == "iiwa7" and not any(r.simulated_change_pct for r in rows):
-        out += [
-            "Without scatter every dither starts at phase 0, where a sine at half the controller's "
-            "rate is no dither at all.",
-            "",
-        ]
-    if any(r.outlier for r in rows):
-        out += ["† not credible: the same setting repeated in Table 4.10 gives +1.65 %.", ""]
-    return out
+    return table_text(header, body)
 
 
-def _chosen(found: Reproduced) -> list[str]:
+def _chosen(found: Reproduced) -> str:
     body = [
         [
             str(c.joint),
@@ -180,13 +162,7 @@ def _chosen(found: Reproduced) -> list[str]:
         ]
         for c in found.chosen
     ]
-    text = (
-        "By hand on the robot, and by the thesis's rules (best frequency at scale 1.0, best scale "
-        "there, largest amplitude of the four configurations) on the simulated torques. Joint 3's "
-        "scale is printed 1.0 and was 1.2."
-    )
-    header = ["joint", "by hand: f [Hz], scale, A [N·m]", "simulated", "why that A"]
-    return ["## Table 4.9", "", text, "", *_markdown(header, body)]
+    return table_text(["joint", "by hand: f [Hz], scale, A [N·m]", "simulated", "why that A"], body)
 
 
 # ---- figures -------------------------------------------------------------------------------------
