@@ -322,12 +322,10 @@ class CartesianImpedance:
             StictionError: a simulation without a model, a missing ``coriolis``.
         """
         settings = self.settings
-        if not self._all_known:
-            missing = int(np.argmin(self._known))
-            raise StictionError(f"torque of simulation {missing}: update_model has to be called")
+        arguments = self.arguments
         if settings.coriolis and coriolis is None:
             raise StictionError("torque: the setting coriolis needs the argument coriolis")
-        self._advance()
+        self.advance_filters()
         impedance_cycle(
             position,
             quaternion,
@@ -337,7 +335,7 @@ class CartesianImpedance:
             self._torques(coriolis if settings.coriolis else None),
             self._torques(gravity_correction),
             self._torques(dither),
-            *self._arguments,
+            *arguments,
         )
         return self._command.copy()
 
@@ -348,16 +346,18 @@ class CartesianImpedance:
         return np.broadcast_to(values, self._nothing.shape).copy()
 
     @property
-    def arguments(self) -> tuple[Any, ...] | None:
-        """All of `cycle.impedance_cycle` after the dither: with them it is `torque`.
+    def arguments(self) -> tuple[Any, ...]:
+        """All of `kernels.impedance_cycle` after the dither.
 
-        They hold until stiffness or nullspace stiffness are changed. None where a filter is on or
-        a simulation has no model.
+        With them it is `torque`, once `advance_filters` was called. They stay the same objects
+        until stiffness or nullspace stiffness are changed.
+
+        Raises:
+            StictionError: a simulation without a model.
         """
-        return self._arguments if self._all_known and not self._filtering else None
-
-    @property
-    def _arguments(self) -> tuple[Any, ...]:
+        if not self._all_known:
+            missing = int(np.argmin(self._known))
+            raise StictionError(f"torque of simulation {missing}: update_model has to be called")
         return (
             self.settings.dither_after_saturation,
             self.settings.torque_rate,
@@ -378,7 +378,8 @@ class CartesianImpedance:
             self._command,
         )
 
-    def _advance(self) -> None:
+    def advance_filters(self) -> None:
+        """Move stiffness, wrench and poses one cycle towards what was set; `torque` does it."""
         if not self._filtering:
             return
         if self._stiffness.advance():

@@ -163,8 +163,8 @@ class GTERig:
         self.start_position, self.start_quaternion = self._nominal()
         self._watch: Callable[[], None] | None = None
         self._count, self._hold_steps = 0, interface.hold_steps
-        self._fast: tuple[Any, ...] | None = None
-        self._no_correction = np.zeros((nsim, self.n))
+        self._arguments: tuple[Any, ...] = ()
+        self._nothing = np.zeros((nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque that reached the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -281,7 +281,7 @@ class GTERig:
     def advance(self, steps: int, watch: Callable[[], None] | None = None) -> None:
         """Follow for ``steps`` control steps; ``watch`` is called in each, before the arms move."""
         self._watch, self._count = watch, int(self.step.max())
-        self._fast = self._fast_arguments()
+        self._arguments = self._step_arguments()
         self.plant.follow(self._law, steps)
 
     def _time(self) -> Array:
@@ -296,10 +296,7 @@ class GTERig:
         model, goals = step % self._model_period < hold, step % self._goal_period < hold
         if due and (model or goals):
             self._look_ahead(model, goals)
-        if self._fast is not None:
-            control_step(due, *self._fast)
-        else:
-            self._control_step(due)
+        self._control_step(due)
         if self._watch is not None:
             self._watch()
         self.step += 1
@@ -318,42 +315,25 @@ class GTERig:
             self.controller.set_reference(position, quaternion)
 
     def _control_step(self, due: bool) -> None:
-        """`control_step`, part by part."""
-        flange = self.flange
-        flange.read()
         if due:
-            q, dq, t = self.plant.position, self.plant.velocity, self._time()
-            self.shaking[:] = self.dither.torque(t, dq if self.dither.gated else None)
-            self.controller.torque(
-                flange.position,
-                flange.quaternion,
-                flange.jacobian,
-                q,
-                dq,
-                coriolis=self._belief.coriolis,
-                dither=self.shaking,
-            )
-        self.applied[:] = self._path.cycle(self.controller.command)
-        np.add(self.applied, self._belief.missing, out=self._torque)
+            self.controller.advance_filters()
+            if self.dither.sines is None:
+                speed = self.plant.velocity if self.dither.gated else None
+                self.shaking[:] = self.dither.torque(self._time(), speed)
+        control_step(due, *self._arguments)
 
-    def _fast_arguments(self) -> tuple[Any, ...] | None:
-        """Return those of `control_step` that stay the same objects while arms follow.
-
-        None where the controller filters or some dither is no plain sine: `_control_step` is for
-        that.
-        """
-        sines, impedance = self.dither.sines, self.controller.arguments
-        if sines is None or impedance is None:
-            return None
-        sticking, belief = self.plant.sticking, self._belief
+    def _step_arguments(self) -> tuple[Any, ...]:
+        """Return those of `control_step` that stay the same objects while arms follow."""
+        sticking, belief, dither = self.plant.sticking, self._belief, self.dither
+        sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
         return (
             self.flange.arguments,
             (*self.plant.state, sticking.motor, sticking.spring),
-            sines,
+            (dither.sines is not None, *sines),
             self.step,
             # zero where it is not asked for
-            (belief.coriolis, self._no_correction),
-            impedance,
+            (belief.coriolis, self._nothing),
+            self.controller.arguments,
             self._path.arguments,
             belief.missing,
             self.shaking,

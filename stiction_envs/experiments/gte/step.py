@@ -1,6 +1,6 @@
-"""The fast part of a control step of `GTERig`, in one call of compiled code.
+"""A control step of `GTERig`, in one call of compiled code.
 
-Called one by one from Python, the functions spend half of the time on the way to each other.
+Called one by one from Python, these functions would spend half of the time between their calls.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def control_step(
     due: bool,
     site: tuple[Any, ...],
     joints: tuple[Any, ...],
-    sines: tuple[Array, Array, Array],
+    sines: tuple[bool, Array, Array, Array],
     step: NDArray[np.int64],
     feedforward: tuple[Array, Array],
     impedance: tuple[Any, ...],
@@ -36,26 +36,27 @@ def control_step(
 ) -> None:
     """Read the flange and, where ``due``, compute the next command; pass the command on.
 
-    The same functions in the same order as in `GTERig._control_step`, hence the same bits.
-
     Args:
         due: whether the controller computes in this step, or its command is held.
         site: of `site_kinematics`; the last three are what it writes.
         joints: (N, nq) positions [rad], (N, nv) speeds [rad/s], and the last two of `link_angles`.
-        sines: the first three of `sine`.
+        sines: whether the dither is nothing else but sines, then the first three of `sine`;
+            any other dither is in ``shaking`` already.
         step: (N,) control steps since the arm began to follow.
         feedforward: of `impedance_cycle`, Coriolis torque and gravity correction (N, n) [N·m].
         impedance: of `impedance_cycle` behind the dither; the last is what it writes.
         path: of `pass_torque` between command and result.
         missing: (N, n) torque that acts besides, gravity compensated wrongly [N·m].
-        shaking: (N, n) dither, written where ``due`` [N·m].
+        shaking: (N, n) dither, sines are written where ``due`` [N·m].
         applied: (N, n) what of the command reaches the joints, written [N·m].
         torque: (N, n) the sum of that and ``missing``, written [N·m].
     """
     site_kinematics(*site)
     if due:
         qpos, qvel, motor, spring = joints
-        sine(*sines, step.astype(np.float64) * CONTROL_DT, shaking)
+        plain, omega, phase, amplitude = sines
+        if plain:
+            sine(omega, phase, amplitude, step.astype(np.float64) * CONTROL_DT, shaking)
         impedance_cycle(
             site[-3],
             site[-2],
