@@ -96,12 +96,12 @@ def _inputs(targets: list[str]) -> dict[str, Path]:
         found[robot] = package / "robots" / f"{robot}.xml"
         found[f"{robot}_table"] = package / "robots" / f"{robot}.toml"
         found[f"{robot}_friction"] = friction_path(robot)
-    found["protocol"] = package / "experiments" / "sje.toml"
+    found["protocol"] = package / "experiments" / "sje" / "sje.toml"
     if "gte" in targets:
-        found["gte_protocol"] = package / "experiments" / "gte.toml"
+        found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
         found["controller"] = package / "control" / "gte.toml"
     if "gap" in targets:
-        found["dither_fit"] = package / "gap" / "dither_fit.toml"
+        found["dither_fit"] = package / "thesis" / "dither_fit.toml"
     tables = {t: path for target in targets for t, path in _tables(package, target).items()}
     return {**found, **tables}
 
