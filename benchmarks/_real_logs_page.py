@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from stiction_envs.gap.report import UNITS
+from stiction_envs.gap.causes import parameter_units
 from stiction_envs.reporting.markdown import short, table
 from stiction_envs.reporting.png import save_small
 
@@ -225,7 +225,7 @@ def _case(name: str, row: Row) -> list[str]:
 def _parameter(key: str, p: dict[str, Any]) -> str:
     value = p["value"]
     text = ", ".join(short(x) for x in value) if isinstance(value, list) else short(value)
-    unit = UNITS.get(key, "")
+    unit = parameter_units().get(key, "")
     bound = " (on its bound)" if p["on_bound"] else ""
     return f"{ENDINGS.sub('', key) if unit else key} {text} {unit}".rstrip() + bound
 

@@ -29,7 +29,8 @@ from tqdm import tqdm
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose
-from stiction_envs.testing.hidden_logs import EXCITED_BY, JOINTS, Case, make_case
+from stiction_envs.testing.hidden_effects import EFFECTS
+from stiction_envs.testing.hidden_logs import Case, make_case
 
 VISIBLE = 3.0
 TARGETS = {"strongest": 0.95, "interval": 0.85, "false": 0.02, "pairs": 0.85}
@@ -116,16 +117,15 @@ class Job:
 
 def common_joints(one: str, two: str) -> list[int]:
     """Return the joints on which two causes can be seen."""
-    every = range(1, 8)
-    return [j for j in every if j in JOINTS.get(one, every) and j in JOINTS.get(two, every)]
+    return [j for j in EFFECTS[one].joints if j in EFFECTS[two].joints]
 
 
 def pair(seed: int) -> tuple[str, str]:
     """Two causes that one motion excites, that the generator can hold, and that are not one."""
     rng = np.random.default_rng([seed, 78])
     while True:
-        one, two = (str(x) for x in rng.choice(list(EXCITED_BY), 2, replace=False))
-        together = set(EXCITED_BY[one]) & set(EXCITED_BY[two])
+        one, two = (str(x) for x in rng.choice(list(EFFECTS), 2, replace=False))
+        together = set(EFFECTS[one].motions) & set(EFFECTS[two].motions)
         both_loose = {one, two} == {"backlash", "joint_elasticity"}
         if together and not both_loose and {one, two} != SAME and common_joints(one, two):
             return one, two
@@ -136,7 +136,7 @@ def plan(cases: int) -> list[Job]:
     out = []
     for k in range(cases):
         seed = FIRST + k
-        out += [Job(seed, (name,)) for name in EXCITED_BY]
+        out += [Job(seed, (name,)) for name in EFFECTS]
         out += [Job(FIRST + 1000 + NOTHING * k + i, ()) for i in range(NOTHING)]
         for i in range(PAIRS):
             number = FIRST + 2000 + PAIRS * k + i
@@ -247,7 +247,7 @@ def report(rows: list[Row], planned: int) -> str:
         "| hidden | cases | visible | strongest | right joint | in interval | others named first |",
         "|---|---|---|---|---|---|---|",
     ]
-    for name in EXCITED_BY:
+    for name in EFFECTS:
         mine = [r for r in single if r["hidden"] == [name]]
         good = [r for r in mine if r["effect_over_noise"] > VISIBLE]
         hit = [r for r in good if r["named"][:1] == [name]]
@@ -298,7 +298,7 @@ def is_told(row: Row) -> bool:
 def picture(rows: list[Row], path: Path) -> None:
     """Draw the confusion matrix: hidden against named first, visible cases only."""
     rows = [r for r in rows if "broken" not in r]
-    names = [*EXCITED_BY, "nothing"]
+    names = [*EFFECTS, "nothing"]
     table = np.zeros((len(names), len(names)))
     for r in rows:
         if (

@@ -15,8 +15,6 @@ from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data, rate
 Array = NDArray[np.float64]
 HUBER = 3.0
 """Residuals beyond this many robust standard deviations weigh less [-]."""
-COMMON = ("coulomb_friction", "viscous_friction", "torque_offset", "link_inertia")
-"""Linear causes that are taken out before nonlinear ones look for their parameters."""
 UNCERTAIN, SURE = 0.05, 0.9
 """Weight of rows in which a joint rests off its steady level of friction, and that level [-]: how
 far it sprang back is hardly seen, so that its torque is known to some 0.2 of its friction only,
@@ -83,9 +81,9 @@ class Library:
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual without what the common linear causes explain."""
         parts = [
-            self.causes[name].columns(self.data, joint, ())
-            for name in COMMON
-            if name in self.causes
+            cause.columns(self.data, joint, ())
+            for cause in self.causes.values()
+            if cause.removed_first
         ]
         r = self.residual[:, joint]
         if not parts:
@@ -94,7 +92,7 @@ class Library:
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
     def _offer(self, cause: Cause, joint: int, left: Array) -> None:
-        reason = cause.lacking(self.data, joint)
+        reason = cause.why_not_identifiable(self.data, joint)
         if reason:
             self.lacking[cause.name, joint] = reason
             return
@@ -102,7 +100,7 @@ class Library:
             self._add_all(Term(cause.name, joint, shape))
 
     def _offer_arm(self, cause: Cause) -> None:
-        reason = cause.lacking(self.data, 0)
+        reason = cause.why_not_identifiable(self.data, 0)
         if reason:
             self.lacking[cause.name, ARM] = reason
             return
@@ -138,7 +136,7 @@ class Library:
         return sum(
             self._size(t)
             + len(t.shape)
-            - self.causes[t.cause].tied
+            - self.causes[t.cause].dependent_parameters
             # what usually does not come alone is the less simple name
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms

@@ -24,7 +24,7 @@ def confused_with(
     """Return the causes that explain the same part: held-out gain of one once the other is in."""
     name, rest = mine[0].cause, [t for t in terms if t not in mine]
     data, cause = library.data, library.causes[name]
-    out = list(dict.fromkeys(x for t in mine for x in cause.alike(data, t.joint)))
+    out = list(dict.fromkeys(x for t in mine for x in cause.indistinguishable_from(data, t.joint)))
     taken = {t.cause for t in rest}
     for other in library.causes:
         if other == name or other in out or name in library.needs(other):
@@ -54,7 +54,7 @@ def _looks_the_same(
     parts = dict(zip(terms, library.split(terms, c), strict=True))
     for term in mine:
         j = term.joint
-        if (other, j) not in library.lacking or not cause.plain:
+        if (other, j) not in library.lacking or not cause.is_linear:
             return False
         beside = [library.columns(t, j) for t in terms if t not in mine and j in library.reach(t)]
         target = library.columns(term, j) @ parts[term]

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.candidates import ARM, Library, Term
-from stiction_envs.gap.causes import CAUSES, ActuatorDelay, Cause
+from stiction_envs.gap.causes import Cause, Part, TorqueShift, cause_named, registered
 from stiction_envs.gap.confusion import confused_with
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
-from stiction_envs.gap.model_file import Nominal, Part, resolve
+from stiction_envs.gap.model_file import Nominal, resolve
 from stiction_envs.gap.refit import beside_what_was_found, found_again, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
 from stiction_envs.gap.signals.dataset import Data, assemble
-from stiction_envs.gap.signals.poses import AT_REST
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import mend_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs
@@ -143,7 +142,7 @@ def diagnose(
     *,
     nominal: str | Path | FrictionParameters | Nominal = "rigid",
     link_side: bool = False,
-    causes: Sequence[Cause] = CAUSES,
+    causes: Sequence[Cause] | None = None,
     cutoff_hz: float | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
@@ -156,13 +155,14 @@ def diagnose(
         nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
             parameters.
         link_side: whether torque was measured behind the gear.
-        causes: hypotheses.
+        causes: hypotheses, which are registered; None for all that are.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         seed: of the bootstrap.
         progress: called with a stage and its part done.
 
     Raises:
-        StictionError: logs that cannot be read or do not fit the robot.
+        StictionError: logs that cannot be read or do not fit the robot, or a cause that is not
+            registered.
     """
     say = progress or (lambda *_: None)
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
@@ -175,6 +175,9 @@ def diagnose(
         else:
             read += read_logs([log], arm.n, limits=arm.limits)
         say("reading", len(read) / len(logs))
+    causes = registered() if causes is None else causes
+    for cause in causes:
+        cause_named(cause.name)  # files and reports look it up
     stood_on = resolve(nominal, arm)
     read, signals = mend_torques(
         read, arm, lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS)
@@ -184,7 +187,7 @@ def diagnose(
     data = stood_on.extend(base)
     say("columns of all causes", 0.0)
     if not np.isfinite(data.dt):  # poses without any motion
-        causes = [c for c in causes if c.name in AT_REST]
+        causes = [c for c in causes if c.shown_at_rest]
     library = Library(data, causes)
 
     def choose(library: Library, *some: Sequence[Term]) -> list[Term]:
@@ -246,7 +249,7 @@ def _conclude(
                 gain_percent=lost,
                 parameters=estimates(library, terms, mine, c, draws),
                 evidence=_evidence(
-                    library.causes[name].said(library.split(terms, c)[terms.index(mine[0])]),
+                    library.causes[name].describe(library.split(terms, c)[terms.index(mine[0])]),
                     joints,
                     without,
                     extended_rms,
@@ -313,8 +316,7 @@ def _verdict(
 
 def _motion(library: Library, name: str) -> str:
     """Return the motion that shows a cause, of those too that are no hypothesis here."""
-    known = {c.name: c for c in CAUSES} | library.causes
-    return known[name].record
+    return (library.causes.get(name) or cause_named(name)).what_to_record
 
 
 def _record(library: Library, named: list[NamedCause], lacking: dict[str, str]) -> tuple[str, ...]:
@@ -346,7 +348,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
 
     def beside(term: Term) -> bool:
         cause = diagnosis.library.causes[term.cause]
-        return cause.of_all if isinstance(cause, ActuatorDelay) else data.carried is not None
+        return cause.acts_on_all if isinstance(cause, TorqueShift) else data.carried is not None
 
     parts = tuple(
         Part(

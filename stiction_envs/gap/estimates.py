@@ -47,10 +47,11 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
         c = library.split(out, library.stack.fit(library.pick(out)))
         level = library.data.level.copy()
         for term, mine in zip(out, c, strict=True):
-            if term.cause == "coulomb_friction":
-                level[term.joint] += float(mine[0])
+            level[term.joint] += library.causes[term.cause].dry_friction(mine)
         larger = [
-            Term(t.cause, t.joint, library.causes[t.cause].grown(t.shape, x, float(level[t.joint])))
+            Term(
+                t.cause, t.joint, library.causes[t.cause].resized(t.shape, x, float(level[t.joint]))
+            )
             for t, x in zip(out, c, strict=True)
         ]
         if larger == out:
@@ -66,7 +67,7 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
     data = library.data
     c = library.split(out, library.stack.fit(library.pick(out)))
     for i, term in enumerate(out):
-        if not term.shape or term.joint == ARM or not library.causes[term.cause].sharpen:
+        if not term.shape or term.joint == ARM or not library.causes[term.cause].refinable:
             continue
         j = term.joint
         cause, rest = library.causes[term.cause], term.shape[1:]
@@ -125,7 +126,7 @@ def estimates(
         samples = [cause.values(x, shape) for x, shape in drawn]
         neutral = {p.name: p.neutral for p in cause.parameters}
         tried = library.tried(term)
-        bound = cause.bounded(best, library.data, term.joint) or cause.at_edge(term.shape, tried)
+        bound = cause.on_bound(best, library.data, term.joint) or cause.at_edge(term.shape, tried)
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
@@ -162,7 +163,7 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
     data = library.data
     parts = library.split(terms, c)
     start = np.cumsum([0, *(len(x) for x in parts)])
-    bent = [i for i, t in enumerate(terms) if t.shape and library.causes[t.cause].sharpen]
+    bent = [i for i, t in enumerate(terms) if t.shape and library.causes[t.cause].refinable]
     where = {i: int(start[-1]) + k for k, i in enumerate(bent)}
     size = int(start[-1]) + len(bent)
     grams, columns, coefficients = [], [], []

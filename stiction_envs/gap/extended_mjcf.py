@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,25 +14,12 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.gap.causes.draft import PAYLOAD_RADIUS, Body
 from stiction_envs.robots import Arm, mjcf
 
 Array = NDArray[np.float64]
 TIMESTEP = 1e-3
 """Of the model [s]."""
-PAYLOAD_RADIUS = 0.03
-"""Of the solid sphere of a payload whose inertia was not found [m]; as `load_arm`, assumed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A payload in the flange's axes."""
-
-    mass: float
-    """[kg]."""
-    com: Array
-    """(3,) [m]."""
-    inertia: Array | None
-    """(3, 3) about the centre of mass [kg·m²]; None for a solid sphere's."""
 
 
 def with_bodies(arm: Arm, payloads: Sequence[Body], gravity: Array) -> Arm:

@@ -17,62 +17,12 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
-from stiction_envs.gap.causes import CAUSES, ActuatorDelay, Cause
+from stiction_envs.gap.causes import Part, TorqueShift, cause_named
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-BY_NAME = {c.name: c for c in CAUSES}
-CARRIED = ("payload", "base_tilt")
-"""Causes whose torque the gear transmits: they change the load that friction depends on."""
-FRICTION = ("coulomb_friction", "viscous_friction")
-"""Causes after which a nominal model has friction, which may then be too much too."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Part:
-    """One cause on one joint, as it was found."""
-
-    cause: str
-    joint: int
-    """From 1; 0 is the whole arm."""
-    shape: tuple[float, ...]
-    """Nonlinear parameters."""
-    coefficients: tuple[float, ...]
-    """What its columns are multiplied by."""
-    level: int = 1
-    """Number of the diagnosis, from 1: a later one stands on the earlier ones."""
-    carried: bool = False
-    """Whether it was found beside what the gears carry of the same diagnosis; for a delay, whether
-    it is one of all torques of that diagnosis."""
-
-    def values(self) -> dict[str, Any]:
-        """Return the parameters as in ``diagnosis.json``."""
-        return BY_NAME[self.cause].values(np.array(self.coefficients), self.shape)
-
-    def torque(self, data: Data, cause: Cause | None = None) -> Array:
-        """Return (T, n) what it adds to the torque of a nominal model [N·m].
-
-        Args:
-            data: logs beside that model.
-            cause: in the place of that of its name.
-        """
-        cause, c = cause or BY_NAME[self.cause], np.array(self.coefficients)
-        out = np.zeros_like(data.q)
-        if cause.coupled:
-            spread = cause.spread(data, self.joint - 1, self.shape)
-            parts = {j: spread[:, j] for j in range(data.n)}
-        else:
-            joints = range(data.n) if self.joint == 0 else [self.joint - 1]
-            parts = {j: cause.columns(data, j, self.shape) for j in joints}
-        for j, columns in parts.items():
-            if columns.shape[1] != len(c):
-                raise StictionError(
-                    f"cause {self.cause}: {len(c)} coefficients, allowed are {columns.shape[1]}"
-                )
-            out[:, j] = columns @ c
-        return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,25 +76,29 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data beside a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
-        torque = sum((p.torque(data) for p in mine if p.cause in CARRIED), np.zeros_like(data.q))
+        causes = [(p, cause_named(p.cause)) for p in mine]
+        torque = sum(
+            (cause.torque(data, p) for p, cause in causes if cause.transmitted_by_gear),
+            np.zeros_like(data.q),
+        )
         beside = data.carrying(torque)
         added = sound = np.zeros_like(data.q)
-        for p in mine:
-            if p.cause != ActuatorDelay.name:
-                more = p.torque(beside if p.carried else data)
+        for p, cause in causes:
+            if not isinstance(cause, TorqueShift):
+                more = cause.torque(beside if p.carried else data, p)
                 added = added + more
-                if not BY_NAME[p.cause].lags:
+                if not cause.resembles_delay:
                     sound = sound + more
-        for p in mine:
-            if p.cause == ActuatorDelay.name:
-                whole = ActuatorDelay(torque=data.nominal + sound if p.carried else None)
-                added = added + p.torque(data, whole)
+        for p, cause in causes:
+            if isinstance(cause, TorqueShift):
+                whole = cause.acting_on(data.nominal + sound) if p.carried else cause
+                added = added + whole.torque(data, p)
         data = dataclasses.replace(
             beside,
             nominal=data.nominal + added,
             carried=None,
             diagnosed=True,
-            has_friction=data.has_friction or any(p.cause in FRICTION for p in mine),
+            has_friction=data.has_friction or any(cause.base_friction for _, cause in causes),
             memory={},
         )
     return data
@@ -212,10 +166,14 @@ def read(path: Path) -> Nominal:
             f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
         ) from None
     for part in parts:
-        if part.cause not in BY_NAME or part.joint < 0:
+        try:
+            arm_wide = cause_named(part.cause).arm_wide
+        except StictionError as error:
+            raise StictionError(f"nominal {path}: {error}") from None
+        if part.joint < 0 or (part.joint == 0) != arm_wide:
+            expected = "0, the whole arm" if arm_wide else "1 or more"
             raise StictionError(
-                f"nominal {path}: unknown cause {part.cause!r} on joint {part.joint}: allowed are "
-                f"{', '.join(BY_NAME)}"
+                f"nominal {path}: cause {part.cause} on joint {part.joint}: expected {expected}"
             )
     if payload is not None and len(payload) != 4:
         raise StictionError(f"nominal {path}: payload has {len(payload)} numbers, allowed are 4")

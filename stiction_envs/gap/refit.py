@@ -12,16 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.candidates import ARM, Library, Term
-from stiction_envs.gap.causes import ActuatorDelay
-from stiction_envs.gap.causes.actuator_delay import LONGEST, TRIED, shifted
-from stiction_envs.gap.causes.base import Shape
-from stiction_envs.gap.model_file import CARRIED
+from stiction_envs.gap.causes import Shape, TorqueShift
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
-STEPS = (0.8, 0.9, 1.0 - 1e-6, 1.1, 1.2)
-"""Factors of a delay's T' that are tried with the new torque, one of them as good as none [-].
-No two undo each other, since a term has its columns once; assumed."""
 ROUNDS = 3
 """Times that a delay follows the model it is a part of; assumed."""
 
@@ -29,28 +23,31 @@ ROUNDS = 3
 def beside_what_was_found(library: Library, terms: Sequence[Term]) -> Library | None:
     """Return columns as they are beside what the whole arm has, None if that is nothing."""
     data, causes = library.data, library.causes
-    carried = [t for t in terms if t.cause in CARRIED]
-    late = _late(terms)
+    carried = [t for t in terms if causes[t.cause].transmitted_by_gear]
+    late = _late(library, terms)
     if not carried and late is None:
         return None
     if late is not None:
         c = library.split(terms, library.stack.fit(library.pick(terms)))
         lengths = c[list(terms).index(late)].tolist()
-        delay = ActuatorDelay([*TRIED, *lengths], data.nominal + _sound(library, terms))
-        causes = {**causes, delay.name: delay}
+        shift = _shift(library, late)
+        causes = {
+            **causes,
+            shift.name: shift.acting_on(data.nominal + _sound(library, terms), lengths),
+        }
         if not data.has_friction:
             # as long as the delay was not known, it made reversals look longer
-            data = _biting_beside(data, late.shape, lengths[0])
+            data = _biting_beside(data, shift, late.shape, lengths[0])
     if carried:
         data = data.carrying(_torque(library, terms, carried))
     return Library(data, list(causes.values()))
 
 
-def _biting_beside(data: Data, shape: Shape, length: float) -> Data:
+def _biting_beside(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:
     """Return data in which dry friction bites within the distances that a delay leaves to it."""
 
     def late(torque: Array) -> Array:
-        return torque + length * shifted(data, torque, shape)
+        return torque + length * shift.shifted(data, torque, shape)
 
     logged = np.stack([late(x) for x in data.nominal.T], axis=1)
     return data.biting(data.tau - logged, late)
@@ -64,20 +61,18 @@ def found_again(terms: Sequence[Term], beside: Sequence[Term]) -> bool:
 def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
     """Let a delay shift the torque of the very model it is a part of, as far as it fits better."""
     out, stack = list(terms), library.stack
-    late = _late(out)
+    late = _late(library, out)
     if late is None:
         return out
     at = out.index(late)
     for _ in range(ROUNDS):
-        cause = library.causes[late.cause]
-        if not isinstance(cause, ActuatorDelay) or not cause.of_all:
+        cause = _shift(library, late)
+        if not cause.acts_on_all:
             break
         torque = library.data.nominal + _sound(library, out)
-        lengths = (factor * out[at].shape[0] for factor in STEPS)
-        shapes = [(x, *out[at].shape[1:]) for x in lengths if abs(x) < LONGEST]
-        tried = [Term(late.cause, late.joint, x) for x in shapes]
+        tried = [Term(late.cause, late.joint, x) for x in cause.nearby(out[at].shape)]
         before = float(stack.errors(library.pick(out)).sum())
-        library.causes[late.cause] = ActuatorDelay(cause.tried, torque)
+        library.causes[late.cause] = cause.acting_on(torque)
         library.refine(tried)
         stack = library.stack
         models = [[*out[:at], x, *out[at + 1 :]] for x in tried]
@@ -89,13 +84,25 @@ def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
     return out
 
 
-def _late(terms: Sequence[Term]) -> Term | None:
-    return next((t for t in terms if t.cause == ActuatorDelay.name), None)
+def _late(library: Library, terms: Sequence[Term]) -> Term | None:
+    """Return the term that shifts all torque, if there is one."""
+    return next((t for t in terms if isinstance(library.causes[t.cause], TorqueShift)), None)
+
+
+def _shift(library: Library, term: Term) -> TorqueShift:
+    cause = library.causes[term.cause]
+    assert isinstance(cause, TorqueShift)
+    return cause
 
 
 def _sound(library: Library, terms: Sequence[Term]) -> Array:
     """Return (T, n) torque of a model but for its delay and what may be a part of one [N·m]."""
-    some = [t for t in terms if t.cause != ActuatorDelay.name and not library.causes[t.cause].lags]
+    causes = library.causes
+    some = [
+        t
+        for t in terms
+        if not isinstance(causes[t.cause], TorqueShift) and not causes[t.cause].resembles_delay
+    ]
     return _torque(library, terms, some)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from stiction_envs.gap.causes import parameter_units
 from stiction_envs.gap.diagnosis import CLOSE, Diagnosis, Estimate, NamedCause
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.forward_validation import EVERY, REPLAY, SECONDS, Proof
@@ -29,31 +30,6 @@ from stiction_envs.reporting.templates import render, write_page
 
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTS = "plots"
-UNITS = {
-    "coulomb_nm": "N·m",
-    "viscous_nms": "N·m·s/rad",
-    "stiction_nm": "N·m",
-    "stribeck_velocity": "rad/s",
-    "asymmetry_nm": "N·m",
-    "bristle_stiffness": "N·m/rad",
-    "bristle_damping": "N·m·s/rad",
-    "ripple_nm": "N·m",
-    "periods_per_rev": "1/rev",
-    "phase_rad": "rad",
-    "drift_nm_per_s": "N·m/s",
-    "offset_nm": "N·m",
-    "mass_kg": "kg",
-    "com_m": "m",
-    "tilt_rad": "rad",
-    "azimuth_rad": "rad",
-    "armature_kgm2": "kg·m²",
-    "gap_rad": "rad",
-    "stiffness_nm_per_rad": "N·m/rad",
-    "delay_s": "s",
-    "rest_rad": "rad",
-    "time_constant_s": "s",
-}
-"""Unit of every parameter of `diagnosis.json` that has one."""
 
 
 def write_report(
@@ -88,7 +64,7 @@ def write_report(
         **_verdict(d, nominal_name),
         plots=PLOTS,
         pictures=pictures,
-        what_shows={c.name: d.library.causes[c.name].record for c in d.causes},
+        what_shows={c.name: d.library.causes[c.name].what_to_record for c in d.causes},
         parameters={c.name: _parameters(c) for c in d.causes},
         residuals=_residuals(d),
         validation=proof,
@@ -138,11 +114,11 @@ def _verdict(d: Diagnosis, nominal_name: str) -> dict[str, Any]:
 
 
 def _parameters(cause: NamedCause) -> str:
-    rows = []
+    rows, units = [], parameter_units()
     for joint, found in sorted(cause.parameters.items()):
         for name, e in found.items():
             where = "arm" if joint == 0 else f"joint {joint}"
-            label = f"`{name}` [{UNITS.get(name, '–')}]"
+            label = f"`{name}` [{units.get(name, '–')}]"
             bound = "**on its bound**" if e.on_bound else ""
             rows.append([where, label, *_values(e), bound])
     return table_text(["where", "parameter", "value", "95 % interval", ""], rows)

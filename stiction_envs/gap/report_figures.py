@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from stiction_envs.gap.candidates import ARM, Term
+from stiction_envs.gap.candidates import ARM
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.png import save_small
@@ -30,116 +29,6 @@ JOINTS = 3
 """Joints drawn per cause, the clearest first."""
 LONG = 4000
 """Samples drawn of a trace."""
-
-
-@dataclass(frozen=True)
-class View:
-    """What a cause is drawn against."""
-
-    label: str
-    of: Callable[[Data, int, Term], Array]
-    """(T,) of a joint (from 0)."""
-    folded: bool = False
-    """Whether torques are counted in the direction of motion."""
-    note: str = ""
-    """What to look for, a clause."""
-
-
-def _since_reversal(data: Data, joint: int, term: Term) -> Array:
-    """Return (T,) way since the joint last turned round [rad]."""
-    out = np.zeros(len(data.t))
-    for run in data.runs():
-        q = data.q[run, joint]
-        sign = np.sign(np.diff(q, prepend=q[0]))
-        turned = np.flatnonzero(np.diff(sign) != 0) + 1
-        start = np.zeros(len(q), dtype=int)
-        start[turned] = turned
-        start = np.maximum.accumulate(start)
-        out[run] = np.abs(q - q[start])
-    return out
-
-
-def _phase(data: Data, joint: int, term: Term) -> Array:
-    periods = term.shape[0] if term.shape else 1.0
-    return np.mod(periods * data.q[:, joint] / (2 * np.pi), 1.0)
-
-
-def _rate(signal: Array, data: Data) -> Array:
-    out = np.zeros_like(signal)
-    for run in data.runs():
-        if run.stop - run.start > 2:
-            out[run] = np.gradient(signal[run], data.dt)
-    return out
-
-
-def _angle(data: Data, joint: int, term: Term) -> Array:
-    return data.q[:, joint]
-
-
-def _speed(data: Data, joint: int, term: Term) -> Array:
-    return data.dq[:, joint]
-
-
-def _predicted(data: Data, joint: int, term: Term) -> Array:
-    return np.zeros(len(data.t))  # replaced by the cause's own torque
-
-
-OWN = View(
-    "torque that the cause predicts [N·m]",
-    _predicted,
-    note="on the diagonal the cause is right in every pose",
-)
-VIEWS: dict[str, View] = {
-    "coulomb_friction": View(
-        "joint speed [rad/s]", _speed, note="a step where the motion turns round"
-    ),
-    "viscous_friction": View("joint speed [rad/s]", _speed, note="a slope with speed"),
-    "stribeck_friction": View(
-        "joint speed [rad/s]", _speed, note="friction falls as the joint gets faster"
-    ),
-    "direction_asymmetry": View(
-        "joint speed [rad/s]", _speed, note="both directions lie off zero to the same side"
-    ),
-    "load_dependent_friction": View(
-        "transmitted torque [N·m]",
-        lambda d, j, t: np.abs(d.rigid[:, j]),
-        folded=True,
-        note="friction grows with load",
-    ),
-    "presliding_hysteresis": View(
-        "way since the last reversal [rad]",
-        _since_reversal,
-        folded=True,
-        note="friction builds up over some way after a reversal",
-    ),
-    "position_dependent_friction": View(
-        "joint angle, part of one ripple period [-]", _phase, note="a sine, once per period"
-    ),
-    "warm_up_drift": View(
-        "time [s]", lambda d, j, t: d.t, folded=True, note="friction changes along the record"
-    ),
-    "torque_offset": View("joint angle [rad]", _angle, note="the same torque everywhere"),
-    "torque_scale": View(
-        "nominal torque [N·m]",
-        lambda d, j, t: d.nominal[:, j],
-        note="a slope: an error in proportion to the torque",
-    ),
-    "payload": OWN,
-    "base_tilt": OWN,
-    "link_inertia": View(
-        "joint acceleration [rad/s²]", lambda d, j, t: d.ddq[:, j], note="a slope through zero"
-    ),
-    "backlash": View(
-        "transmitted torque [N·m]", lambda d, j, t: d.rigid[:, j], note="a dent about zero load"
-    ),
-    "joint_elasticity": OWN,
-    "actuator_delay": View(
-        "rate of the nominal torque [N·m/s]",
-        lambda d, j, t: _rate(d.nominal[:, j], d),
-        note="a slope: torque that comes late",
-    ),
-    "external_spring": View("joint angle [rad]", _angle, note="a slope: a pull with position"),
-}
 
 
 @dataclass(frozen=True)
@@ -201,7 +90,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
         cause: one of its causes.
         path: PNG to write.
     """
-    data, view = d.data, VIEWS[cause.name]
+    data, view = d.data, d.library.causes[cause.name].view
     effect = _torques(d, cause.name)
     clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
     of = [j - 1 for j in cause.joints] or list(range(data.n))
@@ -212,15 +101,13 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
         term = next(t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM))
         after = data.residual[:, j] - d.torque(j)
         before, own = after + effect[:, j], effect[:, j]
-        x = own if view.of is _predicted else view.of(data, j, term)
+        x = own if view.of is None else view.of(data, j, term.shape)
         rows = np.ones(len(x), dtype=bool)
         if view.folded:
             rows = np.abs(data.dq[:, j]) > 1e-3
             before, after, own = (y * _sign(data, j) for y in (before, after, own))
-        if cause.name == "stribeck_friction" and term.shape:
-            rows = np.abs(x) < max(6 * term.shape[0], 0.02)
-        if cause.name == "presliding_hysteresis" and term.shape:
-            rows &= x < 8 * term.shape[0]
+        if view.limit is not None:
+            rows &= np.abs(x) < view.limit(term.shape)
         x, before, after, own = x[rows], before[rows], after[rows], own[rows]
         upper, lower = grid[0, column], grid[1, column]
         _dots(upper, x, before, BEFORE, "residual without it")

@@ -81,9 +81,9 @@ def gain(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> Gain
     limit = np.where(part > CLEAR, single, strict)
     whole = _slope(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
     each = np.array([_slope(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)])
-    rough = [t for t in terms if library.causes[t.cause].rough and t not in added]
+    rough = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     size, others = stack.gained(pick, rest), stack.sizes(pick, library.own(terms, rough))
-    share = 0.0 if all(library.causes[t.cause].law for t in added) else SHAPE
+    share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else SHAPE
     least = np.maximum(LEAST_TORQUE, np.maximum(share * others, library.known))
     # noise of the acceleration is in columns as well as in residuals, and explains itself
     count = np.array([g.count.sum() for g in stack.grams])
@@ -110,8 +110,8 @@ def means_nothing(library: Library, terms: Sequence[Term], added: Sequence[Term]
     for term, mine in zip(terms, c, strict=True):
         cause = library.causes[term.cause]
         if term in added and (
-            cause.small(mine, term.shape)
-            or cause.bounded(mine, library.data, term.joint)
+            cause.negligible(mine, term.shape)
+            or cause.on_bound(mine, library.data, term.joint)
             or cause.at_edge(term.shape, library.tried(term))
         ):
             return True
@@ -126,7 +126,7 @@ def pruned(library: Library, terms: Sequence[Term]) -> list[Term]:
         for term in out:
             found = gain(library, out, [term])
             stands = found.stands and not means_nothing(library, out, [term])
-            if not library.causes[term.cause].alone:
+            if not library.causes[term.cause].standalone:
                 have = {t.cause for t in out if t.joint == term.joint}
                 stands &= have.issuperset(library.needs(term.cause))
             if not stands and (weakest is None or found.total < weakest[0]):
@@ -243,7 +243,7 @@ class Chooser:
             *parents, child = added
             if parents and not gain(self.library, terms, parents).stands:
                 # what it usually comes with is not there
-                if not self.library.causes[child.cause].alone:
+                if not self.library.causes[child.cause].standalone:
                     continue
                 added, terms = [child], [*self.terms, child]
                 found = gain(self.library, terms, added)
@@ -306,7 +306,7 @@ class Chooser:
             beside = tied if len(joints) == 1 else self.terms
             added = [*parents, term]
             value = now[len(joints)] - loss([*beside, *added], joints)
-            key = (term.cause, term.shape if lib.causes[term.cause].fickle else ())
+            key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
             if value > best.get(key, (0.0, []))[0]:
                 best[key] = (value, added)
         ranked = sorted(best.values(), key=lambda x: -x[0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -20,54 +20,14 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import load_arm
 from stiction_envs.testing.friction_law import LuGre
+from stiction_envs.testing.hidden_effects import BITE, EFFECTS, FRICTION, ROTOR, Draw, World
 from stiction_envs.testing.hidden_motions import BLIND_MOTIONS, MOTIONS
 
 Array = NDArray[np.float64]
 STEP = 1e-3
 EVERY = 2
 """Steps per logged row: 500 Hz."""
-NEEDS_FRICTION = {
-    "stribeck_friction",
-    "direction_asymmetry",
-    "load_dependent_friction",
-    "presliding_hysteresis",
-    "warm_up_drift",
-    "joint_elasticity",
-    "backlash",
-}
-"""Causes that act on friction or rotors that are there already."""
-EXCITED_BY: dict[str, tuple[str, ...]] = {
-    "coulomb_friction": ("fourier", "reversals", "sweeps"),
-    "viscous_friction": ("fourier", "fast", "sweeps"),
-    "stribeck_friction": ("sweeps", "rests"),
-    "direction_asymmetry": ("rests",),
-    "load_dependent_friction": ("fourier", "fast"),
-    "presliding_hysteresis": ("reversals",),
-    "position_dependent_friction": ("sweeps", "fourier"),
-    "warm_up_drift": ("fourier", "sweeps", "reversals"),
-    "torque_offset": ("fourier", "poses", "rests"),
-    "torque_scale": ("fourier", "poses"),
-    "payload": ("fourier", "poses", "fast"),
-    "base_tilt": ("fourier", "poses"),
-    "link_inertia": ("fast", "chirp"),
-    "backlash": ("fourier", "reversals", "fast"),
-    "joint_elasticity": ("chirp",),
-    "actuator_delay": ("fast", "chirp"),
-    "external_spring": ("fourier", "poses", "sweeps"),
-}
-JOINTS: dict[str, tuple[int, ...]] = {
-    "backlash": (1, 3, 5),
-    "torque_scale": (2, 4),
-    "load_dependent_friction": (2, 4),
-    "joint_elasticity": (1, 2, 3, 4),
-}
-"""Joints on which some causes can be seen at all; others on all."""
-ARM_WIDE = ("payload", "base_tilt", "actuator_delay")
-FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
-ROTOR = np.array([0.3, 0.4, 0.3, 0.3, 0.12, 0.12, 0.1])
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
-BITE = 1e-4
-"""Presliding distance of the joints whose presliding nobody should see [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,37 +56,6 @@ class Case:
     seed: int
 
 
-@dataclass
-class _World:
-    """Everything that a cause may change before the simulation starts."""
-
-    n: int = 7
-    coulomb: Array = field(default_factory=lambda: np.zeros(7))
-    viscous: Array = field(default_factory=lambda: np.zeros(7))
-    rotor: Array = field(default_factory=lambda: np.zeros(7))
-    more_coulomb: Array = field(default_factory=lambda: np.zeros(7))
-    more_viscous: Array = field(default_factory=lambda: np.zeros(7))
-    stribeck: Array = field(default_factory=lambda: np.zeros(7))
-    stribeck_velocity: Array = field(default_factory=lambda: np.full(7, 0.05))
-    asymmetry: Array = field(default_factory=lambda: np.zeros(7))
-    load: Array = field(default_factory=lambda: np.zeros(7))
-    distance: Array = field(default_factory=lambda: np.full(7, BITE))
-    drift: Array = field(default_factory=lambda: np.zeros(7))
-    ripple: Array = field(default_factory=lambda: np.zeros(7))
-    periods: Array = field(default_factory=lambda: np.ones(7))
-    phase: Array = field(default_factory=lambda: np.zeros(7))
-    offset: Array = field(default_factory=lambda: np.zeros(7))
-    scale: Array = field(default_factory=lambda: np.ones(7))
-    armature: Array = field(default_factory=lambda: np.zeros(7))
-    spring: Array = field(default_factory=lambda: np.zeros(7))
-    spring_rest: Array = field(default_factory=lambda: np.zeros(7))
-    payload: tuple[float, Array] | None = None
-    tilt: tuple[float, float] = (0.0, 0.0)
-    soft: tuple[int, float] | None = None
-    gap: tuple[int, float] | None = None
-    delay: float = 0.0
-
-
 def make_case(
     seed: int,
     causes: tuple[str, ...] = (),
@@ -153,11 +82,12 @@ def make_case(
     if motion is None:
         options = list(MOTIONS)
         for name in causes:
-            options = [m for m in options if m in EXCITED_BY[name]] or list(EXCITED_BY[name])
+            motions = EFFECTS[name].motions
+            options = [m for m in options if m in motions] or list(motions)
         motion = str(rng.choice(options))
     if known is None:
-        known = any(name in NEEDS_FRICTION for name in causes) or bool(rng.random() < 0.5)
-    world = _World()
+        known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
+    world = World()
     if known:
         world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
         world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
@@ -213,94 +143,27 @@ def make_case(
 
 
 def _hide(
-    w: _World,
+    world: World,
     name: str,
     joint: int | None,
     size: float,
     seconds: float,
     rng: np.random.Generator,
 ) -> Hidden:
-    def between(low: float, high: float) -> float:
-        return float(low * (high / low) ** size)
-
-    number = joint or int(rng.choice(JOINTS.get(name, (1, 2, 3, 4, 5, 6, 7))))
-    j, sign = number - 1, float(rng.choice([-1.0, 1.0]))
-    big = FRICTION[j]
-    values: dict[str, float | list[float]]
-    if name == "coulomb_friction":
-        sign = sign if w.coulomb[j] else 1.0
-        w.more_coulomb[j] = sign * between(0.3, 0.8) * (w.coulomb[j] or big)
-        values = {"coulomb_nm": w.more_coulomb[j]}
-    elif name == "viscous_friction":
-        sign = sign if w.viscous[j] else 1.0
-        w.more_viscous[j] = sign * between(0.4, 0.9) * (w.viscous[j] or 2 * big)
-        values = {"viscous_nms": w.more_viscous[j]}
-    elif name == "stribeck_friction":
-        w.stribeck[j] = between(0.3, 1.2) * big
-        w.stribeck_velocity[j] = np.exp(rng.uniform(np.log(0.03), np.log(0.12)))
-        values = {"stiction_nm": w.stribeck[j], "stribeck_velocity": w.stribeck_velocity[j]}
-    elif name == "direction_asymmetry":
-        w.asymmetry[j] = sign * between(0.2, 0.5) * w.coulomb[j]
-        values = {"asymmetry_nm": w.asymmetry[j]}
-    elif name == "load_dependent_friction":
-        w.load[j] = between(0.02, 0.1)
-        values = {"load_coefficient": w.load[j]}
-    elif name == "presliding_hysteresis":
-        w.distance[j] = between(3e-3, 2e-2)
-        values = {"bristle_stiffness": w.coulomb[j] / w.distance[j]}
-    elif name == "position_dependent_friction":
-        w.ripple[j] = between(0.2, 1.0) * big
-        w.periods[j] = float(rng.integers(12, 50))
-        w.phase[j] = rng.uniform(-np.pi, np.pi)
-        values = {
-            "ripple_nm": w.ripple[j],
-            "periods_per_rev": w.periods[j],
-            "phase_rad": w.phase[j],
-        }
-    elif name == "warm_up_drift":
-        w.drift[j] = sign * between(0.4, 0.8) * w.coulomb[j] / seconds
-        values = {"drift_nm_per_s": w.drift[j]}
-    elif name == "torque_offset":
-        w.offset[j] = sign * between(0.2, 1.5) * big
-        values = {"offset_nm": w.offset[j]}
-    elif name == "torque_scale":
-        w.scale[j] = 1 + sign * between(0.03, 0.2)
-        values = {"scale": w.scale[j]}
-    elif name == "payload":
-        mass, com = between(0.1, 2.0), rng.uniform(-0.06, 0.06, 3) + np.array([0, 0, 0.05])
-        w.payload = (mass, com)
-        values = {"mass_kg": mass, "com_m": com.tolist()}
-    elif name == "base_tilt":
-        w.tilt = (between(0.01, 0.1), float(rng.uniform(-np.pi, np.pi)))
-        values = {"tilt_rad": w.tilt[0], "azimuth_rad": w.tilt[1]}
-    elif name == "link_inertia":
-        sign = sign if w.rotor[j] else 1.0
-        w.armature[j] = sign * between(0.3, 0.7) * ROTOR[j]
-        values = {"armature_kgm2": w.armature[j]}
-    elif name == "backlash":
-        w.gap = (j, between(5e-3, 3e-2))
-        values = {"gap_rad": w.gap[1]}
-    elif name == "joint_elasticity":
-        w.soft = (j, between(5000.0, 1000.0))
-        values = {"stiffness_nm_per_rad": w.soft[1]}
-    elif name == "actuator_delay":
-        w.delay = between(4e-3, 3e-2)
-        values = {"delay_s": w.delay}
-    elif name == "external_spring":
-        w.spring[j] = between(0.4, 4.0) * big
-        w.spring_rest[j] = rng.uniform(-0.6, 0.6) + [0, -0.4, 0, -1.9, 0, 1.9, 0.5][j]
-        values = {"stiffness_nm_per_rad": w.spring[j], "rest_rad": w.spring_rest[j]}
-    else:
-        raise ValueError(name)
-    whole = name in ARM_WIDE
+    """Hide one cause in a world; the truth."""
+    effect = EFFECTS[name]
+    number = joint or int(rng.choice(effect.joints))
+    sign = float(rng.choice([-1.0, 1.0]))
+    draw = Draw(joint=number - 1, sign=sign, size=size, seconds=seconds, rng=rng)
+    values = effect.hide(world, draw)
     return Hidden(
         name=name,
-        joint=0 if whole else number,
+        joint=0 if effect.arm_wide else number,
         values={k: v if isinstance(v, list) else float(v) for k, v in values.items()},
     )
 
 
-def _build(w: _World) -> mujoco.MjModel:
+def _build(w: World) -> mujoco.MjModel:
     spec = load_arm("panda").spec()
     for i, joint in enumerate(list(spec.joints)):
         joint.armature = w.rotor[i] + w.armature[i]
@@ -332,12 +195,12 @@ def _build(w: _World) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _simulate(w: _World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
+def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden."""
-    model, plain = _build(w), _build(_World(rotor=w.rotor))
+    model, plain = _build(w), _build(World(rotor=w.rotor))
     d, calm = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
-    heavy = _build(_World(rotor=w.rotor, payload=w.payload, tilt=w.tilt))
+    heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt))
     felt = mujoco.MjData(heavy)
     loose = (w.soft or w.gap or (None,))[0]
     outer = np.array([i + (loose is not None and i > loose) for i in range(7)])

@@ -9,10 +9,10 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.extended_model import extend, extended_nominal, load_extended
 from stiction_envs.gap.forward_validation import Proof, prove
-from stiction_envs.gap.model_file import Nominal, Part, read, resolve
+from stiction_envs.gap.model_file import Nominal, read, resolve
 from stiction_envs.plant import Plant
 from tests.gap.small_logs import data_of, hidden, panda, sliding
 
@@ -74,8 +74,7 @@ def found(*names: str) -> Nominal:
 def _as_wide_as_their_columns(data):
     """Give parts zeros for columns that this file has nothing to say about."""
     for name, part in PARTS.items():
-        cause = next(c for c in CAUSES if c.name == name)
-        width = cause.columns(data, max(part.joint - 1, 0), part.shape).shape[1]
+        width = cause_named(name).columns(data, max(part.joint - 1, 0), part.shape).shape[1]
         full = (*part.coefficients, *[0.0] * width)[:width]
         PARTS[name] = dataclasses.replace(part, coefficients=full)
 
@@ -103,7 +102,7 @@ def test_there_is_a_part_for_every_cause():
 @pytest.mark.parametrize("name", PARTS)
 def test_every_cause_is_held_or_said_to_be_left_out(data, name):
     """Nothing is dropped in silence, and the comment of the MJCF says it too."""
-    needs = next(c for c in CAUSES if c.name == name).needs
+    needs = cause_named(name).needs
     made = extend(data, found(*needs, name))
     mujoco.MjModel.from_xml_string(made.xml)
     assert bool(made.missing) == (name in LISTED)
@@ -117,7 +116,7 @@ def test_mujoco_wants_the_torque_that_the_cause_says(data, name):
     """Inverse dynamics of the written MJCF is that of pinocchio plus the cause."""
     rows = rows_of(data)
     made = extend(data, found(name))
-    expected = (data.nominal + PARTS[name].torque(data))[rows]
+    expected = (data.nominal + cause_named(name).torque(data, PARTS[name]))[rows]
     np.testing.assert_allclose(inverse(made.xml, data, rows), expected, atol=2e-6)
 
 
@@ -210,6 +209,11 @@ def test_levels_are_added_one_on_the_other(data):
             "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\nname='magic'\n"
             "joint=1\nshape=[]\ncoefficients=[1]\nlevel=1\n",
             "unknown cause 'magic'",
+        ),
+        (
+            "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\nname='payload'\n"
+            "joint=1\nshape=[]\ncoefficients=[1]\nlevel=1\n",
+            "cause payload on joint 1: expected 0",
         ),
         ("[arm]\nrobot='iiwa7'\npayload=[]\ntilt=[0,0]\ndistance=[]\n", "of robot iiwa7"),
         ("no toml", "not TOML"),

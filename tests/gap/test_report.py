@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.least_squares import least_squares, line
-from stiction_envs.gap.report import UNITS
-from stiction_envs.gap.report_figures import VIEWS
 from tests.gap.signals.test_poses import poses
 from tests.gap.small_logs import data_of, hidden, panda
 
@@ -53,10 +50,3 @@ def test_least_squares_of_poses_has_no_lines():
     found = least_squares([log], data_of(panda(), log))
     assert all(np.isnan(x.slope) and x.rows == 0 for x in found.lines)
     assert found.breaks[1] == ("it does not move in both directions",)
-
-
-def test_every_cause_has_a_view_and_every_parameter_a_unit():
-    assert set(VIEWS) == {c.name for c in CAUSES}
-    without = {"load_coefficient", "scale", "inertia"}
-    names = {p.name for c in CAUSES for p in c.parameters}
-    assert names - without <= set(UNITS)

@@ -1,43 +1,74 @@
-"""The seventeen causes, one module each."""
+"""The causes, one module each; one line here registers a cause of the package.
+
+A package of somebody else's adds one by `register` (see :mod:`stiction_envs.gap.causes.base`).
+"""
 
 from stiction_envs.gap.causes.actuator_delay import ActuatorDelay
 from stiction_envs.gap.causes.backlash import Backlash
-from stiction_envs.gap.causes.base import Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Cause, Parameter, Shape, TorqueShift
 from stiction_envs.gap.causes.base_tilt import BaseTilt
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.direction_asymmetry import DirectionAsymmetry
+from stiction_envs.gap.causes.draft import Body, ModelDraft
 from stiction_envs.gap.causes.external_spring import ExternalSpring
 from stiction_envs.gap.causes.joint_elasticity import JointElasticity
 from stiction_envs.gap.causes.link_inertia import LinkInertia
 from stiction_envs.gap.causes.load_dependent_friction import LoadDependentFriction
+from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.payload import Payload
 from stiction_envs.gap.causes.position_dependent_friction import PositionDependentFriction
 from stiction_envs.gap.causes.presliding_hysteresis import PreslidingHysteresis
+from stiction_envs.gap.causes.registry import (
+    cause_named,
+    parameter_units,
+    register,
+    registered,
+    unregister,
+)
 from stiction_envs.gap.causes.stribeck_friction import StribeckFriction
 from stiction_envs.gap.causes.torque_offset import TorqueOffset
 from stiction_envs.gap.causes.torque_scale import TorqueScale
+from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.causes.viscous_friction import ViscousFriction
 from stiction_envs.gap.causes.warm_up_drift import WarmUpDrift
 
-CAUSES: tuple[Cause, ...] = (
-    CoulombFriction(),
-    ViscousFriction(),
-    StribeckFriction(),
-    DirectionAsymmetry(),
-    LoadDependentFriction(),
-    PreslidingHysteresis(),
-    PositionDependentFriction(),
-    WarmUpDrift(),
-    TorqueOffset(),
-    TorqueScale(),
-    Payload(),
-    BaseTilt(),
-    LinkInertia(),
-    Backlash(),
-    JointElasticity(),
-    ActuatorDelay(),
-    ExternalSpring(),
+CAUSES: tuple[Cause, ...] = tuple(
+    register(cause())
+    for cause in (
+        CoulombFriction,
+        ViscousFriction,
+        StribeckFriction,
+        DirectionAsymmetry,
+        LoadDependentFriction,
+        PreslidingHysteresis,
+        PositionDependentFriction,
+        WarmUpDrift,
+        TorqueOffset,
+        TorqueScale,
+        Payload,
+        BaseTilt,
+        LinkInertia,
+        Backlash,
+        JointElasticity,
+        ActuatorDelay,
+        ExternalSpring,
+    )
 )
-"""All causes, in the order of the contract."""
+"""Those of the package, in the order of the contract; `registered` has all."""
 
-__all__ = ["CAUSES", "ActuatorDelay", "Cause", "Parameter", "Shape"]
+__all__ = [
+    "CAUSES",
+    "Body",
+    "Cause",
+    "ModelDraft",
+    "Parameter",
+    "Part",
+    "Shape",
+    "TorqueShift",
+    "View",
+    "cause_named",
+    "parameter_units",
+    "register",
+    "registered",
+    "unregister",
+]

@@ -12,8 +12,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.causes.base import Array, Parameter, Shape, TorqueShift
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.signals.dataset import Data, rate
 
 LEAST = 1e-3
 """Shortest delay that is called one [s]: a robot's cycle; assumed."""
@@ -27,6 +30,11 @@ LONGEST = 0.125
 """Longest |T'| that is looked for [s]; assumed: what is longer has taken the motion away."""
 SMOOTHED = (1e-2, 2e-2, 4e-2, 8e-2)
 """|T'| of these that are tried [s]; assumed."""
+
+
+STEPS = (0.8, 0.9, 1.0 - 1e-6, 1.1, 1.2)
+"""Factors of T' that are tried with another torque, one of them as good as none [-]. No two undo
+each other, since a candidate has its columns once; assumed."""
 
 
 def shifted(data: Data, torque: Array, shape: Shape) -> Array:
@@ -49,24 +57,42 @@ def shifted(data: Data, torque: Array, shape: Shape) -> Array:
     return out
 
 
-class ActuatorDelay(Cause):
+class ActuatorDelay(TorqueShift):
     """A delay or filter between the logged torque and the arm, one for all joints."""
 
     name: ClassVar[str] = "actuator_delay"
     what: ClassVar[str] = "torque acts late or filtered"
-    plain: ClassVar[bool] = False
-    record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
     arm_wide: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("delay_s", "s", -0.2, 0.2),)
+    view: ClassVar = View(
+        "rate of the nominal torque [N·m/s]",
+        lambda data, joint, shape: rate(data.nominal[:, joint], data.runs(), data.dt),
+        note="a slope: torque that comes late",
+    )
 
     def __init__(self, tried: Sequence[float] = TRIED, torque: Array | None = None) -> None:
         """Try some T' [s], with the torque (T, n) that acts late [N·m]: None for what is known."""
         self.tried, self._torque = tuple(tried), torque
 
     @property
-    def of_all(self) -> bool:
+    def acts_on_all(self) -> bool:
         """Whether it shifts a torque that was given, and not what is known of it only."""
         return self._torque is not None
+
+    def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:
+        """Return a delay of a torque (T, n) [N·m]; ``lengths`` [s] are tried too."""
+        return ActuatorDelay([*self.tried, *lengths], torque)
+
+    def shifted(self, data: Data, torque: Array, shape: Shape) -> Array:
+        """Return `shifted`."""
+        return shifted(data, torque, shape)
+
+    def nearby(self, shape: Shape) -> list[Shape]:
+        """Return T' about that of a shape."""
+        lengths = (factor * shape[0] for factor in STEPS)
+        return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return `shifted` of the torque, for a T' near T."""
@@ -86,7 +112,7 @@ class ActuatorDelay(Cause):
             *((-x, part) for part in LOWPASS for x in (*SMOOTHED, *found)),
         ]
 
-    def small(self, coefficients: Array, shape: Shape) -> bool:
+    def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the delay is below `LEAST`."""
         return abs(float(coefficients[0])) < LEAST
 
@@ -98,12 +124,19 @@ class ActuatorDelay(Cause):
         """Return |T| [s]."""
         return {"delay_s": abs(float(coefficients[0]))}
 
-    def said(self, coefficients: Array) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Say by how much to shift torques: MuJoCo's actuators are not late."""
+        what = "send torques" if part.coefficients[0] >= 0 else "take measured torques as of"
+        behind = ", which come behind a low-pass" if len(part.shape) > 1 else ""
+        delay = self.parameters_of(part)["delay_s"]
+        draft.leave_out(part, f"{what} {delay:.4g} s earlier{behind}")
+
+    def describe(self, coefficients: Array) -> str:
         """Return whether torque acts after it was logged, or was logged after it acted."""
         if coefficients[0] >= 0:
             return self.what
         return "torque is late in the log (measured late, or behind a filter)"
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm's torques change too little."""
         return "" if np.any(data.rigid.std(axis=0) > 5 * data.noise) else "no torque changes"

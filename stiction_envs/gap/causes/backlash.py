@@ -7,16 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import (
-    EDGE,
-    SLOW,
-    Array,
-    Cause,
-    Parameter,
-    Shape,
-    rests,
-    turns,
-)
+from stiction_envs.gap.causes.base import EDGE, Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.deflection import (
     gravity_slope,
     mass_matrix,
@@ -24,6 +15,8 @@ from stiction_envs.gap.causes.deflection import (
     seen_by,
     torque_of,
 )
+from stiction_envs.gap.causes.motion import SLOW, rests, reversals
+from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.reversal_path import play
 
@@ -125,14 +118,17 @@ class Backlash(Cause):
 
     name: ClassVar[str] = "backlash"
     what: ClassVar[str] = "dead zone at reversals"
-    rough: ClassVar[bool] = True
-    lags: ClassVar[bool] = True
-    plain: ClassVar[bool] = False
-    record: ClassVar[str] = "slow motion through the pose in which the joint's load changes sign"
+    approximate: ClassVar[bool] = True
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = (
+        "slow motion through the pose in which the joint's load changes sign"
+    )
     coupled: ClassVar[bool] = True
-    tied: ClassVar[int] = 1
-    fickle: ClassVar[bool] = True
+    dependent_parameters: ClassVar[int] = 1
+    multimodal: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
+    view: ClassVar = View("transmitted torque [N·m]", load, note="a dent about zero load")
 
     def spread(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the gap adds to all joints."""
@@ -201,9 +197,9 @@ class Backlash(Cause):
         """Return the gap [rad]."""
         return {"gap_rad": shape[0]}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether nothing turns."""
-        loads = turns(data.rigid[:, joint], data.noise[joint])
-        if loads < 3 and turns(data.dq[:, joint], SLOW) < 2:
+        loads = reversals(data.rigid[:, joint], data.noise[joint])
+        if loads < 3 and reversals(data.dq[:, joint], SLOW) < 2:
             return f"neither motion nor load of joint {joint + 1} changes sign"
         return ""

@@ -1,27 +1,38 @@
-"""The face of a cause: what it adds to the torque, what excites it, what its parameters are."""
+"""The face of a cause: everything that the project knows of it, in one class.
+
+A cause is something that simulations leave out or get wrong. It adds columns (T, k) times
+coefficients (k,) to the residual torque of a joint, measured less nominal. To add one, derive from
+`Cause`, and call `stiction_envs.gap.causes.register` with an instance; nothing else names it:
+
+1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
+2. its torque: `columns`, and `shapes` where it has nonlinear parameters;
+3. its numbers: `values` as in ``diagnosis.json``, `why_not_identifiable` where data cannot show it;
+4. its picture: `view`;
+5. its model: `contribute` to a `ModelDraft`; by default MuJoCo has no such thing, which is said;
+6. its traits: flags, all false by default, by which the search treats it as it should be.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.signals.dataset import Data, rate
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import OWN_TORQUE, View
+from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
-MOVING = 0.02
-"""A joint that is faster moves for certain [rad/s]; assumed, ten times the sign's width."""
-SLOW = 0.01
-"""Speed between which and its opposite a joint reverses for certain [rad/s]; assumed."""
-STILL = 0.02
-"""Span of angles in which a joint only holds [rad]; assumed."""
-MUCH = 0.02
-"""Least part of the samples in which a cause must act [-]; assumed."""
+EDGE = 1.02
+"""Nonlinear parameters within this factor of the last that were tried are at the end [-]."""
 
 
 @dataclass(frozen=True)
@@ -30,52 +41,62 @@ class Parameter:
 
     name: str
     unit: str
+    """1 where it has none."""
     low: float = -np.inf
     high: float = np.inf
     size: int = 1
-    """Numbers it holds."""
+    """Numbers it holds among the coefficients; 0 for nonlinear parameters."""
     neutral: float = 0.0
     """Value at which nothing is wrong."""
 
 
-EDGE = 1.02
-"""Nonlinear parameters within this factor of the last that were tried stand at the end [-]."""
-
-
 class Cause(ABC):
-    """Something that simulations leave out or get wrong.
-
-    It adds columns (T, k) times coefficients (k,) to the residual torque, measured less nominal.
-    """
+    """Something that simulations leave out or get wrong; see the module's text."""
 
     name: ClassVar[str]
+    """In files and reports: small letters, digits and underscores."""
     what: ClassVar[str]
     """What is wrong in the simulation, a clause."""
-    record: ClassVar[str]
+    what_to_record: ClassVar[str]
     """The motion that shows it and tells it from others, a clause."""
+    parameters: ClassVar[tuple[Parameter, ...]]
+    view: ClassVar[View] = OWN_TORQUE
+    """What it is drawn against."""
+
+    # ---- traits ------------------------------------------------------------------------------
+
     arm_wide: ClassVar[bool] = False
     """One hypothesis with the same coefficients in all joints."""
-    tied: ClassVar[int] = 0
-    """How many of its numbers, linear and not, are no free choice beside the others."""
-    fickle: ClassVar[bool] = False
-    """Whether neighbours among its nonlinear parameters foretell quite different torques."""
     coupled: ClassVar[bool] = False
     """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
-    sharpen: ClassVar[bool] = True
-    """Whether its nonlinear parameter is a number that can be refined between those tried."""
-    plain: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = True
     """Whether it has no nonlinear parameter."""
-    alone: ClassVar[bool] = True
-    """Whether it may stand without what it `needs`, where that is found not to be there."""
-    rough: ClassVar[bool] = False
-    """Whether its law is only a likeness, so that little things beside it mean nothing."""
-    lags: ClassVar[bool] = False
-    """Whether a delay at its full size may look like it, as long as the delay is not known."""
-    law: ClassVar[bool] = False
-    """Whether it belongs to the common law of friction, and is no refinement of it."""
+    refinable: ClassVar[bool] = True
+    """Whether its nonlinear parameter is a number that can be refined between those tried."""
+    multimodal: ClassVar[bool] = False
+    """Whether neighbours among its nonlinear parameters predict quite different torques."""
+    dependent_parameters: ClassVar[int] = 0
+    """How many of its numbers, linear and not, are no free choice given the others."""
     needs: ClassVar[tuple[str, ...]] = ()
-    """Causes that are in the model of a joint wherever this one is."""
-    parameters: ClassVar[tuple[Parameter, ...]]
+    """Names of causes that are in the model of a joint wherever this one is."""
+    standalone: ClassVar[bool] = True
+    """Whether it may be named without what it `needs`, where that is found not to be there."""
+    base_friction: ClassVar[bool] = False
+    """Whether it is the joint's plain friction. It refines nothing, and a model that holds it has
+    friction, which may then be too much too."""
+    approximate: ClassVar[bool] = False
+    """Whether its law is only a likeness, so that small torques beside its own mean nothing."""
+    resembles_delay: ClassVar[bool] = False
+    """Whether a delay at its full size may look like it, as long as the delay is not known."""
+    shown_at_rest: ClassVar[bool] = False
+    """Whether poses at rest can show it; all others need motion."""
+    transmitted_by_gear: ClassVar[bool] = False
+    """Whether the gears transmit its torque: it changes the load that friction depends on."""
+    removed_first: ClassVar[bool] = False
+    """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
+    look for their parameters."""
+
+    # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -85,13 +106,25 @@ class Cause(ABC):
         """Return (T, n, k) torque on all joints of a `coupled` cause on one joint."""
         raise NotImplementedError
 
-    @abstractmethod
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return the parameters of coefficients (k,) and nonlinear parameters."""
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the nonlinear parameters to try.
 
-    def said(self, coefficients: Array) -> str:
-        """Return `what`, for these coefficients."""
-        return self.what
+        Args:
+            data: the logs.
+            joint: from 0.
+            residual: (T,) what is left when the causes that are `removed_first` are out [N·m].
+        """
+        return [()]
+
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours of a nonlinear parameter, between which it is refined."""
+        tried = sorted(s[0] for s in shapes)
+        at = tried.index(shape[0])
+        return tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]
+
+    def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return the nonlinear parameters of a cause of this size on that dry friction [N·m]."""
+        return shape
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return lowest and highest coefficients, (k,) each; by default the parameters'.
@@ -102,37 +135,31 @@ class Cause(ABC):
         high = [p.high for p in self.parameters for _ in range(p.size)]
         return np.array(low), np.array(high)
 
-    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the nonlinear parameters to try.
+    # ---- what was found ----------------------------------------------------------------------
 
-        Args:
-            data: the logs.
-            joint: from 0.
-            residual: (T,) what is left when the common linear causes are taken out [N·m].
-        """
-        return [()]
+    @abstractmethod
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the parameters of coefficients (k,) and nonlinear parameters."""
 
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbours of a nonlinear parameter, between which it is refined."""
-        tried = sorted(s[0] for s in shapes)
-        at = tried.index(shape[0])
-        return tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]
+    def describe(self, coefficients: Array) -> str:
+        """Return `what`, for these coefficients."""
+        return self.what
 
-    def grown(self, shape: Shape, coefficients: Array, level: float) -> Shape:
-        """Return the nonlinear parameters of a cause of this size on that dry friction [N·m]."""
-        return shape
+    def dry_friction(self, coefficients: Array) -> float:
+        """Return what it adds to a joint's level of dry friction in motion [N·m]."""
+        return 0.0
 
-    def small(self, coefficients: Array, shape: Shape) -> bool:
+    def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Whether it is too small to be told from how simulations and logs are timed."""
         return False
 
-    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Whether what it is about stands on a bound: then it is something else, or nothing."""
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Whether what it is about is on a bound: then it is something else, or nothing."""
         low, high = self.bounds(data, joint)
         return bool(np.any((coefficients <= low) | (coefficients >= high)))
 
     def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
-        """Whether a nonlinear parameter stands at the end of what was tried."""
+        """Whether a nonlinear parameter is at the end of what was tried."""
         if len(shapes) < 2 or not shape:
             return False
         tried = sorted({s[0] for s in shapes})
@@ -141,53 +168,90 @@ class Cause(ABC):
         # refined ones come close to the end without reaching it
         return not tried[0] * EDGE < shape[0] < tried[-1] / EDGE
 
-    def alike(self, data: Data, joint: int) -> tuple[str, ...]:
-        """Return causes that are the same on this joint, whatever else is in the model."""
+    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return names of causes that are the same on this joint, whatever else is in the model."""
         return ()
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return why these data cannot show the cause on a joint, or nothing."""
         return ""
 
+    # ---- the model with it -------------------------------------------------------------------
 
-def moving(data: Data, joint: int) -> NDArray[np.bool_]:
-    """Return (T,) where a joint moves for certain."""
-    return np.asarray(np.abs(data.dq[:, joint]) > MOVING)
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Put a part into the model; what MuJoCo or the friction tables cannot hold is noted.
+
+        Args:
+            draft: of the model; changed in place.
+            part: of this cause.
+        """
+        draft.leave_out(part, "MuJoCo's joints have no such thing")
+
+    def contribution_order(self, part: Part) -> tuple[int, float]:
+        """Return a sort key among the parts of a model: lower ones contribute first."""
+        return 0, 0.0
+
+    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array | None:
+        """Return (T,) what MJCF holds of a part that was left out, on its joint [N·m]; or None.
+
+        Args:
+            draft: of the model, with all causes in it.
+            part: of this cause.
+            data: the logs.
+        """
+        return None
+
+    def parameters_of(self, part: Part) -> dict[str, Any]:
+        """Return the parameters of a part as in ``diagnosis.json``."""
+        return self.values(np.array(part.coefficients), part.shape)
+
+    def torque(self, data: Data, part: Part) -> Array:
+        """Return (T, n) what a part adds to the torque of a nominal model [N·m].
+
+        Raises:
+            StictionError: a part with other than as many coefficients as there are columns.
+        """
+        c, out = np.array(part.coefficients), np.zeros_like(data.q)
+        if self.coupled:
+            spread = self.spread(data, part.joint - 1, part.shape)
+            columns = {j: spread[:, j] for j in range(data.n)}
+        else:
+            joints = range(data.n) if part.joint == 0 else [part.joint - 1]
+            columns = {j: self.columns(data, j, part.shape) for j in joints}
+        for j, x in columns.items():
+            if x.shape[1] != len(c):
+                raise StictionError(
+                    f"cause {self.name}: {len(c)} coefficients: expected {x.shape[1]}"
+                )
+            out[:, j] = x @ c
+        return out
 
 
-def rests(data: Data, joint: int) -> bool:
-    """Whether a joint holds its angle throughout: friction then bears any torque up to its own."""
-    span = float(np.ptp(np.percentile(data.q[:, joint], [1, 99])))
-    return bool(moving(data, joint).mean() < MUCH) and span < STILL
+class TorqueShift(Cause):
+    """A cause that moves all torque there is in time, that of the other causes too.
 
-
-def turns(signal: Array, dead: float) -> int:
-    """Return how often a signal (T,) goes from one side of ±``dead`` to the other."""
-    side = np.sign(signal[np.abs(signal) > dead])
-    return int(np.count_nonzero(np.diff(side)))
-
-
-def lacks_both_directions(data: Data, joint: int) -> str:
-    """Return why friction cannot be seen, or nothing."""
-    v = data.dq[:, joint]
-    if min((v > MOVING).mean(), (v < -MOVING).mean()) < MUCH:
-        return f"joint {joint + 1} does not move in both directions"
-    return ""
-
-
-def changes(data: Data, torque: Array) -> NDArray[np.bool_]:
-    """Return (n,) where a torque (T, n) changes by more than noise hides; a constant is an offset.
-
-    Three times the noise floor, as for what a blind study calls visible (assumed).
+    What it shifts is known only once the others are: the search finds it on the nominal torque
+    first, then again as one that acts on all of the model's.
     """
-    return np.asarray(torque[data.block >= 0].std(axis=0) > 3 * data.noise)
+
+    @property
+    @abstractmethod
+    def acts_on_all(self) -> bool:
+        """Whether it shifts a torque that was given, and not the nominal torque only."""
+
+    @abstractmethod
+    def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> TorqueShift:
+        """Return the same cause that shifts a torque (T, n) [N·m], trying further ``lengths``."""
+
+    @abstractmethod
+    def shifted(self, data: Data, torque: Array, shape: Shape) -> Array:
+        """Return (T,) what it adds to a torque (T,), per unit of its coefficient."""
+
+    @abstractmethod
+    def nearby(self, shape: Shape) -> list[Shape]:
+        """Return nonlinear parameters to try once the torque that is shifted has changed."""
 
 
 def log_grid(low: float, high: float, count: int) -> list[Shape]:
     """Return values spread evenly in the logarithm."""
     return [(float(x),) for x in np.geomspace(low, high, count)]
-
-
-def along_runs(data: Data, signal: Array) -> Array:
-    """Return the time derivative of (T, ...) within each segment, per second."""
-    return rate(signal, data.runs(), data.dt)

@@ -6,7 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, changes
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import changes
+from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data, gravity_torque
 
 LEAN = 0.05
@@ -18,8 +21,12 @@ class BaseTilt(Cause):
 
     name: ClassVar[str] = "base_tilt"
     what: ClassVar[str] = "gravity points elsewhere (inclined mount)"
-    record: ClassVar[str] = "static poses with the arm stretched to all sides, joint 1 turned round"
+    what_to_record: ClassVar[str] = (
+        "static poses with the arm stretched to all sides, joint 1 turned round"
+    )
     arm_wide: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    transmitted_by_gear: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
         Parameter("azimuth_rad", "rad", low=0.0, high=0.3, size=1),
@@ -37,11 +44,18 @@ class BaseTilt(Cause):
             "azimuth_rad": float(np.arctan2(coefficients[1], coefficients[0])),
         }
 
-    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
         return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Lean gravity."""
+        v = self.parameters_of(part)
+        lean, azimuth = v["tilt_rad"], v["azimuth_rad"]
+        draft.gravity += np.sin(lean) * np.array([np.cos(azimuth), np.sin(azimuth)])
+        draft.not_in_tables.append(f"{self.name}: in [[cause]] and model.xml")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"

@@ -6,13 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import (
-    Array,
-    Cause,
-    Parameter,
-    Shape,
-    lacks_both_directions,
-)
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import lacks_both_directions
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -21,10 +19,12 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
-    law: ClassVar[bool] = True
-    rough: ClassVar[bool] = True
-    record: ClassVar[str] = "constant speed in both directions, at several speeds"
+    base_friction: ClassVar[bool] = True
+    approximate: ClassVar[bool] = True
+    what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
+    removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
+    view: ClassVar = View("joint speed [rad/s]", speed, note="a step where the motion turns round")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
@@ -38,6 +38,16 @@ class CoulombFriction(Cause):
         """Return F_c [N·m]."""
         return {"coulomb_nm": float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def dry_friction(self, coefficients: Array) -> float:
+        """Return F_c [N·m]."""
+        return float(coefficients[0])
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Raise friction at rest and in motion."""
+        (level,) = part.coefficients
+        draft.coulomb[part.joint - 1] += level
+        draft.stiction[part.joint - 1] += level
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether both directions are missing."""
         return lacks_both_directions(data, joint)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.causes.base import Array, along_runs
+from stiction_envs.gap.causes.base import Array
+from stiction_envs.gap.causes.motion import along_runs
 from stiction_envs.gap.signals.dataset import Data
 
 

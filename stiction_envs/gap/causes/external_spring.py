@@ -7,6 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, angle
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -15,11 +18,15 @@ class ExternalSpring(Cause):
 
     name: ClassVar[str] = "external_spring"
     what: ClassVar[str] = "cable, hose or contact that pulls with position"
-    record: ClassVar[str] = "static poses over the joint's whole range, other joints elsewhere"
+    what_to_record: ClassVar[str] = (
+        "static poses over the joint's whole range, other joints elsewhere"
+    )
+    shown_at_rest: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),
         Parameter("rest_rad", "rad"),
     )
+    view: ClassVar = View("joint angle [rad]", angle, note="a slope: a pull with position")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the angle, and ones."""
@@ -35,7 +42,16 @@ class ExternalSpring(Cause):
         k = max(float(coefficients[0]), 1e-9)
         return {"stiffness_nm_per_rad": k, "rest_rad": -float(coefficients[1]) / k}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Pull from the world; several springs are one."""
+        j, v = part.joint - 1, self.parameters_of(part)
+        k, rest = v["stiffness_nm_per_rad"], v["rest_rad"]
+        stiffness, middle = draft.pull[j]
+        if k > 1e-8:
+            draft.pull[j] = stiffness + k, (stiffness * middle + k * rest) / (stiffness + k)
+        draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
         span = float(np.ptp(data.q[:, joint]))
         return f"joint {joint + 1} turns by {span:.3f} rad only" if span < 0.1 else ""

@@ -14,6 +14,8 @@ from stiction_envs.gap.causes.deflection import (
     own_torque_of,
     torque_of,
 )
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
 
 STIFFNESSES = np.geomspace(500.0, 32000.0, 25)
@@ -22,6 +24,8 @@ DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 """Damping ratios of the link on its spring that are tried [-]; assumed."""
 BEST = 6
 """Shapes that go on to the selection."""
+LEAST_ROTOR = 0.01
+"""Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
 LEAST, MOST = 0.3, 1.5
 """Size of what comes over what the model foretells [-]; assumed. Room for stiffnesses between those
 tried."""
@@ -32,13 +36,15 @@ class JointElasticity(Cause):
 
     name: ClassVar[str] = "joint_elasticity"
     what: ClassVar[str] = "spring between motor and link"
-    rough: ClassVar[bool] = True
-    lags: ClassVar[bool] = True
-    plain: ClassVar[bool] = False
-    record: ClassVar[str] = "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
+    approximate: ClassVar[bool] = True
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = (
+        "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
+    )
     coupled: ClassVar[bool] = True
-    tied: ClassVar[int] = 1
-    fickle: ClassVar[bool] = True
+    dependent_parameters: ClassVar[int] = 1
+    multimodal: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -73,7 +79,7 @@ class JointElasticity(Cause):
         """Return the model's own size, and some room."""
         return np.array([LEAST]), np.array([MOST])
 
-    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether next to nothing of it comes.
 
         A logged motion without the resonance asks for a stiffer spring of more than its size: K is
@@ -85,7 +91,15 @@ class JointElasticity(Cause):
         """Return K [N·m/rad]."""
         return {"stiffness_nm_per_rad": shape[0] / float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Make the joint elastic, where a rotor is known that can swing on the spring."""
+        j = part.joint - 1
+        if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
+            draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
+        else:
+            draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint's torque changes too little."""
         if float(data.rigid[:, joint].std()) < 5 * data.noise[joint]:
             return f"joint {joint + 1} carries no torque that changes"

@@ -6,8 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, rests
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.deflection import mass_matrix
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import rests
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -16,8 +20,14 @@ class LinkInertia(Cause):
 
     name: ClassVar[str] = "link_inertia"
     what: ClassVar[str] = "a link's or rotor's inertia wrong"
-    record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
+    what_to_record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
+    removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)
+    view: ClassVar = View(
+        "joint acceleration [rad/s²]",
+        lambda data, joint, shape: data.ddq[:, joint],
+        note="a slope through zero",
+    )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the acceleration."""
@@ -32,7 +42,15 @@ class LinkInertia(Cause):
         """Return ΔJ [kg·m²]."""
         return {"armature_kgm2": float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Add it to the rotor, as far as that stays positive."""
+        j, (more,) = part.joint - 1, part.coefficients
+        draft.rotor[j] += more
+        if draft.rotor[j] < 0:
+            draft.leave_out(part, f"{more:+.4g} kg·m²: a rotor's is not negative")
+            draft.rotor[j] -= more
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint accelerates too little."""
         if rests(data, joint):
             return f"joint {joint + 1} does not move"

@@ -6,13 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import (
-    Array,
-    Cause,
-    Parameter,
-    Shape,
-    lacks_both_directions,
-)
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import lacks_both_directions
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -21,10 +20,18 @@ class LoadDependentFriction(Cause):
 
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
-    rough: ClassVar[bool] = True
-    record: ClassVar[str] = "the same slow motion in poses of small and of large gravity torque"
-    needs: ClassVar = ("coulomb_friction",)
+    approximate: ClassVar[bool] = True
+    what_to_record: ClassVar[str] = (
+        "the same slow motion in poses of small and of large gravity torque"
+    )
+    needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("load_coefficient", "1", 0.0, 1.0),)
+    view: ClassVar = View(
+        "transmitted torque [N·m]",
+        lambda data, joint, shape: np.abs(load(data, joint, shape)),
+        folded=True,
+        note="friction grows with load",
+    )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
@@ -34,7 +41,17 @@ class LoadDependentFriction(Cause):
         """Return k [-]."""
         return {"load_coefficient": float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Let friction grow in the tables; MJCF holds the level at the mean load."""
+        draft.load[part.joint - 1] += part.coefficients[0]
+        draft.leave_out(part, "the level at the logs' mean load stands", tables=False)
+
+    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array:
+        """Return friction at the mean load."""
+        j = part.joint - 1
+        return part.coefficients[0] * draft.mean_load[j] * data.smooth(data.direction(j))
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether directions or a change of load are missing."""
         load = np.abs(data.rigid[:, joint])
         missing = lacks_both_directions(data, joint)

@@ -7,11 +7,16 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, changes
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import PAYLOAD_RADIUS, Body, ModelDraft
+from stiction_envs.gap.causes.motion import changes
+from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
 
 HEAVY = 1.0
 """A payload whose weight must be seen to change [kg]; assumed."""
+LEAST_MASS = 1e-3
+"""Of a body that is put into a model [kg]."""
 SMALL = 0.02
 """Mass under which a centre of mass means nothing [kg]; assumed."""
 
@@ -21,8 +26,10 @@ class Payload(Cause):
 
     name: ClassVar[str] = "payload"
     what: ClassVar[str] = "unmodelled mass on the flange"
-    record: ClassVar[str] = "static poses with the flange turned all ways"
+    what_to_record: ClassVar[str] = "static poses with the flange turned all ways"
     arm_wide: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    transmitted_by_gear: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("mass_kg", "kg", 0.0),
         Parameter("com_m", "m", size=3),
@@ -39,15 +46,30 @@ class Payload(Cause):
         com = coefficients[1:4] / mass if mass > SMALL else np.zeros(3)
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
-    def bounded(self, coefficients: Array, data: Data, joint: int) -> bool:
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether there is no mass."""
         return bool(coefficients[0] <= 0)
 
-    def small(self, coefficients: Array, shape: Shape) -> bool:
+    def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether its mass is none."""
         return bool(coefficients[0] <= SMALL)
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Put a body on the flange; one without mass is none."""
+        mass, com = float(part.coefficients[0]), np.array(self.parameters_of(part)["com_m"], float)
+        if mass <= LEAST_MASS:
+            draft.leave_out(part, "not a body or a gravity that MuJoCo allows")
+            return
+        inertia = payload_inertia(part.coefficients, mass, com)
+        draft.payloads.append(Body(mass, com, inertia))
+        draft.not_in_tables.append(f"{self.name}: in [[cause]] and model.xml")
+        if inertia is None:
+            draft.not_in_mjcf.append(
+                f"{self.name}: the inertia that was found is no body's, so that of a solid sphere "
+                f"of {PAYLOAD_RADIUS:g} m stands in (assumed)"
+            )
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"
@@ -55,6 +77,17 @@ class Payload(Cause):
         if not changes(data, HEAVY * weight).any():
             return "a payload's weight hardly changes any torque along this motion"
         return ""
+
+
+def payload_inertia(coefficients: tuple[float, ...], mass: float, com: Array) -> Array | None:
+    """Return the (3, 3) inertia of a payload about its centre of mass, if a body can have it."""
+    if len(coefficients) != 10:
+        return None
+    xx, xy, yy, xz, yz, zz = coefficients[4:]
+    about_flange = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    own = about_flange - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    a, b, c = np.linalg.eigvalsh(own)
+    return own if a > 1e-9 and a + b >= c else None
 
 
 def _regressor(data: Data) -> Array:

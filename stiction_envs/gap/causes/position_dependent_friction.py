@@ -11,6 +11,9 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 
 LEAST = 1.25
@@ -23,18 +26,28 @@ BEST = 3
 """Periods that go on to the selection."""
 
 
+def phase(data: Data, joint: int, shape: Shape) -> Array:
+    """Return (T,) part of one ripple's period that the joint has gone through [-]."""
+    return np.mod(shape[0] * data.q[:, joint] / (2 * np.pi), 1.0)
+
+
 class PositionDependentFriction(Cause):
     """Ripple of gear, bearing or motor."""
 
     name: ClassVar[str] = "position_dependent_friction"
     what: ClassVar[str] = "ripple with joint angle"
-    plain: ClassVar[bool] = False
-    record: ClassVar[str] = "slow constant speed over a quarter turn or more, there and back"
-    sharpen: ClassVar[bool] = False
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = (
+        "slow constant speed over a quarter turn or more, there and back"
+    )
+    refinable: ClassVar[bool] = False
     parameters: ClassVar = (
         Parameter("ripple_nm", "N·m", size=2),
         Parameter("periods_per_rev", "1/rev", 0.0, size=0),
         Parameter("phase_rad", "rad", size=0),
+    )
+    view: ClassVar = View(
+        "joint angle, part of one ripple period [-]", phase, note="a sine, once per period"
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -91,7 +104,23 @@ class PositionDependentFriction(Cause):
             "phase_rad": float(np.arctan2(coefficients[1], coefficients[0])),
         }
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Take MuJoCo's cogging, of which a joint has one."""
+        j = part.joint - 1
+        if len(part.shape) > 1:
+            draft.leave_out(part, "MuJoCo's ripple does not turn with the motion")
+        elif draft.ripple[j, 0] > 0:
+            why = "MuJoCo has room for one ripple per joint, a stronger one stands"
+            draft.leave_out(part, why)
+        else:  # MuJoCo's cogging drives the joint; ours is what the motor must overcome
+            v = self.parameters_of(part)
+            draft.ripple[j] = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
+
+    def contribution_order(self, part: Part) -> tuple[int, float]:
+        """Return the strongest first: it is the one that MuJoCo takes."""
+        return 1, -float(np.hypot(part.coefficients[0], part.coefficients[1]))
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
         span = float(np.ptp(data.q[:, joint]))
         return f"joint {joint + 1} turns by {span:.3f} rad only" if span < 0.05 else ""

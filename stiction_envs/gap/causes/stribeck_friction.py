@@ -6,16 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import (
-    Array,
-    Cause,
-    Parameter,
-    Shape,
-    along_runs,
-    lacks_both_directions,
-    log_grid,
-    moving,
-)
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, log_grid
+from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, moving
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
 
 MOST_RATIO = 5.0
@@ -27,13 +23,19 @@ class StribeckFriction(Cause):
 
     name: ClassVar[str] = "stribeck_friction"
     what: ClassVar[str] = "extra friction near zero speed"
-    rough: ClassVar[bool] = True
-    plain: ClassVar[bool] = False
-    record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
-    needs: ClassVar = ("coulomb_friction",)
+    approximate: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
+    needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (
         Parameter("stiction_nm", "N·m", 0.0),
         Parameter("stribeck_velocity", "rad/s", 0.0, size=0),
+    )
+    view: ClassVar = View(
+        "joint speed [rad/s]",
+        speed,
+        note="friction falls as the joint gets faster",
+        limit=lambda shape: max(6 * shape[0], 0.02),
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -44,7 +46,7 @@ class StribeckFriction(Cause):
         ratio = shape[1] if len(shape) > 1 else 0.0
         return data.smooth(data.growth(joint, fade, ratio))[:, None]
 
-    def grown(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+    def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return v_s and ΔF over the level in motion, which bends the bristles further."""
         if level <= 0:
             return shape
@@ -63,7 +65,12 @@ class StribeckFriction(Cause):
         """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""
         return {"stiction_nm": float(coefficients[0]), "stribeck_velocity": shape[0]}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Raise friction at rest alone."""
+        draft.stiction[part.joint - 1] += part.coefficients[0]
+        draft.stribeck[part.joint - 1] = part.shape[0]
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether slow or fast motion is missing."""
         v = np.abs(data.dq[:, joint])
         if not (missing := lacks_both_directions(data, joint)):

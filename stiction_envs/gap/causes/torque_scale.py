@@ -7,6 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 
 LOW, HIGH = 0.5, 2.0
@@ -23,15 +26,21 @@ class TorqueScale(Cause):
 
     name: ClassVar[str] = "torque_scale"
     what: ClassVar[str] = "torque gain wrong"
-    record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
+    what_to_record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
+    shown_at_rest: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("scale", "1", LOW, HIGH, neutral=1.0),)
+    view: ClassVar = View(
+        "nominal torque [N·m]",
+        lambda data, joint, shape: data.nominal[:, joint],
+        note="a slope: an error in proportion to the torque",
+    )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque and the load."""
         torque = data.nominal[:, joint, None]
         return torque if data.carried is None else torque + data.carried[:, joint, None]
 
-    def small(self, coefficients: Array, shape: Shape) -> bool:
+    def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the gain is as right as gains are."""
         return abs(float(coefficients[0])) < LEAST
 
@@ -43,7 +52,12 @@ class TorqueScale(Cause):
         """Return s [-]."""
         return {"scale": 1.0 + float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Say by what to divide: it is the log that is wrong, not the arm."""
+        scale = self.parameters_of(part)["scale"]
+        draft.leave_out(part, f"divide the logged torque by {scale:.4g}")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint carries too little torque."""
         size = float(data.nominal[:, joint].std())
         if size < 5 * data.noise[joint]:

@@ -6,14 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import (
-    Array,
-    Cause,
-    Parameter,
-    Shape,
-    lacks_both_directions,
-    moving,
-)
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import lacks_both_directions, moving
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -22,9 +19,11 @@ class ViscousFriction(Cause):
 
     name: ClassVar[str] = "viscous_friction"
     what: ClassVar[str] = "slope of friction with speed"
-    law: ClassVar[bool] = True
-    record: ClassVar[str] = "constant speed in both directions, slow to fast"
+    base_friction: ClassVar[bool] = True
+    what_to_record: ClassVar[str] = "constant speed in both directions, slow to fast"
+    removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
+    view: ClassVar = View("joint speed [rad/s]", speed, note="a slope with speed")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the speed."""
@@ -38,7 +37,11 @@ class ViscousFriction(Cause):
         """Return F_v [N·m·s/rad]."""
         return {"viscous_nms": float(coefficients[0])}
 
-    def lacking(self, data: Data, joint: int) -> str:
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Raise the slope."""
+        draft.viscous[part.joint - 1] += part.coefficients[0]
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether directions or a spread of speeds are missing."""
         missing = lacks_both_directions(data, joint)
         speed = np.abs(data.dq[moving(data, joint), joint])

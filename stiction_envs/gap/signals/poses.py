@@ -23,8 +23,6 @@ PAIRS = 10
 """Fewer pairs say nothing of the scatter (assumed)."""
 STILL = 0.05
 """A joint that turns by less does not move [rad]; assumed."""
-AT_REST = ("torque_offset", "torque_scale", "payload", "base_tilt", "external_spring")
-"""Causes that poses can show; all others need motion."""
 
 
 def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.candidates import certain
-from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.causes import CAUSES, parameter_units
 from stiction_envs.gap.causes.backlash import (
     DRAGGED,
     FLANK,
@@ -24,7 +24,8 @@ from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble, inverse_dynamics
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.robots import load_arm
-from stiction_envs.testing.hidden_logs import EXCITED_BY, make_case
+from stiction_envs.testing.hidden_effects import EFFECTS
+from stiction_envs.testing.hidden_logs import make_case
 
 BY_NAME = {c.name: c for c in CAUSES}
 
@@ -36,7 +37,7 @@ def data() -> Data:
 
 
 def test_there_are_the_seventeen_of_the_contract() -> None:
-    assert list(BY_NAME) == list(EXCITED_BY)
+    assert list(BY_NAME) == list(EFFECTS)
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
@@ -49,7 +50,7 @@ def test_columns_are_finite_and_as_many_as_the_bounds(cause, data: Data) -> None
     assert np.all(low < high)
     assert np.isfinite(columns).all()
     assert cause.what
-    assert cause.record
+    assert cause.what_to_record
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
@@ -59,6 +60,24 @@ def test_values_have_the_contracts_keys(cause, data: Data) -> None:
     named = {p.name for p in cause.parameters}
     assert set(values) <= named
     assert all(np.isfinite(np.ravel(v)).all() for v in values.values())
+
+
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
+def test_a_view_is_a_variable_of_every_row(cause, data: Data) -> None:
+    shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
+    assert cause.view.label.endswith("]")
+    assert cause.view.note
+    if cause.view.of is not None:
+        x = cause.view.of(data, 3, shape)
+        assert x.shape == data.t.shape
+        assert np.isfinite(x).all()
+        assert np.ptp(x) > 0
+    assert cause.view.limit is None or cause.view.limit(shape) > 0
+
+
+def test_every_parameter_but_ratios_has_a_unit() -> None:
+    ratios = {"load_coefficient", "scale"}
+    assert {p.name for c in CAUSES for p in c.parameters} - set(parameter_units()) == ratios
 
 
 def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
@@ -197,17 +216,17 @@ def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
     dampings = {s[1] for s in backlash.shapes(holds, 2, holds.rigid[:, 2])}
     assert dampings
     assert dampings.isdisjoint({DRAGGED, LOST})
-    assert not inertia.lacking(data, 2)
-    assert "does not move" in inertia.lacking(holds, 2)
-    assert offset.alike(data, 2) == ()
-    assert offset.alike(holds, 2) == ("coulomb_friction",)
+    assert not inertia.why_not_identifiable(data, 2)
+    assert "does not move" in inertia.why_not_identifiable(holds, 2)
+    assert offset.indistinguishable_from(data, 2) == ()
+    assert offset.indistinguishable_from(holds, 2) == ("coulomb_friction",)
 
 
 def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> None:
     shaking = 1e-3 * np.sin(50 * data.t)[:, None] * np.ones(7)
     still = replace(data, dq=0 * data.dq, rigid=shaking, noise=np.full(7, 0.01), memory={})
-    assert "changes sign" in BY_NAME["backlash"].lacking(still, 2)
-    assert not BY_NAME["backlash"].lacking(replace(still, noise=np.full(7, 1e-4)), 2)
+    assert "changes sign" in BY_NAME["backlash"].why_not_identifiable(still, 2)
+    assert not BY_NAME["backlash"].why_not_identifiable(replace(still, noise=np.full(7, 1e-4)), 2)
 
 
 def test_a_delays_low_pass_is_first_order(data: Data) -> None:

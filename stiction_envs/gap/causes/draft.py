@@ -1,0 +1,144 @@
+"""The model that causes are put into: what each of them changes, and what MuJoCo cannot hold of it.
+
+    draft = ModelDraft.of(friction, n, mean_load=..., duration=...)
+    cause.contribute(draft, part)      # for every part that was found
+
+Friction quantities are those of `FrictionParameters`, before they are made physical.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.causes.part import Part
+
+Array = NDArray[np.float64]
+STRIBECK = 0.05
+"""Stribeck velocity where none was found; it does nothing there [rad/s]; assumed."""
+WARM_UP_TIME = 1200.0
+"""Time constant of a warm-up where none was found; it does nothing there [s]; assumed."""
+LEAST_FRICTION = 1e-6
+"""Dry friction of a joint that has none [N·m]: the least that our friction allows."""
+PAYLOAD_RADIUS = 0.03
+"""Of the solid sphere of a payload whose inertia was not found [m]; as `load_arm`, assumed."""
+LATE = 5.0
+"""Time constant over the log's length by which a straight drift is written [-]; assumed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A payload in the flange's axes."""
+
+    mass: float
+    """[kg]."""
+    com: Array
+    """(3,) [m]."""
+    inertia: Array | None
+    """(3, 3) about the centre of mass [kg·m²]; None for a solid sphere's."""
+
+
+@dataclass(eq=False, kw_only=True)
+class ModelDraft:
+    """What causes add up to; (n,) per joint or (n, 2) per joint and direction (+, −)."""
+
+    coulomb: Array
+    """(n, 2) dry friction in motion [N·m]."""
+    stiction: Array
+    """(n, 2) dry friction at rest [N·m]."""
+    stribeck: Array
+    """(n, 2) Stribeck velocity [rad/s]."""
+    viscous: Array
+    """(n, 2) [N·m·s/rad]."""
+    load: Array
+    """(n,) Coulomb friction per N·m of load, of what was found only [-]."""
+    bristle: Array
+    """(n,) stiffness σ0 [N·m/rad]; NaN where none is known."""
+    damping: Array
+    """(n,) σ1 that was found [N·m·s/rad]; NaN where none was."""
+    rotor: Array
+    """(n,) inertia [kg·m²]."""
+    spring: Array
+    """(n,) stiffness between rotor and link [N·m/rad]; infinite for rigid joints."""
+    offset: Array
+    """(n,) torque that a motor must overcome [N·m]."""
+    ripple: Array
+    """(n, 3) amplitude [N·m], periods per turn and phase [rad] of MuJoCo's cogging."""
+    warm: Array
+    """(n, 2) relative rise of cold friction [-] and time constant [s]."""
+    pull: Array
+    """(n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world."""
+    gravity: Array
+    """(2,) part of gravity towards x and y [-]."""
+    payloads: list[Body] = field(default_factory=list)
+    """Bodies on the flange."""
+    mean_load: Array
+    """(n,) mean size of the transmitted torque along the logs [N·m]; causes only read it."""
+    duration: float
+    """Length of the logs [s]; causes only read it."""
+    not_in_tables: list[str] = field(default_factory=list)
+    """What the plant's friction tables cannot say, one clause each."""
+    not_in_mjcf: list[str] = field(default_factory=list)
+    """What MJCF cannot say, one clause each."""
+    left_out: list[Part] = field(default_factory=list)
+    """Parts whose torque MJCF leaves out, but for what their cause's `held` says it holds."""
+
+    @classmethod
+    def of(
+        cls,
+        base: FrictionParameters | None,
+        n: int,
+        *,
+        mean_load: Array | None = None,
+        duration: float = 0.0,
+    ) -> ModelDraft:
+        """Return the draft of a nominal model without causes.
+
+        Args:
+            base: its friction; None for a rigid body without any.
+            n: number of joints.
+            mean_load: (n,) of the logs [N·m]; None for none.
+            duration: of the logs [s].
+        """
+        none = np.zeros((n, 2))
+        draft = cls(
+            coulomb=none.copy() if base is None else base.stiction * base.coulomb_ratio,
+            stiction=none.copy() if base is None else base.stiction.copy(),
+            stribeck=none + STRIBECK if base is None else base.stribeck_velocity.copy(),
+            viscous=none.copy() if base is None else base.viscous.copy(),
+            load=np.zeros(n),
+            bristle=np.full(n, np.nan) if base is None else base.bristle_stiffness.copy(),
+            damping=np.full(n, np.nan),
+            rotor=np.zeros(n) if base is None else base.rotor_inertia.copy(),
+            spring=np.full(n, np.inf) if base is None else base.joint_stiffness.copy(),
+            offset=np.zeros(n) if base is None else base.offset.copy(),
+            ripple=np.tile([0.0, 1.0, 0.0], (n, 1)),
+            warm=np.tile([0.0, WARM_UP_TIME], (n, 1)),
+            pull=none.copy(),
+            gravity=np.zeros(2),
+            mean_load=np.zeros(n) if mean_load is None else mean_load,
+            duration=duration,
+        )
+        if base is not None:
+            draft.ripple = np.stack(
+                [base.ripple_amplitude, base.ripple_periods, base.ripple_phase], axis=1
+            )
+            draft.warm = np.stack([base.warm_up_friction, base.warm_up_time], axis=1)
+        return draft
+
+    def leave_out(self, part: Part, why: str, *, tables: bool = True) -> None:
+        """Note that MJCF cannot hold a part: said in words, taken off the controls as torque.
+
+        Args:
+            part: of the model.
+            why: a clause.
+            tables: whether the plant's friction tables cannot hold it either.
+        """
+        text = f"{part.cause} of {part.where}: {why}"
+        self.not_in_mjcf.append(text)
+        if tables:
+            self.not_in_tables.append(text)
+        self.left_out.append(part)

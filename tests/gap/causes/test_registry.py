@@ -1,0 +1,51 @@
+"""Causes by name: what is registered is known, what is not is refused in one line."""
+
+from __future__ import annotations
+
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import CAUSES, cause_named, register, registered, unregister
+from stiction_envs.gap.causes.torque_offset import TorqueOffset
+from stiction_envs.gap.diagnosis import diagnose
+from tests.gap.small_logs import hidden, panda
+
+
+class Other(TorqueOffset):
+    """The same under another name."""
+
+    name = "other_offset"
+
+
+def test_what_is_registered_is_known_until_it_is_taken_out() -> None:
+    other = register(Other())
+    try:
+        assert cause_named("other_offset") is other
+        assert registered() == (*CAUSES, other)
+    finally:
+        unregister("other_offset")
+    assert registered() == CAUSES
+    with pytest.raises(StictionError, match=r"unknown cause 'other_offset': expected one of coul"):
+        cause_named("other_offset")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("name", CAUSES[0].name, "not taken"),
+        ("name", "Other offset", "small letters"),
+        ("name", "", "no name"),
+        ("what_to_record", "", "no what_to_record"),
+        ("parameters", (), "no parameters"),
+    ],
+)
+def test_what_is_not_whole_is_not_registered(field: str, value: object, says: str) -> None:
+    broken = type("Broken", (Other,), {field: value})
+    with pytest.raises(StictionError, match=says):
+        register(broken())
+    assert registered() == CAUSES
+
+
+def test_a_cause_that_is_not_registered_is_refused_at_once() -> None:
+    with pytest.raises(StictionError, match="unknown cause 'other_offset'"):
+        diagnose([hidden(panda(), seconds=5.0)], "panda", causes=[*CAUSES, Other()])
