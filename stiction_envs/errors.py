@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 class StictionError(ValueError):
-    """Bad input: the message is one line and says what, where, and what is allowed.
+    """Bad input: the message is one line and says what, where, and what was expected.
 
     The command line turns it into exit code 2; nothing has been written when it is raised.
     """
@@ -20,7 +20,9 @@ class ExperimentError(RuntimeError):
     """
 
 
-def unknown(what: str, value: object, allowed: Iterable[object]) -> StictionError:
-    """Error for a ``value`` that is not among the ``allowed`` names of ``what``."""
-    names = ", ".join(str(a) for a in allowed)
-    return StictionError(f"unknown {what} {value!r}: allowed are {names}")
+def unknown(what: str, value: object, expected: Iterable[object]) -> StictionError:
+    """Error for a ``value`` that is not among the ``expected`` names of ``what``."""
+    names = ", ".join(str(name) for name in expected)
+    return StictionError(
+        f"unknown {what} {value!r}: expected {'one of ' if names else 'none'}{names}"
+    )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import optuna
 
-from stiction_envs.dither.dither import check_frequency
+from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment

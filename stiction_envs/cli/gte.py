@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 Measured = tuple["Run", "Measures"]
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
-WAVEFORMS = ("sine", "square", "triangle", "chirp", "random")
 PHASES = ("random", "zero", "spread")
 DAMPING_DESIGNS = ("mass", "diagonal")
 DITHER_OPTIONS = ("gate_velocity", "waveform", "phases")
@@ -32,6 +31,8 @@ DITHER_OPTIONS = ("gate_velocity", "waveform", "phases")
 
 def add_parser(subparsers: Any) -> None:
     """Add the command."""
+    from stiction_envs.dither.waveforms import WAVEFORMS
+
     parser = common.add_command(
         subparsers,
         "gte",
@@ -72,7 +73,7 @@ def add_parser(subparsers: Any) -> None:
         help="dither fades with joint speed, by exp(-(v/V)^2) [rad/s] (default: it does not)",
     )
     parser.add_argument(
-        "--waveform", choices=WAVEFORMS, help="of every joint (default: the table's)"
+        "--waveform", choices=tuple(WAVEFORMS), help="of every joint (default: the table's)"
     )
     parser.add_argument(
         "--phases",

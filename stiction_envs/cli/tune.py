@@ -147,7 +147,7 @@ def _check_frequencies(frequencies: list[float] | tuple[()], rate_hz: float) -> 
     Raises:
         StictionError: a frequency above the rate, or one that repeats.
     """
-    from stiction_envs.dither.dither import check_frequency
+    from stiction_envs.dither.aliasing import check_frequency
 
     if len(set(frequencies)) != len(frequencies):
         raise StictionError("--frequencies: each is allowed once")

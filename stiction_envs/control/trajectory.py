@@ -366,5 +366,5 @@ def read_path(path: str | os.PathLike[str]) -> Path:
     length = np.sqrt((values * values).sum(axis=1))
     for line, value in zip(lines, length, strict=True):
         if abs(value - 1.0) > _UNIT:
-            raise line.error(f"qw,qx,qy,qz have length {value:.6g}: allowed is 1 within {_UNIT:g}")
+            raise line.error(f"qw,qx,qy,qz have length {value:.6g}: expected 1 within {_UNIT:g}")
     return Path(name, position, values / length[:, None])

@@ -1,9 +1,4 @@
-"""Torque dither A·w(2πft + φ) on every joint of N simulations at once.
-
-The sine is equation 2.21 of the thesis, d(t) = A sin(2πft); the other waveforms have the same
-period 1/f, or sweep and mix frequencies around f. Every waveform has zero mean and |w| ≤ 1. Beside
-them: what a held controller makes of a sine (:func:`alias`, :func:`check_frequency`).
-"""
+"""Torque dither A·w(2πft + φ) on every joint of N simulations at once."""
 
 from __future__ import annotations
 
@@ -15,25 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.dither.gating import fade, gate_factor
 from stiction_envs.dither.kernels import sine
+from stiction_envs.dither.waveforms import (
+    BANDWIDTH,
+    BANDWIDTH_RANGE,
+    DEFAULT_WAVEFORM,
+    WAVEFORMS,
+    named,
+)
 from stiction_envs.errors import StictionError, unknown
 
-WAVEFORMS = ("sine", "square", "triangle", "chirp", "random")
-"""Names of the waveforms; their position is the code stored in :attr:`Dither.waveform`."""
-CYCLES = 64
-"""Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
-(`assumed`: long enough to keep 98 % of the chirp's power in its band; 0.8 s at 80 Hz)."""
-TONES = 16
-"""Number of sines in the random waveform (`assumed`)."""
-
-BANDWIDTH = 0.5
-"""Default relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) (`assumed`)."""
-
-_SINE, _SQUARE, _TRIANGLE, _CHIRP, _RANDOM = range(len(WAVEFORMS))
 _TWO_PI = 2.0 * np.pi
-# Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits
-# of a summed-up time; an edge is therefore moved 1e-6 of a period, above that and below any effect.
-_EDGE = 1e-6
 
 Floats = NDArray[np.float64]
 
@@ -44,16 +32,7 @@ class Dither:
 
     Torque = A·w(2πft + φ)·exp(−(q̇/v_gate)²) + offset. All (N, n) arguments but ``amplitude`` may
     have any shape that broadcasts to its shape. A row's torque is bit for bit the same in whatever
-    batch it is computed.
-
-    ======== ===================================================================================
-    sine     sin(θ), θ = 2πft + φ (thesis, eq. 2.21)
-    square   +1 in the first half of the period, −1 in the second
-    triangle 0, +1, 0, −1 at the quarters of the period, straight between
-    chirp    frequency rising linearly from f(1 − b/2) to f(1 + b/2) and falling back in 64/f s
-    random   16 sines of equal size in f(1 − b/2) … f(1 + b/2), phases from the seed and the joint,
-             period 64/f s, scaled so that the peak stays just below 1 (RMS about 0.25)
-    ======== ===================================================================================
+    batch it is computed. The waveforms w are those of `dither.waveforms`.
 
     The mean of the square's samples is zero where a period holds an even number of them; the other
     waveforms' wherever the sampling theorem holds.
@@ -68,16 +47,15 @@ class Dither:
     offset: Floats
     """Constant torque, (N, n) N·m, never gated. Default 0."""
     waveform: NDArray[np.int8]
-    """(N, n) positions in :data:`WAVEFORMS`; given as a name, an array of names or of codes."""
+    """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
     gate_velocity: Floats
-    """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. Amplitude as a function of velocity
-    is future work in section 6.1 of the thesis. q̇ includes the motion the dither itself causes."""
+    """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates (see `dither.gating`)."""
     seed: NDArray[np.uint64]
-    """(N,), ≥ 0: draws the random waveform; one integer gives every simulation the same one."""
+    """(N,), ≥ 0: draws what a waveform draws; one integer gives every simulation the same."""
     bandwidth: float
-    """b, relative bandwidth of chirp and random, 0.25 … 1.9 (`assumed` default 0.5)."""
+    """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
-    _tones: Floats = field(init=False)  # (N, n, TONES + 1): phases in rad, gain; 0 if not random
+    _drawn: dict[str, Floats] = field(init=False)  # by waveform (N, n, K): what it draws
     _branches: tuple[tuple[Any, ...], ...] = field(init=False)
     _gate: Floats | None = field(init=False)
     sines: tuple[Floats, Floats, Floats] | None = field(init=False)
@@ -91,7 +69,7 @@ class Dither:
         frequency: ArrayLike,
         phase: ArrayLike = 0.0,
         offset: ArrayLike = 0.0,
-        waveform: ArrayLike = "sine",
+        waveform: ArrayLike = DEFAULT_WAVEFORM,
         gate_velocity: ArrayLike = np.inf,
         seed: ArrayLike = 0,
         bandwidth: float = BANDWIDTH,
@@ -101,10 +79,9 @@ class Dither:
         _check_drive(a, f)
         gate = _numbers("gate_velocity", gate_velocity, a.shape, finite=False)
         _check("gate_velocity", gate, ~(gate > 0), "> 0 rad/s (inf: no gating)")
-        # b·CYCLES ≥ TONES keeps the random tones on different lines; b < 2 keeps them off 0 Hz.
-        low = TONES / CYCLES
-        if not low <= bandwidth <= 1.9:
-            raise StictionError(f"dither bandwidth is {bandwidth}: allowed are {low} to 1.9")
+        low, high = BANDWIDTH_RANGE
+        if not low <= bandwidth <= high:
+            raise StictionError(f"dither bandwidth is {bandwidth}: expected {low} to {high}")
         self._fill(
             amplitude=a,
             frequency=f,
@@ -115,7 +92,7 @@ class Dither:
             seed=_seeds(seed, a.shape[0]),
             bandwidth=float(bandwidth),
         )
-        self._fill(_tones=self._draw_tones())
+        self._fill(_drawn=self._draw())
         self._prepare()
 
     @classmethod
@@ -132,7 +109,7 @@ class Dither:
         ``gate_velocity``, ``seed``, ``bandwidth`` as for the class itself.
         """
         a, f, c = np.zeros((3, n))
-        names = np.full(n, WAVEFORMS[_SINE], dtype=object)
+        names = np.full(n, DEFAULT_WAVEFORM, dtype=object)
         free = list(range(1, n + 1))
         for row in rows:
             if row.joint not in free:
@@ -160,7 +137,7 @@ class Dither:
         return self._gate is not None
 
     def __repr__(self) -> str:
-        names = [WAVEFORMS[b[0]] for b in self._branches]
+        names = [b[0].name for b in self._branches]
         return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
 
     def torque(self, t: float | Floats, qd: Floats | None = None) -> Floats:
@@ -177,11 +154,11 @@ class Dither:
             return plain
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Floats | None = None
-        for code, where, rows, omega, phase, amplitude, tones in self._branches:
+        for waveform, where, rows, omega, phase, amplitude, drawn in self._branches:
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
-            w = omega * now
-            w += phase
-            w = np.sin(w, out=w) if code == _SINE else self._shape(code, w, tones)
+            angle = omega * now
+            angle += phase
+            w = waveform.value(angle, drawn, self.bandwidth)
             w *= amplitude
             if where is not None:
                 out = np.zeros(shape) if out is None else out
@@ -190,11 +167,7 @@ class Dither:
                 out = w
         out = np.zeros(shape) if out is None else out
         if self._gate is not None:
-            if qd is None or qd.shape != shape:
-                got = None if qd is None else qd.shape
-                raise StictionError(f"gated dither: qd has shape {got}: allowed is {shape}")
-            g = np.multiply(qd, self._gate, out=np.empty(shape))
-            out *= np.exp(np.negative(np.square(g, out=g), out=g), out=g)
+            fade(out, qd, self._gate)
         if self._constant is not None:
             out += self._constant
         return out
@@ -219,7 +192,7 @@ class Dither:
         if frequency is not None:
             now = np.asarray(t, dtype=float)
             if now.ndim > 1 or (now.ndim == 1 and now.shape[0] != self.N):
-                raise StictionError(f"retune t has shape {now.shape}: allowed is () or ({self.N},)")
+                raise StictionError(f"retune t has shape {now.shape}: expected () or ({self.N},)")
             _check("retune time t", now, ~np.isfinite(now), "finite, s")
             jump = _TWO_PI * (self.frequency - f)
             fields["phase"] = self.phase + jump * (now[:, None] if now.ndim else now)
@@ -228,18 +201,24 @@ class Dither:
     def take(self, ids: ArrayLike) -> Dither:
         """The dither of simulations ``ids`` (positions or a mask), in that order."""
         ids = _positions(ids)
-        return self._derive({name: getattr(self, name)[ids] for name in _ROWS})
+        fields = {name: getattr(self, name)[ids] for name in _ROWS}
+        return self._derive({**fields, "_drawn": {k: v[ids] for k, v in self._drawn.items()}})
 
     def set_rows(self, ids: ArrayLike, other: Dither) -> Dither:
         """This dither with the rows of simulations ``ids`` (positions or a mask) from ``other``."""
         ids = _positions(ids)
         mine, theirs = (ids.size, self.n, self.bandwidth), (other.N, other.n, other.bandwidth)
         if mine != theirs:
-            raise StictionError(f"set_rows (N, n, bandwidth) is {theirs}: allowed is {mine}")
+            raise StictionError(f"set_rows (N, n, bandwidth) is {theirs}: expected {mine}")
         fields = {name: getattr(self, name).copy() for name in _ROWS}
         for name, values in fields.items():
             values[ids] = getattr(other, name)
-        return self._derive(fields)
+        drawn = {}
+        for name, some in {**self._drawn, **other._drawn}.items():
+            drawn[name] = np.zeros((self.N, *some.shape[1:]))
+            drawn[name][:] = self._drawn.get(name, 0.0)
+            drawn[name][ids] = other._drawn.get(name, 0.0)
+        return self._derive({**fields, "_drawn": drawn})
 
     def _fill(self, **fields: Any) -> None:
         for name, value in fields.items():
@@ -261,98 +240,48 @@ class Dither:
         # + 0.0 makes a phase of −0.0 a 0.0, so that no path below leaves a torque of −0.0.
         phase = self.phase + 0.0
         branches = []
+        waveforms = list(WAVEFORMS.values())
         for code in np.unique(self.waveform[driven]).tolist():
             mask = driven & (self.waveform == code)
             where = None if mask.all() else np.flatnonzero(mask)
             rows = None if where is None else where // self.n
             pick: Any = ... if where is None else mask
-            tones: Any = np.moveaxis(self._tones, -1, 0)
-            tones = np.ascontiguousarray(tones[:, pick]) if code == _RANDOM else None
+            waveform = waveforms[code]
+            drawn: Any = self._drawn.get(waveform.name)
+            if drawn is not None:
+                drawn = np.ascontiguousarray(np.moveaxis(drawn, -1, 0)[:, pick])
             branches.append(
-                (code, where, rows, omega[pick], phase[pick], self.amplitude[pick], tones)
+                (waveform, where, rows, omega[pick], phase[pick], self.amplitude[pick], drawn)
             )
-        gated = bool(np.isfinite(self.gate_velocity).any())
+        gate = gate_factor(self.gate_velocity)
         shifted = bool(self.offset.any())
-        plain = not (gated or shifted) and all(b[0] == _SINE for b in branches)
+        plain = gate is None and not shifted and all(b[0].sinusoidal for b in branches)
         self._fill(
             _branches=tuple(branches),
             sines=(omega, phase, self.amplitude) if plain else None,
-            _gate=1.0 / self.gate_velocity if gated else None,
+            _gate=gate,
             # A closed gate may leave −0.0, which adding the (then zero) offset turns into 0.0.
-            _constant=self.offset + 0.0 if shifted or gated else None,
+            _constant=self.offset + 0.0 if shifted or gate is not None else None,
         )
 
-    def _shape(self, code: int, angle: Floats, tones: Any) -> Floats:
-        """w(θ) of every waveform but the sine; ``angle`` θ in rad is overwritten."""
-        x = np.multiply(angle, 1.0 / _TWO_PI, out=angle)  # cycles
-        if code == _SQUARE:
-            x += _EDGE
-            x -= np.floor(x)
-            return np.where(x < 0.5, 1.0, -1.0)
-        if code == _TRIANGLE:
-            x += 0.25
-            x -= np.floor(x)
-            x -= 0.5
-            return 1.0 - 4.0 * np.abs(x)
-        if code == _CHIRP:
-            # Odd about x = 0, hence zero mean; a whole number of turns, hence continuous.
-            x -= CYCLES * np.rint(x / CYCLES)
-            x *= (1.0 - 0.5 * self.bandwidth) + (self.bandwidth / CYCLES) * np.abs(x)
-            x *= _TWO_PI
-            return np.sin(x, out=x)
-        x -= CYCLES * np.rint(x / CYCLES)
-        x *= _TWO_PI / CYCLES
-        total, tone = np.zeros_like(x), np.empty_like(x)
-        # Tone by tone: a sum over an axis would change its order of adding with the batch size.
-        for line, start in zip(_lines(self.bandwidth), tones[:-1], strict=True):
-            np.multiply(x, line, out=tone)
-            tone += start
-            total += np.sin(tone, out=tone)
-        total *= tones[-1]
-        return total
-
-    def _draw_tones(self) -> Floats:
-        """Phases of the random entries' tones and the gain that bounds their peak."""
-        tones = np.zeros((self.N, self.n, TONES + 1))
-        row, joint = np.nonzero(self.waveform == _RANDOM)
-        if row.size == 0:
-            return tones
-        key = _mix(self.seed[row])[:, None] + _mix(joint.astype(np.uint64))[:, None]
-        bits = _mix(key + np.arange(TONES, dtype=np.uint64)) >> np.uint64(11)
-        phases = bits.astype(float) * (_TWO_PI * 2.0**-53)
-        # |w| is at most its envelope, a trigonometric polynomial of degree d; sampled at G points
-        # its maximum is at most the largest sample / cos(πd/G) (Ehlich and Zeller 1964).
-        shift = (_lines(self.bandwidth) - CYCLES).astype(int)
-        degree = int(np.abs(shift).max())
-        points = 32 * degree
-        spectrum = np.zeros((row.size, points), dtype=complex)
-        spectrum[:, shift] = np.exp(1j * phases)
-        peak = np.abs(np.fft.ifft(spectrum, axis=1, norm="forward")).max(axis=1)
-        tones[row, joint, :TONES] = phases
-        tones[row, joint, TONES] = np.cos(np.pi * degree / points) / peak
-        return tones
+    def _draw(self) -> dict[str, Floats]:
+        """What the waveforms that are present draw for their entries, (N, n, K), 0 elsewhere."""
+        out = {}
+        for code, (name, waveform) in enumerate(WAVEFORMS.items()):
+            row, joint = np.nonzero(self.waveform == code)
+            values = waveform.draw(self.seed[row], joint, self.bandwidth) if row.size else None
+            if values is not None and values.shape[1]:
+                out[name] = np.zeros((self.N, self.n, values.shape[1]))
+                out[name][row, joint] = values
+        return out
 
 
-_ROWS = ("amplitude", "frequency", "phase", "offset", "waveform", "gate_velocity", "seed", "_tones")
+_ROWS = ("amplitude", "frequency", "phase", "offset", "waveform", "gate_velocity", "seed")
 
 
 def _positions(ids: ArrayLike) -> NDArray[np.intp]:
     ids = np.atleast_1d(np.asarray(ids))
     return np.flatnonzero(ids) if ids.dtype == bool else ids.astype(np.intp)
-
-
-def _lines(bandwidth: float) -> Floats:
-    """Frequencies of the random tones in multiples of f/CYCLES: whole, different, in the band."""
-    spread = (np.arange(TONES) + 0.5) / TONES - 0.5
-    return np.rint(CYCLES * (1.0 + bandwidth * spread))
-
-
-def _mix(x: NDArray[Any]) -> NDArray[np.uint64]:
-    """Hash of 64-bit integers (splitmix64): tones depend on seed and joint, not on the batch."""
-    x = x + np.uint64(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))
 
 
 def _numbers(name: str, value: ArrayLike, shape: Any, *, finite: bool = True) -> Floats:
@@ -361,10 +290,10 @@ def _numbers(name: str, value: ArrayLike, shape: Any, *, finite: bool = True) ->
         array = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError):
         raise StictionError(
-            f"dither {name} is a {type(value).__name__}: allowed are numbers"
+            f"dither {name} is a {type(value).__name__}: expected numbers"
         ) from None
     if shape is None and array.ndim != 2:
-        raise StictionError(f"dither {name} has shape {array.shape}: allowed is (N, n)")
+        raise StictionError(f"dither {name} has shape {array.shape}: expected (N, n)")
     array = _broadcast(name, array, shape or array.shape)
     if finite:
         _check(name, array, ~np.isfinite(array), "finite")
@@ -376,17 +305,17 @@ def _broadcast(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> NDArra
     try:
         return np.broadcast_to(array, shape).copy(order="C")
     except ValueError:
-        raise StictionError(f"dither {name} has shape {array.shape}: allowed is {shape}") from None
+        raise StictionError(f"dither {name} has shape {array.shape}: expected {shape}") from None
 
 
-def _check(name: str, values: NDArray[Any], bad: NDArray[np.bool_], allowed: str) -> None:
+def _check(name: str, values: NDArray[Any], bad: NDArray[np.bool_], expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
         where = "".join(
             (" of simulation {}", ", joint {}")[k].format(i + k) for k, i in enumerate(at)
         )
-        raise StictionError(f"dither {name}{where} is {values[at]}: allowed is {allowed}")
+        raise StictionError(f"dither {name}{where} is {values[at]}: expected {expected}")
 
 
 def _check_drive(amplitude: Floats, frequency: Floats) -> None:
@@ -403,8 +332,7 @@ def _codes(waveform: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int8]:
         codes = array.astype(np.int8)
     else:
         for name in np.unique(array.astype(str)):
-            if name not in WAVEFORMS:
-                raise unknown("waveform", str(name), WAVEFORMS)
+            named(str(name))
         codes = np.zeros(array.shape, dtype=np.int8)
         for code, name in enumerate(WAVEFORMS):
             codes[array == name] = code
@@ -415,36 +343,5 @@ def _seeds(seed: ArrayLike, N: int) -> NDArray[np.uint64]:
     array = np.asarray(seed)
     if array.dtype.kind not in "iu" or (array.size and array.min() < 0):
         got = array.min() if array.dtype.kind == "i" else array.dtype
-        raise StictionError(f"dither seed is {got}: allowed are integers from 0 to 2^64 - 1")
+        raise StictionError(f"dither seed is {got}: expected integers from 0 to 2^64 - 1")
     return _broadcast("seed", array.astype(np.uint64), (N,))
-
-
-def alias(frequency_hz: float, rate_hz: float) -> float:
-    """Frequency [Hz] at which a controller that holds its command at ``rate_hz`` shows a sine.
-
-    0 means that every sample is the same: a constant torque A·sin φ. At half the rate the samples
-    are ±A·sin φ. Harmonics of the other waveforms alias by the same rule.
-    """
-    for what, value in (("frequency", frequency_hz), ("controller rate", rate_hz)):
-        if not (np.isfinite(value) and value > 0):
-            raise StictionError(f"{what} {value} Hz: allowed is > 0")
-    return float(abs(frequency_hz - rate_hz * np.rint(frequency_hz / rate_hz)))
-
-
-def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
-    """Warning when a controller of ``rate_hz`` [Hz] cannot show a sine of ``frequency_hz`` [Hz].
-
-    None below half the rate, one line from there up to the rate itself (the thesis commanded 100
-    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default), an error above it.
-    """
-    shown = alias(frequency_hz, rate_hz)
-    f, r = f"{frequency_hz:g} Hz", f"{rate_hz:g} Hz"
-    if frequency_hz > rate_hz:
-        raise StictionError(f"dither frequency {f} at a {r} controller: allowed is at most {r}")
-    if 2 * frequency_hz < rate_hz:
-        return None
-    if 2 * frequency_hz == rate_hz:
-        return f"dither of {f} at a {r} controller sits at Nyquist: samples are ±A·sin φ"
-    if shown == 0:
-        return f"dither of {f} at a {r} controller aliases to a constant offset A·sin φ"
-    return f"dither of {f} at a {r} controller aliases to {shown:g} Hz"

@@ -24,18 +24,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS
 from stiction_envs.errors import unknown
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-SHAPES = ("sine", "triangle", "square")
-"""Oscillations of speed whose averaged friction is known in closed form."""
 _QUARTER = (np.arange(720) + 0.5) / 720 * np.pi / 2
 """Phases of a quarter period [rad]: |cos| repeats over the others."""
 
 
+def shapes() -> list[str]:
+    """Return the waveforms whose averaged friction is known in closed form."""
+    return [name for name, w in WAVEFORMS.items() if w.mean_sign(np.zeros(1)) is not None]
+
+
 def averaged_coulomb(
-    v: ArrayLike, speed_amplitude: ArrayLike, coulomb: ArrayLike, shape: str = "sine"
+    v: ArrayLike, speed_amplitude: ArrayLike, coulomb: ArrayLike, shape: str = DEFAULT_WAVEFORM
 ) -> Array:
     """Return Coulomb friction averaged over an oscillation of the *speed* [N·m].
 
@@ -54,22 +58,18 @@ def averaged_coulomb(
         v: slow part of the speed [rad/s].
         speed_amplitude: V, peak of the oscillation [rad/s], ≥ 0; 0 is no oscillation.
         coulomb: F_c [N·m].
-        shape: of the oscillation, one of `SHAPES`.
+        shape: waveform of the oscillation, one of :func:`shapes`.
 
     Raises:
-        StictionError: an unknown shape.
+        StictionError: another shape.
     """
-    if shape not in SHAPES:
-        raise unknown("oscillation", shape, SHAPES)
     v, peak = np.asarray(v, float), np.asarray(speed_amplitude, float)
     still = peak == 0
     x = np.where(still, np.sign(v), v / np.where(still, 1.0, peak))
-    if shape == "square":
-        share = (np.sign(x + 1.0) + np.sign(x - 1.0)) / 2
-        share = np.where(still, np.sign(v), share)
-    else:
-        x = np.clip(x, -1.0, 1.0)
-        share = x if shape == "triangle" else 2 / np.pi * np.arcsin(x)
+    share = WAVEFORMS[shape].mean_sign(x) if shape in WAVEFORMS else None
+    if share is None:
+        raise unknown("oscillation", shape, shapes())
+    share = np.where(still, np.sign(v), share)
     return np.asarray(np.asarray(coulomb, float) * share, dtype=np.float64)
 
 

@@ -133,7 +133,7 @@ def build(
             that would chatter at this step (physics.md 3.5).
     """
     if not 0 < timestep <= 1e-3:
-        raise StictionError(f"timestep {timestep} s: allowed is 0 < timestep <= 0.001")
+        raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
         parameters = load_friction(arm.name if arm.builtin else "generic", arm.n)
     if parameters.n != arm.n:

@@ -210,7 +210,8 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
     unknown = set(table) - set(QUANTITIES) - OTHER_TABLES
     if unknown:
         raise StictionError(
-            f"{where}: unknown table [{sorted(unknown)[0]}]: allowed are {', '.join(QUANTITIES)}"
+            f"{where}: unknown table [{sorted(unknown)[0]}]: "
+            f"expected one of {', '.join(QUANTITIES)}"
         )
     for name, quantity in QUANTITIES.items():
         entry = table.get(name)

@@ -1,4 +1,4 @@
-"""CSV text with errors that name file, line, column and what is allowed."""
+"""CSV text with errors that name file, line, column and what is expected."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Line:
         """An error at this line."""
         return StictionError(f"{self.where}: {message}")
 
-    def name(self, column: str, allowed: Sequence[str]) -> str:
-        """The field as one of the ``allowed`` names."""
+    def name(self, column: str, expected: Sequence[str]) -> str:
+        """The field as one of the ``expected`` names."""
         value = self.fields[column]
-        if value not in allowed:
-            raise StictionError(f"{self.where}: {unknown(column, value, allowed)}")
+        if value not in expected:
+            raise StictionError(f"{self.where}: {unknown(column, value, expected)}")
         return value
 
     def text(self, column: str) -> str:
         """The field as text that is not empty."""
         if not self.fields[column]:
-            raise self.error(f"{column} is empty: allowed is any name")
+            raise self.error(f"{column} is empty: expected any name")
         return self.fields[column]
 
     def number(self, column: str, default: float | None = None, *, nan: bool = False) -> float:
@@ -49,21 +49,21 @@ class Line:
             # Python's own 1_000 is no number anywhere else.
             value = float("" if "_" in raw else raw)
         except ValueError:
-            raise self.error(f"{column} is {raw!r}: allowed are numbers") from None
+            raise self.error(f"{column} is {raw!r}: expected a number") from None
         if not (math.isfinite(value) or (nan and math.isnan(value))):
-            raise self.error(f"{column} is {raw!r}: allowed are finite numbers")
+            raise self.error(f"{column} is {raw!r}: expected a finite number")
         return value
 
     def whole(self, column: str, low: int, high: int | None = None) -> int:
         """The field as a whole number in ``low`` … ``high``."""
         raw = self.fields[column]
-        allowed = f"whole numbers from {low}" + ("" if high is None else f" to {high}")
+        expected = f"a whole number from {low}" + ("" if high is None else f" to {high}")
         try:
             value = int("" if "_" in raw else raw)
         except ValueError:
-            raise self.error(f"{column} is {raw!r}: allowed are {allowed}") from None
+            raise self.error(f"{column} is {raw!r}: expected {expected}") from None
         if value < low or (high is not None and value > high):
-            raise self.error(f"{column} is {value}: allowed are {allowed}")
+            raise self.error(f"{column} is {value}: expected {expected}")
         return value
 
 
@@ -73,11 +73,11 @@ def read_text(path: str | os.PathLike[str]) -> str:
         return Path(path).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise StictionError(
-            f"{path}: byte {error.start} is not UTF-8: allowed is CSV text in UTF-8"
+            f"{path}: byte {error.start} is not UTF-8: expected CSV text in UTF-8"
         ) from None
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{path}: {reason}: allowed is a readable CSV file") from None
+        raise StictionError(f"{path}: {reason}: expected a readable CSV file") from None
 
 
 def read_lines(
@@ -99,19 +99,17 @@ def read_lines(
             where = f"{path}, line {reader.line_num}"
             if len(row) != len(header):
                 raise StictionError(
-                    f"{where}: {len(row)} values: allowed is one for each of {', '.join(header)}"
+                    f"{where}: {len(row)} values: expected one for each of {', '.join(header)}"
                 )
             lines.append(Line(where, dict(zip(header, row, strict=True))))
     except csv.Error as error:
         raise StictionError(
-            f"{path}, line {reader.line_num}: {error}: allowed is comma-separated text"
+            f"{path}, line {reader.line_num}: {error}: expected comma-separated text"
         ) from None
     if header is None:
-        raise StictionError(
-            f"{path}: empty file: allowed is a header {','.join(required)} and rows"
-        )
+        raise StictionError(f"{path}: empty file: expected a header {','.join(required)} and rows")
     if not lines:
-        raise StictionError(f"{path}: no rows below the header: allowed is one or more")
+        raise StictionError(f"{path}: no rows below the header: expected one or more")
     return lines
 
 
@@ -141,13 +139,13 @@ def _check_header(
     required: Sequence[str],
     optional: Sequence[str],
 ) -> None:
-    allowed = f"allowed is {','.join(required)}"
+    expected = f"expected {','.join(required)}"
     if optional:
-        allowed += f" with optional {','.join(optional)}"
+        expected += f" with optional {','.join(optional)}"
     missing = [c for c in required if c not in header]
     extra = [c for c in header if c not in (*required, *optional)]
     twice = [c for c in header if header.count(c) > 1]
     for what, names in (("missing", missing), ("unknown", extra), ("repeated", twice)):
         if names:
             shown = ", ".join(repr(n) for n in dict.fromkeys(names))
-            raise StictionError(f"{path}: {what} column {shown}: {allowed}")
+            raise StictionError(f"{path}: {what} column {shown}: {expected}")

@@ -16,7 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither.dither import WAVEFORMS, check_frequency
+from stiction_envs.dither.aliasing import check_frequency
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
 
@@ -77,8 +78,8 @@ class AmplitudeRow:
     """Hz, > 0 unless the amplitude is 0."""
     amplitude_nm: float
     """N·m, ≥ 0."""
-    waveform: str = "sine"
-    """One of :data:`stiction_envs.dither.dither.WAVEFORMS`."""
+    waveform: str = DEFAULT_WAVEFORM
+    """One of :data:`stiction_envs.dither.waveforms.WAVEFORMS`."""
     offset_nm: float = 0.0
     """Constant torque, N·m."""
 
@@ -118,7 +119,7 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     seen: set[int] = set()
     for row in rows:
         _check_amplitude(row, f"{path}: row of joint {row.joint}", seen)
-    plain = all(row.waveform == "sine" and row.offset_nm == 0 for row in rows)
+    plain = all(row.waveform == DEFAULT_WAVEFORM and row.offset_nm == 0 for row in rows)
     header = AMPLITUDE_COLUMNS if plain else AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL
     write_lines(path, header, [astuple(row)[: len(header)] for row in rows])
 
@@ -147,7 +148,7 @@ def read_amplitudes(
             joint=line.whole("joint", 1, n_joints),
             frequency_hz=line.number("frequency_hz"),
             amplitude_nm=line.number("amplitude_nm"),
-            waveform=line.name("waveform", WAVEFORMS) if "waveform" in line.fields else "sine",
+            waveform=line.fields.get("waveform", DEFAULT_WAVEFORM),
             offset_nm=line.number("offset_nm", 0.0),
         )
         _check_amplitude(row, line.where, seen)
@@ -155,7 +156,7 @@ def read_amplitudes(
         if row.amplitude_nm + abs(row.offset_nm) > most:
             total = "amplitude_nm" + (" + |offset_nm|" if row.offset_nm else "")
             raise line.error(
-                f"{total} is {row.amplitude_nm + abs(row.offset_nm):g}: allowed is at most the "
+                f"{total} is {row.amplitude_nm + abs(row.offset_nm):g}: expected at most the "
                 f"torque limit of joint {row.joint}, {most:g} N·m"
             )
         if controller_rate_hz is not None and row.amplitude_nm > 0:
@@ -175,7 +176,7 @@ class BaseTable:
     def __post_init__(self) -> None:
         tau = np.array(self.tau, dtype=float)
         if tau.ndim != 3 or tau.shape[1:] != (2, 2):
-            raise StictionError(f"base table has shape {tau.shape}: allowed is (n, 2, 2)")
+            raise StictionError(f"base table has shape {tau.shape}: expected (n, 2, 2)")
         for (j, k, d), value in np.ndenumerate(tau):
             _check_sign(float(value), d, f"base table: joint {j + 1}, {LOADS[k]}")
         tau.flags.writeable = False
@@ -223,11 +224,11 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
     if robot is None:
         if len(robots) != 1:
             shown = ", ".join(robots) or "none"
-            raise StictionError(f"{path}: robots with base torques are {shown}: allowed is one")
+            raise StictionError(f"{path}: robots with base torques are {shown}: expected one")
         robot = robots[0]
     robot = our_name(robot)
     if robot not in robots:
-        raise StictionError(f"{path}: {unknown('robot', robot, robots or ['none'])}")
+        raise StictionError(f"{path}: {unknown('robot', robot, robots)}")
     tau = np.full((n_joints, 2, 2), np.nan)
     for line in lines:
         if our_name(line.fields["robot"]) != robot:
@@ -236,7 +237,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
         load, direction = line.name("load", LOADS), line.name("direction", DIRECTIONS)
         at = joint - 1, LOADS.index(load), DIRECTIONS.index(direction)
         if not math.isnan(tau[at]):
-            raise line.error(f"joint {joint}, {load} {direction} occurs twice: allowed is once")
+            raise line.error(f"joint {joint}, {load} {direction} occurs twice: expected once")
         tau[at] = line.number("tau_base_Nm" if thesis else "tau_nm")
         _check_sign(tau[at], at[2], f"{line.where}: joint {joint}, {load}")
     missing = np.argwhere(np.isnan(tau))
@@ -244,7 +245,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
         j, k, d = missing[0]
         raise StictionError(
             f"{path}: {tau.size - len(missing)} of {tau.size} base torques of {robot}: "
-            f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: allowed is all, once"
+            f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: expected all, once"
         )
     return BaseTable(robot, tau)
 
@@ -257,24 +258,26 @@ def our_name(robot: str) -> str:
 def _some(path: Path, rows: Iterable[_Row]) -> list[_Row]:
     rows = list(rows)
     if not rows:
-        raise StictionError(f"{path}: no rows to write: allowed is one or more")
+        raise StictionError(f"{path}: no rows to write: expected one or more")
     return rows
 
 
 def _check_sje(row: SJERow, where: str) -> None:
     if not row.robot or row.robot != row.robot.strip():
-        raise StictionError(f"{where}: robot is {row.robot!r}: allowed is a name or path")
+        raise StictionError(f"{where}: robot is {row.robot!r}: expected a name or path")
     _check_names(row, where)
     _check_drive(row.frequency_hz, row.amplitude_nm, where)
     if not math.isfinite(row.tau_nm):
-        raise StictionError(f"{where}: tau_nm is {row.tau_nm}: allowed are finite numbers")
+        raise StictionError(f"{where}: tau_nm is {row.tau_nm}: expected a finite number")
     if row.std_nm < 0 or math.isinf(row.std_nm):
-        raise StictionError(f"{where}: std_nm is {row.std_nm}: allowed is >= 0, or nan if unknown")
+        raise StictionError(f"{where}: std_nm is {row.std_nm}: expected >= 0, or nan if unknown")
     if math.isinf(row.reduction):
-        raise StictionError(f"{where}: reduction is {row.reduction}: allowed is finite or nan")
+        raise StictionError(
+            f"{where}: reduction is {row.reduction}: expected a finite number or nan"
+        )
     for column, value in (("joint", row.joint), ("iterations", row.iterations)):
         if value < 1:
-            raise StictionError(f"{where}: {column} is {value}: allowed is 1 or more")
+            raise StictionError(f"{where}: {column} is {value}: expected 1 or more")
 
 
 def _check_names(row: SJERow, where: str) -> None:
@@ -286,25 +289,25 @@ def _check_names(row: SJERow, where: str) -> None:
 def _check_amplitude(row: AmplitudeRow, where: str, seen: set[int]) -> None:
     """Checks of one row among the joints already ``seen``, to which it is added."""
     if row.joint < 1:
-        raise StictionError(f"{where}: joint is {row.joint}: allowed is 1 or more")
+        raise StictionError(f"{where}: joint is {row.joint}: expected 1 or more")
     if row.joint in seen:
-        raise StictionError(
-            f"{where}: joint {row.joint} occurs twice: allowed is one row per joint"
-        )
+        raise StictionError(f"{where}: joint {row.joint} occurs twice: expected one row per joint")
     seen.add(row.joint)
     _check_drive(row.frequency_hz, row.amplitude_nm, where)
-    if row.waveform not in WAVEFORMS:
-        raise StictionError(f"{where}: {unknown('waveform', row.waveform, WAVEFORMS)}")
+    try:
+        named(row.waveform)
+    except StictionError as error:
+        raise StictionError(f"{where}: {error}") from None
     if not math.isfinite(row.offset_nm):
-        raise StictionError(f"{where}: offset_nm is {row.offset_nm}: allowed are finite numbers")
+        raise StictionError(f"{where}: offset_nm is {row.offset_nm}: expected a finite number")
 
 
 def _check_drive(frequency_hz: float, amplitude_nm: float, where: str) -> None:
     if not 0 <= amplitude_nm < math.inf:
-        raise StictionError(f"{where}: amplitude_nm is {amplitude_nm}: allowed is >= 0")
+        raise StictionError(f"{where}: amplitude_nm is {amplitude_nm}: expected >= 0")
     if not 0 <= frequency_hz < math.inf or (frequency_hz == 0 and amplitude_nm > 0):
         raise StictionError(
-            f"{where}: frequency_hz is {frequency_hz}: allowed is > 0, or 0 with amplitude_nm 0"
+            f"{where}: frequency_hz is {frequency_hz}: expected > 0, or 0 with amplitude_nm 0"
         )
 
 
@@ -318,7 +321,7 @@ def _check_rate(row: AmplitudeRow, line: Line, rate_hz: float) -> None:
 
 
 def _check_sign(tau: float, direction: int, where: str) -> None:
-    sign, allowed = ((1, "> 0"), (-1, "< 0"))[direction]
+    sign, expected = ((1, "> 0"), (-1, "< 0"))[direction]
     if not 0 < sign * tau < math.inf:
         name = DIRECTIONS[direction]
-        raise StictionError(f"{where} {name}: base torque is {tau} N·m: allowed is {allowed}")
+        raise StictionError(f"{where} {name}: base torque is {tau} N·m: expected {expected}")

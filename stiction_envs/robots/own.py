@@ -139,13 +139,13 @@ def _chain(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
         if int(model.jnt_type[j]) not in (_HINGE, _SLIDE):
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
             raise StictionError(
-                f"{path}: joint {model.joint(j).name!r} is a {kind} joint: only hinges are allowed"
+                f"{path}: joint {model.joint(j).name!r} is a {kind} joint: expected hinges only"
             )
     # Ids grow from parent to child, so within one chain they are already in order.
     hinges = np.flatnonzero(model.jnt_type == _HINGE)
     low, high = JOINTS
     if not low <= len(hinges) <= high:
-        raise StictionError(f"{path}: {len(hinges)} hinge joints: {low} to {high} are allowed")
+        raise StictionError(f"{path}: {len(hinges)} hinge joints: expected {low} to {high}")
     bodies = model.jnt_bodyid[hinges]
     for one, two in pairwise(hinges):
         if model.jnt_bodyid[one] == model.jnt_bodyid[two]:

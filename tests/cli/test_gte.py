@@ -12,7 +12,6 @@ import pytest
 from stiction_envs.cli import gte
 from stiction_envs.control import settings
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.dither.dither import WAVEFORMS
 from stiction_envs.experiments.gte import experiment
 from stiction_envs.experiments.gte import protocol as gte_protocol
 from stiction_envs.experiments.gte.protocol import AXES
@@ -199,7 +198,6 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
 def test_names_are_those_of_the_packages():
     assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
     assert gte.PHASES == gte_protocol.PHASES
-    assert gte.WAVEFORMS == WAVEFORMS
     assert gte.DAMPING_DESIGNS == settings.DAMPING_DESIGNS
 
 

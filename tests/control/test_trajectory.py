@@ -338,11 +338,11 @@ def test_files_with_and_without_orientation(tmp_path):
     [
         ("", "empty file"),
         ("x,y,z\n", "no rows"),
-        ("x,y\n1,2\n", "missing column 'z': allowed is x,y,z with optional roll"),
+        ("x,y\n1,2\n", "missing column 'z': expected x,y,z with optional roll"),
         ("x,y,z,roll,pitch\n1,2,3,0,0\n", "missing column 'yaw'"),
         ("x,y,z,qw\n1,2,3,1\n", "missing column 'qx', 'qy', 'qz'"),
         ("x,y,z,w\n1,2,3,1\n", "unknown column 'w'"),
-        ("x,y,z\n1,2,up\n", "line 2: z is 'up': allowed are numbers"),
+        ("x,y,z\n1,2,up\n", "line 2: z is 'up': expected a number"),
         ("x,y,z\n1,2,3\n1,nan,3\n", "line 3: y is 'nan'"),
         ("x,y,z\n1,2\n", "line 2: 2 values"),
         ("x,y,z,qw,qx,qy,qz\n0,0,0,1,0,0,0\n0,0,0,1,1,0,0\n", r"line 3: .*length 1.41"),
@@ -354,7 +354,7 @@ def test_bad_files_name_file_line_column_and_what_is_allowed(tmp_path, text, wor
     with pytest.raises(StictionError, match=words) as error:
         read_path(file)
     assert "bad.csv" in str(error.value)
-    assert "allowed" in str(error.value)
+    assert "expected" in str(error.value)
 
 
 def test_missing_file():

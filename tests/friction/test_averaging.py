@@ -31,7 +31,7 @@ def test_averaged_friction_is_the_mean_over_a_period(shape, wave):
     np.testing.assert_allclose(av.averaged_coulomb(v, 1.3, 0.7, shape), by_hand, atol=2e-4)
 
 
-@pytest.mark.parametrize("shape", av.SHAPES)
+@pytest.mark.parametrize("shape", av.shapes())
 def test_averaged_friction_without_oscillation_is_coulombs(shape):
     np.testing.assert_array_equal(
         av.averaged_coulomb(SPEEDS, 0.0, 0.7, shape), 0.7 * np.sign(SPEEDS)

@@ -110,7 +110,7 @@ def test_bad_sje(tmp_path, line, message):
     with pytest.raises(StictionError, match=message) as error:
         read_sje(put(tmp_path / "sje.csv", SJE + line + "\n"))
     assert "sje.csv" in str(error.value)
-    assert "allowed" in str(error.value)
+    assert "expected" in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -132,7 +132,7 @@ def test_bad_sje(tmp_path, line, message):
     ],
 )
 def test_write_sje_writes_nothing_it_could_not_read(tmp_path, change):
-    with pytest.raises(StictionError, match="allowed"):
+    with pytest.raises(StictionError, match="expected"):
         write_sje(tmp_path / "a.csv", [ROW, replace(ROW, **change)])
     with pytest.raises(StictionError, match="no rows"):
         write_sje(tmp_path / "a.csv", [])
@@ -195,10 +195,10 @@ BAD_AMPLITUDES = {
     "blank": ("\n  \n", "empty file"),
     "no rows": (HEAD, "no rows below the header"),
     "not UTF-8": (b"joint,frequency_hz,amplitude_nm\n1,15,\xff\n", "byte 37 is not UTF-8"),
-    "binary": (b"\x00\x01\x02", "allowed"),
+    "binary": (b"\x00\x01\x02", "expected"),
     "too few": (HEAD + "1,15\n", "line 2: 2 values"),
     "too many": (HEAD + "1,15,0,5\n", "line 2: 4 values"),
-    "open quote": (HEAD + '1,15,"0.5\n', "allowed is comma-separated text"),
+    "open quote": (HEAD + '1,15,"0.5\n', "expected comma-separated text"),
 }
 
 
@@ -213,7 +213,7 @@ def test_bad_amplitudes(tmp_path, text, message):
             controller_rate_hz=200,
         )
     assert "final.csv" in str(error.value)
-    assert "allowed" in str(error.value)
+    assert "expected" in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -248,7 +248,7 @@ def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
         AmplitudeRow(2, 15.0, 0.5, "saw"),
         AmplitudeRow(2, 15.0, 0.5, "sine", math.inf),
     ):
-        with pytest.raises(StictionError, match="allowed"):
+        with pytest.raises(StictionError, match="expected"):
             write_amplitudes(tmp_path / "a.csv", [good, bad])
     assert not list(tmp_path.iterdir())
 
@@ -320,7 +320,7 @@ def test_base_from_our_own_table(tmp_path):
 def test_both_names_of_the_iiwa(tmp_path):
     for name in ("iiwa", "iiwa7"):
         assert read_base(THESIS / "table_4_3.csv", name).robot == "iiwa7"
-    with pytest.raises(StictionError, match="unknown robot 'iiwa14': allowed are iiwa7, panda"):
+    with pytest.raises(StictionError, match="unknown robot 'iiwa14': expected one of iiwa7, panda"):
         read_base(THESIS / "table_4_3.csv", "iiwa14")
 
 
@@ -330,7 +330,7 @@ BAD_BASE = {
     "missing": ("", "27 of 28 base torques of panda: joint 5, no_load - missing"),
     "duplicate": (PANDA + "\n" + PANDA, r"line 5\d: joint 5, no_load - occurs twice"),
     "sign": ("panda,5,no_load,-,0.506", r"line \d+: joint 5, no_load -: .* 0.506 N·m: .*< 0"),
-    "zero": ("panda,5,no_load,-,0", "allowed is < 0"),
+    "zero": ("panda,5,no_load,-,0", "expected < 0"),
     "nan": ("panda,5,no_load,-,nan", "tau_base_Nm is 'nan'"),
     "joint": ("panda,8,no_load,-,-1", "joint is 8.*1 to 7"),
     "load": ("panda,5,none,-,-1", "load 'none'"),
@@ -353,7 +353,7 @@ def test_base_needs_undithered_rows(tmp_path):
     write_sje(tmp_path / "sje.csv", [ROW])
     with pytest.raises(StictionError, match="robots with base torques are none"):
         read_base(tmp_path / "sje.csv")
-    with pytest.raises(StictionError, match="unknown robot 'panda': allowed are none"):
+    with pytest.raises(StictionError, match="unknown robot 'panda': expected none"):
         read_base(tmp_path / "sje.csv", "panda")
 
 

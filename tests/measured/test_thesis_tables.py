@@ -71,5 +71,5 @@ def test_unknown_thesis_names():
     with pytest.raises(StictionError, match=r"thesis table '4.12'.*4\.1, .*A\.1"):
         thesis_table("4.12")
     for read in (thesis_base, thesis_dithered):
-        with pytest.raises(StictionError, match="'iiwa14': allowed are panda, iiwa7"):
+        with pytest.raises(StictionError, match="'iiwa14': expected one of panda, iiwa7"):
             read("iiwa14")

@@ -175,11 +175,11 @@ BRANCHED = chain(3).replace('<body name="l2"', f'{BRANCH}<body name="l2"')
 
 REFUSED = {
     "no_mass": (chain(3, mass="0"), r"moving link 'l\d' has no mass or inertia"),
-    "none": (chain(0), "0 hinge joints: 2 to 9 are allowed"),
-    "one": (chain(1), "1 hinge joints: 2 to 9 are allowed"),
-    "ten": (chain(10), "10 hinge joints: 2 to 9 are allowed"),
-    "ball": (BALL, "joint 'j1' is a ball joint: only hinges are allowed"),
-    "free": (FREE, "joint 'f' is a free joint: only hinges are allowed"),
+    "none": (chain(0), "0 hinge joints: expected 2 to 9"),
+    "one": (chain(1), "1 hinge joints: expected 2 to 9"),
+    "ten": (chain(10), "10 hinge joints: expected 2 to 9"),
+    "ball": (BALL, "joint 'j1' is a ball joint: expected hinges only"),
+    "free": (FREE, "joint 'f' is a free joint: expected hinges only"),
     "slide": (SLIDE, "slide joint 'j1' is not behind the last hinge"),
     "twice": (TWICE, "link 'l1' has two joints"),
     "branch": (BRANCHED, "the chain branches: joint 'j2' is not behind joint 'side'"),

@@ -19,6 +19,7 @@ from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import (
     FLAGS,
@@ -258,7 +259,7 @@ class GeneratedTrajectoryExperiment:
             "gate_velocity": np.full(n, case.gate_velocity),
             "phase": np.zeros(n),
             "drawn": np.full(n, case.phases == "random"),
-            "waveform": np.full(n, "sine", dtype="U16"),
+            "waveform": np.full(n, DEFAULT_WAVEFORM, dtype=object),
         }
         for row in case.dither:
             if not 1 <= row.joint <= n:

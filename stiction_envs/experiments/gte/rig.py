@@ -22,6 +22,7 @@ from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.control.trajectory import GoalKeeper, MotionLimits, Path
 from stiction_envs.dither.dither import Dither
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.step import control_step
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -247,7 +248,7 @@ class GTERig:
         *,
         amplitude: ArrayLike,
         frequency: ArrayLike,
-        waveform: ArrayLike = "sine",
+        waveform: ArrayLike = DEFAULT_WAVEFORM,
         offset: ArrayLike = 0.0,
         gate_velocity: ArrayLike = np.inf,
         phase: ArrayLike = 0.0,

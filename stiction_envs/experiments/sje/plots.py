@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.plant import CONTROL_DT
@@ -34,7 +35,7 @@ def dither_text(job: Job) -> str:
     """Say which dither a job has."""
     if job.amplitude_nm == 0 and job.offset_nm == 0:
         return "no dither"
-    shape = "" if job.waveform == "sine" else f" {job.waveform}"
+    shape = "" if job.waveform == DEFAULT_WAVEFORM else f" {job.waveform}"
     offset = f" {job.offset_nm:+.3g} N·m" if job.offset_nm else ""
     return f"{job.frequency_hz:g} Hz{shape}, {job.amplitude_nm:.3g} N·m{offset}"
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 
 Array = NDArray[np.float64]
@@ -125,7 +126,7 @@ class Job:
     configuration: Configuration
     frequency_hz: float = 0.0
     amplitude_nm: float = 0.0
-    waveform: str = "sine"
+    waveform: str = DEFAULT_WAVEFORM
     offset_nm: float = 0.0
     gate_velocity: float = float("inf")
     replica: int = 0

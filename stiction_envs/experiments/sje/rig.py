@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
@@ -138,7 +139,7 @@ class Rig:
         *,
         amplitude: ArrayLike,
         frequency: ArrayLike,
-        waveform: ArrayLike = "sine",
+        waveform: ArrayLike = DEFAULT_WAVEFORM,
         offset: ArrayLike = 0.0,
         gate_velocity: ArrayLike = np.inf,
     ) -> None:
