@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from stiction_envs.gap.signals.dataset import GUARD, assemble
+from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.recording import GUARD
 from stiction_envs.identification.excitation import ExcitationSettings, excite
 from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.identify import FOLDS, MODELS, identify

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose
 from stiction_envs.gap.least_squares import LeastSquares, least_squares, line
-from stiction_envs.gap.signals.dataset import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured import thesis_table
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.markdown import table

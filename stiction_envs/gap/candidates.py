@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.normal_equations import Gram, Pick, Stack
-from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data, rate
+from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
+from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
 HUBER = 3.0
@@ -30,7 +31,7 @@ ARM = -1
 
 def certain(data: Data, joint: int) -> Array:
     """Return (T,) weights: `UNCERTAIN` where a joint rests between two directions, else one."""
-    speed = np.abs(rate(data.way[:, joint], data.runs(), data.dt))
+    speed = np.abs(rate(data.reversal_path[:, joint], data.runs(), data.dt))
     off = (speed < SIGN_SPEED) & (np.abs(data.direction(joint)) < SURE)
     # a joint that hardly ever moves has nothing else to tell
     return np.where(off, UNCERTAIN, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
@@ -59,7 +60,7 @@ class Library:
         self._blocks: list[list[Array]] = [[] for _ in range(data.n)]
         self._width = [0] * data.n
         self.residual = data.residual
-        share = DIAGNOSED if data.diagnosed else GIVEN
+        share = DIAGNOSED if data.model.diagnosed else GIVEN
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
         """(n,) root mean square over the noise of what the nominal model's friction may be off."""

@@ -367,5 +367,5 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         robot=arm.name,
         payload=arm.payload,
         tilt=arm.tilt,
-        distance=tuple(float(x) for x in data.distance),
+        distance=tuple(float(x) for x in data.friction.presliding_distance),
     )

@@ -45,7 +45,7 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
     out = _refined(library, terms)
     for _ in range(GROWN):
         c = library.split(out, library.stack.fit(library.pick(out)))
-        level = library.data.level.copy()
+        level = library.data.friction.level.copy()
         for term, mine in zip(out, c, strict=True):
             level[term.joint] += library.causes[term.cause].dry_friction(mine)
         larger = [

@@ -163,7 +163,8 @@ def _friction(
     ratio = np.clip(coulomb / stiction, 1e-3, 1.0)
     carried = np.where(np.isfinite(draft.spring), draft.rotor, draft.rotor + inertia)
     most = STIFFEST * carried / TIMESTEP**2
-    soft = np.maximum(coulomb.mean(axis=1) / data.distance, LEAST_BRISTLE)
+    distance = data.friction.presliding_distance
+    soft = np.maximum(coulomb.mean(axis=1) / distance, LEAST_BRISTLE)
     bristle = np.where(np.isnan(draft.bristle), soft, draft.bristle)
     for j in np.flatnonzero(~np.isnan(draft.bristle) & (bristle > most)):
         text = f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still"
@@ -211,7 +212,7 @@ def _friction(
     if np.isnan(draft.bristle).any():
         sources["bristle_stiffness"] = (
             "assumed where no presliding was found: Coulomb friction over a distance of "
-            f"{float(data.distance.mean()):.2g} rad, softer where a step of 1 ms needs it"
+            f"{float(distance.mean()):.2g} rad, softer where a step of 1 ms needs it"
         )
     return FrictionParameters(**values), sources
 

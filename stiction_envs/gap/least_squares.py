@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.signals.dataset import Data, inverse_dynamics
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]

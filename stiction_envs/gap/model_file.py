@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,10 +65,10 @@ class Nominal:
         """Return data beside the nominal model with its causes."""
         if not self.parts:
             return data
-        own = data.distance
+        own = data.friction.presliding_distance
         if self.distance is not None:
-            data = dataclasses.replace(data, distance=np.array(self.distance), memory={})
-        return dataclasses.replace(with_causes(data, self.parts), distance=own, memory={})
+            data = data.with_presliding(np.array(self.distance))
+        return with_causes(data, self.parts).with_presliding(own)
 
 
 def with_causes(data: Data, parts: Sequence[Part]) -> Data:
@@ -93,14 +92,8 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
             if isinstance(cause, TorqueShift):
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + whole.torque(data, p)
-        data = dataclasses.replace(
-            beside,
-            nominal=data.nominal + added,
-            carried=None,
-            diagnosed=True,
-            has_friction=data.has_friction or any(cause.base_friction for _, cause in causes),
-            memory={},
-        )
+        friction = any(cause.base_friction for _, cause in causes)
+        data = beside.corrected(added, friction=friction)
     return data
 
 

@@ -50,7 +50,7 @@ def _biting_beside(data: Data, shift: TorqueShift, shape: Shape, length: float) 
         return torque + length * shift.shifted(data, torque, shape)
 
     logged = np.stack([late(x) for x in data.nominal.T], axis=1)
-    return data.biting(data.tau - logged, late)
+    return data.with_presliding_of(data.tau - logged, late)
 
 
 def found_again(terms: Sequence[Term], beside: Sequence[Term]) -> bool:

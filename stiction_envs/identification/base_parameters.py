@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.bristle import bristles
-from stiction_envs.gap.signals.dataset import BITES, Data
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.friction_state import DISTANCES
 from stiction_envs.robots.regressor import (
     BaseSet,
     base_set,
@@ -127,8 +128,8 @@ def design(data: Data, *, rotor: bool = False, distance: Array | None = None) ->
     if np.isfinite(data.dt) and np.isfinite(data.cutoff):
         step = max(1, int(1.0 / (ROWS_PER_PERIOD * data.cutoff * data.dt)))
         shared = max(1.0, 1.0 / (2 * data.cutoff * data.dt * step))
-    bite = data.distance if distance is None else distance
-    direction = data.smooth(bristles(data.way, data.runs(), bite[:, None])[..., 0])
+    yields = data.friction.presliding_distance if distance is None else distance
+    direction = data.smooth(bristles(data.reversal_path, data.runs(), yields[:, None])[..., 0])
     rows = slice(None, None, step)
     q, dq, ddq = data.q[rows], data.dq[rows], data.ddq[rows]
     links = torque_regressor(data.pinocchio, q, dq, ddq)
@@ -152,11 +153,11 @@ def presliding(data: Data, base: BaseSet, rotor: bool) -> Array:
     Chosen beside free base parameters: beside the nominal links their errors would choose.
     """
     scores = []
-    for distance in BITES:
+    for distance in DISTANCES:
         d = design(data, rotor=rotor, distance=np.full(data.n, distance))
         found = fit(d.columns[:, :, base.kept], d.torque)
         scores.append(np.square(found.residual).mean(axis=0))
-    return np.array(BITES)[np.argmin(scores, axis=0)]
+    return np.array(DISTANCES)[np.argmin(scores, axis=0)]
 
 
 def structural_base(data: Data, rotor: bool) -> tuple[BaseSet, Array]:

@@ -10,7 +10,7 @@ import pytest
 
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES
-from stiction_envs.gap.signals.dataset import gravity_torque
+from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, sliding, write_csv
 

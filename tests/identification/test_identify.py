@@ -12,8 +12,9 @@ from scipy.optimize import check_grad
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.gap.signals.dataset import assemble, inverse_dynamics
+from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.identification.arm import with_inertias
 from stiction_envs.identification.base_parameters import (
     correlated_rows,

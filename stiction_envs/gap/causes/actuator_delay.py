@@ -16,7 +16,8 @@ from stiction_envs.gap.causes.base import Array, Parameter, Shape, TorqueShift
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
-from stiction_envs.gap.signals.dataset import Data, rate
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import rate
 
 LEAST = 1e-3
 """Shortest delay that is called one [s]: a robot's cycle; assumed."""

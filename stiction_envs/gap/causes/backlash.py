@@ -80,7 +80,7 @@ def dragged(data: Data, joint: int, gap: float) -> Array:
     """Return (T,) part of the load, −1 or 0, that is missing after reversals of the motor."""
     out = np.empty(len(data.q))
     for run in data.runs():
-        out[run] = _missing(data.way[run, joint], gap)
+        out[run] = _missing(data.reversal_path[run, joint], gap)
     return out
 
 
@@ -108,7 +108,7 @@ def lost(data: Data, joint: int, gap: float) -> Array:
     """
     out = np.empty(len(data.q))
     for run in data.runs():
-        x = data.way[run, joint]
+        x = data.reversal_path[run, joint]
         out[run] = play(x, gap / 2) - x
     return out
 

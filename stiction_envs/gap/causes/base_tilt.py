@@ -10,7 +10,9 @@ from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import changes
 from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.signals.dataset import Data, gravity_torque
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.rigid_body import gravity_torque
 
 LEAN = 0.05
 """A lean that must be seen to change torques [rad]; assumed."""
@@ -34,7 +36,7 @@ class BaseTilt(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per sin(tilt) towards x and y, and per 1 − cos(tilt) lost."""
-        return data.cached("base_tilt", lambda: _sideways(data))[:, joint]
+        return data.recording.derived(_sideways)[:, joint]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the lean [rad] and the direction towards which the base leans [rad]."""
@@ -60,21 +62,21 @@ class BaseTilt(Cause):
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"
         for k in range(2):
-            sideways = data.cached("base_tilt", lambda: _sideways(data))[..., k]
+            sideways = data.recording.derived(_sideways)[..., k]
             if not changes(data, LEAN * sideways).any():
                 return "a lean of the base hardly changes any torque along this motion"
         return ""
 
 
-def _sideways(data: Data) -> Array:
+def _sideways(recording: Recording) -> Array:
     """Return (T, n, 3) gravity torque of g along x and along y, and minus that of the nominal."""
-    model = data.pinocchio.copy()
+    model = recording.pinocchio.copy()
     g = float(np.linalg.norm(model.gravity.linear))
-    out = np.empty((len(data.t), data.n, 3))
+    out = np.empty((len(recording.t), recording.n, 3))
     for k in range(2):
         direction = np.zeros(3)
         direction[k] = g
         model.gravity.linear = direction
-        out[..., k] = gravity_torque(model, data.q)
-    out[..., 2] = -data.gravity
+        out[..., k] = gravity_torque(model, recording.q)
+    out[..., 2] = -recording.gravity
     return out

@@ -28,7 +28,7 @@ class CoulombFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
-        return data.smooth(data.grip(joint))[:, None]
+        return data.smooth(data.dry_friction_ratio(joint))[:, None]
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return non-negative, or any where the nominal model has friction to be corrected."""

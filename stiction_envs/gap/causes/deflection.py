@@ -3,35 +3,35 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from stiction_envs.gap.causes.base import Array
 from stiction_envs.gap.causes.motion import along_runs
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 
 def mass_matrix(data: Data) -> Array:
     """Return (T, n, n) M(q) of the nominal arm [kg·m²]."""
-
-    def make() -> Array:
-        work = data.pinocchio.createData()
-        out = np.empty((*data.q.shape, data.n))
-        for k, q in enumerate(data.q):
-            out[k] = pin.crba(data.pinocchio, work, q)
-        upper = np.triu(out)
-        return np.asarray(upper + np.swapaxes(np.triu(upper, 1), 1, 2))
-
-    return data.cached("mass_matrix", make)
+    return masses(data.recording)
 
 
 def gravity_slope(data: Data) -> Array:
     """Return (T, n, n) ∂g/∂q of the nominal arm [N·m/rad]."""
+    return data.recording.derived(_slope)
 
-    def make() -> Array:
-        model, work = data.pinocchio, data.pinocchio.createData()
-        return np.array([pin.computeGeneralizedGravityDerivatives(model, work, q) for q in data.q])
 
-    return data.cached("gravity_slope", make)
+def masses(recording: Recording) -> Array:
+    """Return (T, n, n) M(q) of the nominal arm along a recording [kg·m²]."""
+    return recording.derived(_masses)
+
+
+def _masses(recording: Recording) -> Array:
+    return mass_matrices(recording.pinocchio, recording.q)
+
+
+def _slope(recording: Recording) -> Array:
+    return gravity_slopes(recording.pinocchio, recording.q)
 
 
 def torque_of(data: Data, joint: int, deflection: Array) -> Array:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.signals.dataset import Data, rate
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
 MOVING = 0.02

@@ -12,6 +12,7 @@ from stiction_envs.gap.causes.draft import PAYLOAD_RADIUS, Body, ModelDraft
 from stiction_envs.gap.causes.motion import changes
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
 
 HEAVY = 1.0
 """A payload whose weight must be seen to change [kg]; assumed."""
@@ -38,7 +39,7 @@ class Payload(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per m, m c (3) and inertia (6) about the flange, in its axes."""
-        return data.cached("payload", lambda: _regressor(data))[:, joint]
+        return data.recording.derived(_regressor)[:, joint]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return mass [kg] and centre of mass in the flange's axes [m]."""
@@ -73,7 +74,7 @@ class Payload(Cause):
         """Return whether the arm holds one pose only."""
         if float(np.ptp(data.q, axis=0).max()) < 0.05:
             return "the arm holds one pose only"
-        weight = data.cached("payload", lambda: _regressor(data))[..., 0]
+        weight = data.recording.derived(_regressor)[..., 0]
         if not changes(data, HEAVY * weight).any():
             return "a payload's weight hardly changes any torque along this motion"
         return ""
@@ -90,10 +91,10 @@ def payload_inertia(coefficients: tuple[float, ...], mass: float, com: Array) ->
     return own if a > 1e-9 and a + b >= c else None
 
 
-def _regressor(data: Data) -> Array:
+def _regressor(recording: Recording) -> Array:
     """Return (T, n, 10): torque of a body at the flange per inertial parameter in its axes."""
-    model = data.pinocchio
-    frame = model.frames[model.getFrameId(data.arm.end_effector)]
+    model = recording.pinocchio
+    frame = model.frames[model.getFrameId(recording.arm.end_effector)]
     # a body at the flange seen from the last joint: its ten parameters transform linearly
     change = np.empty((10, 10))
     for k in range(10):
@@ -101,8 +102,8 @@ def _regressor(data: Data) -> Array:
         unit[k] = 1.0
         change[:, k] = _moved(unit, frame.placement)
     work = model.createData()
-    out = np.empty((len(data.t), data.n, 10))
-    for i, (q, dq, ddq) in enumerate(zip(data.q, data.dq, data.ddq, strict=True)):
+    out = np.empty((len(recording.t), recording.n, 10))
+    for i, (q, dq, ddq) in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):
         out[i] = pin.computeJointTorqueRegressor(model, work, q, dq, ddq)[:, -10:] @ change
     return out
 

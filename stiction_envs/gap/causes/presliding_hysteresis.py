@@ -57,8 +57,9 @@ class PreslidingHysteresis(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m, and its rate [rad/s]."""
-        zeta = bristles(data.way[:, [joint]], data.runs(), np.array([[shape[0]]]))[:, 0, 0]
-        lag = zeta - data.grip(joint)
+        path, distance = data.reversal_path[:, [joint]], np.array([[shape[0]]])
+        zeta = bristles(path, data.runs(), distance)[:, 0, 0]
+        lag = zeta - data.dry_friction_ratio(joint)
         return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:

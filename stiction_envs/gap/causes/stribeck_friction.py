@@ -41,7 +41,7 @@ class StribeckFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
         # of the way, whose filter is wider: the speed falls fast where a joint stops
-        speed = along_runs(data, data.way[:, joint])
+        speed = along_runs(data, data.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
         return data.smooth(data.growth(joint, fade, ratio))[:, None]

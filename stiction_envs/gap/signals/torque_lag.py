@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from stiction_envs.gap.signals.dataset import inverse_dynamics
 from stiction_envs.gap.signals.prepare import Segment, Signals
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_sign import LOAD, SLOW, by_log, mend_sign
 from stiction_envs.measured.logs.corrections import Mend
 from stiction_envs.measured.logs.reader import JointLog

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.signals.dataset import inverse_dynamics
 from stiction_envs.gap.signals.prepare import Segment, Signals
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.corrections import Mend
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list

@@ -21,8 +21,9 @@ from stiction_envs.gap.causes.backlash import (
 from stiction_envs.gap.causes.deflection import mass_matrix, own_torque_of, seen_by
 from stiction_envs.gap.causes.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
-from stiction_envs.gap.signals.dataset import Data, assemble, inverse_dynamics
+from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.robots import load_arm
 from stiction_envs.testing.hidden_effects import EFFECTS
 from stiction_envs.testing.hidden_logs import make_case
@@ -153,7 +154,7 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
 
 def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
     q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
-    one = SimpleNamespace(way=q, q=q, runs=lambda: [slice(0, len(q))])
+    one = SimpleNamespace(reversal_path=q, q=q, runs=lambda: [slice(0, len(q))])
     behind = lost(one, 0, 0.02)
     forth, back = np.arange(201) < 101, np.arange(201) >= 120
     assert np.allclose(behind[forth][11:], -0.01)
@@ -164,7 +165,7 @@ def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
 
 def test_a_dragged_link_carries_nothing_until_the_gap_is_crossed() -> None:
     q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
-    one = SimpleNamespace(way=q, q=q, runs=lambda: [slice(0, len(q))])
+    one = SimpleNamespace(reversal_path=q, q=q, runs=lambda: [slice(0, len(q))])
     missing = dragged(one, 0, 0.02)
     crossing = (np.arange(len(q)) > 100) & (q[:, 0] > 0.08 + 1e-9)
     assert np.array_equal(missing, np.where(crossing, -1.0, 0.0))
@@ -211,7 +212,7 @@ def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
     """Its acceleration is noise, nothing is dragged, and friction may bear an offset."""
     q, dq = data.q.copy(), data.dq.copy()
     q[:, 2], dq[:, 2] = q[0, 2], 1e-3 * np.sin(data.t)
-    holds = replace(data, q=q, dq=dq, memory={})
+    holds = replace(data, recording=replace(data.recording, q=q, dq=dq))
     inertia, offset, backlash = (BY_NAME[x] for x in ("link_inertia", "torque_offset", "backlash"))
     dampings = {s[1] for s in backlash.shapes(holds, 2, holds.rigid[:, 2])}
     assert dampings
@@ -224,7 +225,12 @@ def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
 
 def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> None:
     shaking = 1e-3 * np.sin(50 * data.t)[:, None] * np.ones(7)
-    still = replace(data, dq=0 * data.dq, rigid=shaking, noise=np.full(7, 0.01), memory={})
+    still = replace(
+        data,
+        recording=replace(data.recording, dq=0 * data.dq),
+        model=replace(data.model, rigid=shaking),
+        noise=np.full(7, 0.01),
+    )
     assert "changes sign" in BY_NAME["backlash"].why_not_identifiable(still, 2)
     assert not BY_NAME["backlash"].why_not_identifiable(replace(still, noise=np.full(7, 1e-4)), 2)
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.signals.dataset import inverse_dynamics
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import late, mend_torques
 from stiction_envs.gap.signals.torque_sign import mend_sign, signs
 from stiction_envs.measured.logs.reader import JointLog, read_logs

@@ -1,0 +1,133 @@
+"""Dry friction of the nominal model along a recording: how far it yields, how high it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.signals.bristle import bristles
+from stiction_envs.gap.signals.recording import Recording, rate
+
+Array = NDArray[np.float64]
+DISTANCE = 2e-4
+"""Presliding distance of dry friction [rad]: 0.5 N·m on 2500 N·m/rad; assumed."""
+DISTANCES = (2e-5, 6e-5, DISTANCE, 6e-4)
+"""Distances of which each joint takes the one that its torque at reversals asks for [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionState:
+    """What is known of each joint's dry friction before causes are looked for; (n,) each."""
+
+    presliding_distance: Array
+    """Of plain dry friction [rad]."""
+    level: Array
+    """Dry friction of the nominal model in motion, mean of the directions [N·m]."""
+    bristle_lead_time: Array
+    """σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
+    in_nominal: bool
+    """Whether the nominal model has friction, which may then be too much too."""
+
+    @classmethod
+    def of(cls, friction: FrictionParameters) -> FrictionState:
+        """Return that of a nominal model with friction."""
+        # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
+        rotor, stiffness = friction.rotor_inertia, friction.bristle_stiffness
+        return cls(
+            presliding_distance=friction.stiction.mean(axis=-1) / friction.bristle_stiffness,
+            level=(friction.stiction * friction.coulomb_ratio).mean(axis=-1),
+            bristle_lead_time=2 * friction.bristle_damping_ratio * np.sqrt(rotor / stiffness),
+            in_nominal=True,
+        )
+
+    @classmethod
+    def unknown(cls, recording: Recording) -> FrictionState:
+        """Return that of a rigid body without any."""
+        none = np.zeros(recording.n)
+        return cls(
+            presliding_distance=presliding_distances(recording, recording.tau - recording.rigid),
+            level=none,
+            bristle_lead_time=none,
+            in_nominal=False,
+        )
+
+
+def steady_friction(
+    friction: FrictionParameters, load: Array, direction: Array, dq: Array, ddq: Array
+) -> Array:
+    """Return (T, n) torque of our friction in steady sliding, rotor inertia and offset [N·m].
+
+    Args:
+        friction: of one arm.
+        load: (T, n) signed transmitted torque [N·m].
+        direction: (T, n) of motion, in [-1, 1] but for what bristle damping adds.
+        dq: (T, n) [rad/s].
+        ddq: (T, n) [rad/s²].
+    """
+    level = friction.stiction_at(np.abs(load))
+    side = (dq < 0).astype(int)
+
+    def of_side(x: Array) -> Array:
+        return np.take_along_axis(np.broadcast_to(x, level.shape), side[..., None], axis=-1)[..., 0]
+
+    stiction, ratio = of_side(level), of_side(friction.coulomb_ratio)
+    stribeck = of_side(friction.stribeck_velocity)
+    g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(dq / stribeck)))
+    clipped = np.clip(load, -friction.load_high, friction.load_high)
+    return (
+        direction * g
+        + of_side(friction.viscous) * dq
+        + friction.rotor_inertia * ddq
+        + friction.offset
+        + friction.gravity_error * clipped
+    )
+
+
+def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
+    """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m]."""
+    state = FrictionState.of(friction)
+    direction = bristles(
+        recording.reversal_path, recording.runs, state.presliding_distance[:, None]
+    )[..., 0]
+    if recording.link_side:
+        friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
+    ratio = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
+    dry = steady_friction(friction, recording.gravity, ratio, recording.dq, recording.ddq)
+    return recording.smooth(dry)
+
+
+def presliding_distances(
+    recording: Recording, residual: Array, logged: Callable[[Array], Array] = lambda x: x
+) -> Array:
+    """Return (n,) the one of `DISTANCES` with which friction explains most of a residual [rad].
+
+    It turns the sign of friction some milliseconds later, which moves what else is found.
+
+    Args:
+        recording: of the logs.
+        residual: (T, n) measured less nominal torque [N·m].
+        logged: makes of a torque (T,) what is logged of it.
+    """
+    path, dq, ddq = recording.reversal_path, recording.dq, recording.ddq
+    zeta = bristles(path, recording.runs, np.tile(DISTANCES, (recording.n, 1)))
+    zeta = recording.smooth(zeta)
+    out = np.full(recording.n, DISTANCE)
+    for j in range(recording.n):
+        common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
+        left = []
+        for k in range(len(DISTANCES)):
+            # what friction falls by with speed may tell itself from when it turns
+            x = np.column_stack(
+                [common, zeta[:, j, k], zeta[:, j, k] * np.exp(-np.abs(dq[:, j]) / 0.1)]
+            )
+            x = np.stack([logged(column) for column in x.T], axis=1)
+            r = residual[:, j]
+            xx = x.T @ x
+            c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]
+            left.append(float(np.sum(np.square(r - x @ c))))
+        out[j] = DISTANCES[int(np.argmin(left))]
+    return out

@@ -1,0 +1,186 @@
+"""What was measured: signals of all logs in one piece, and what follows from them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from stiction_envs.gap.signals.poses import segment_numbers
+from stiction_envs.gap.signals.prepare import Signals, lowpass
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+BLOCKS = 12
+"""Blocks of time that are held out in turn, over all logs (assumed: enough to see their spread)."""
+GUARD = 0.25
+"""Time between two blocks that belongs to none [s]; longer than any filter here (assumed)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """T samples of n joints, read-only.
+
+    What is worked out from a recording is kept with it (`rigid`, `gravity`, `derived`). To change a
+    field, make another recording (`dataclasses.replace`): it has nothing worked out yet.
+    """
+
+    arm: Arm
+    """The nominal rigid arm."""
+    pinocchio: pin.Model
+    """The same as pinocchio has it."""
+    link_side: bool
+    """Whether torque was measured behind the gear."""
+    dt: float
+    """Sampling time within a segment [s]; NaN for poses alone."""
+    cutoff: float
+    """Cutoff of the filter that all signals passed [Hz]."""
+    t: Array
+    """(T,) time since the start of the log [s]."""
+    q: Array
+    """(T, n) [rad]."""
+    dq: Array
+    """(T, n) [rad/s]."""
+    ddq: Array
+    """(T, n) [rad/s²]."""
+    tau: Array
+    """(T, n) measured [N·m]."""
+    reversal_path: Array
+    """(T, n) angles without overshoot and noise, for friction's turns [rad]."""
+    segment: NDArray[np.int64]
+    """(T,) number of the segment: time runs on within one."""
+    block: NDArray[np.int64]
+    """(T,) number of the block that is held out together, −1 in a guard."""
+
+    def __post_init__(self) -> None:
+        for x in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
+            x.flags.writeable = False
+        for number in (self.segment, self.block):
+            number.flags.writeable = False
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    @cached_property
+    def runs(self) -> list[slice]:
+        """Rows of each segment."""
+        return runs_of(self.segment)
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(T, n) torque of the rigid arm along the motion [N·m]."""
+        return inverse_dynamics(self.pinocchio, self.q, self.dq, self.ddq)
+
+    @cached_property
+    def gravity(self) -> Array:
+        """(T, n) gravity torque of the rigid arm [N·m]."""
+        return gravity_torque(self.pinocchio, self.q)
+
+    @cached_property
+    def _derived(self) -> dict[Callable[[Recording], Array], Array]:
+        return {}
+
+    def derived(self, make: Callable[[Recording], Array]) -> Array:
+        """Return ``make(self)``, worked out the first time only: for columns that are costly.
+
+        Args:
+            make: a function of a module; it is asked once per recording.
+        """
+        if make not in self._derived:
+            self._derived[make] = make(self)
+        return self._derived[make]
+
+    def smooth(self, x: Array) -> Array:
+        """Return (T, ...) after the filter of the signals, segment by segment.
+
+        What depends on the signals other than linearly must pass it before it is compared.
+        """
+        return filtered(x, self.runs, self.dt, self.cutoff)
+
+
+def join(arm: Arm, signals: Signals, *, link_side: bool = False, blocks: int = BLOCKS) -> Recording:
+    """Put the segments of all logs into one piece.
+
+    Args:
+        arm: nominal rigid arm.
+        signals: of its logs.
+        link_side: whether torque was measured behind the gear.
+        blocks: number of blocks; logs are blocks where there are at least as many of them.
+    """
+    parts = signals.segments
+    q, dq, ddq, tau, path = (
+        np.concatenate([getattr(s, x) for s in parts]) for x in ("q", "dq", "ddq", "tau", "way")
+    )
+    log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
+    segment = segment_numbers(parts, signals.dt)
+    return Recording(
+        arm=arm,
+        pinocchio=arm.pinocchio(),
+        link_side=link_side,
+        dt=signals.dt,
+        cutoff=signals.cutoff_hz,
+        t=np.concatenate([s.t for s in parts]),
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        reversal_path=path,
+        segment=segment,
+        block=_blocks(log, segment, signals.dt, blocks),
+    )
+
+
+def runs_of(segment: NDArray[np.int64]) -> list[slice]:
+    """Return the rows of each segment from its number (T,)."""
+    edges = np.flatnonzero(np.diff(segment)) + 1
+    cuts = [0, *edges.tolist(), len(segment)]
+    return [slice(a, b) for a, b in pairwise(cuts)]
+
+
+def rate(x: Array, runs: list[slice], dt: float) -> Array:
+    """Return the time derivative of (T, ...) within each segment, per second."""
+    out = np.zeros_like(x)
+    for run in runs:
+        if run.stop - run.start > 2:
+            out[run] = np.gradient(x[run], dt, axis=0)
+    return out
+
+
+def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
+    """Return (T, ...) through the filter of the signals, segment by segment; poses as they are."""
+    out = np.array(x, dtype=np.float64)
+    if np.isfinite(dt) and np.isfinite(cutoff):
+        for run in runs:
+            out[run] = lowpass(out[run], 1 / dt, cutoff)
+    return out
+
+
+def _blocks(
+    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, wanted: int
+) -> NDArray[np.int64]:
+    """Return (T,) block numbers: by log where there are many, else equal spans of each log's time.
+
+    Never rows at random: neighbours share noise, filter and friction state.
+    """
+    logs = np.unique(log)
+    each = max(1, -(-wanted // len(logs)))
+    block = np.empty(len(log), dtype=np.int64)
+    guard = round(GUARD / dt) if np.isfinite(dt) else 0
+    for i, number in enumerate(logs):
+        rows = np.flatnonzero(log == number)
+        part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)
+        block[rows] = i * each + part
+        for edge in np.flatnonzero(np.diff(part)) + 1:
+            if segment[rows[edge]] != segment[rows[edge - 1]]:
+                continue  # another recording, or another pose: no neighbours in time
+            near = slice(max(0, edge - guard // 2), edge + guard // 2)
+            block[rows[near]] = -1
+    return block

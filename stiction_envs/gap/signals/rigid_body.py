@@ -1,0 +1,40 @@
+"""Torques of a rigid arm along a motion (pinocchio)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def inverse_dynamics(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return (T, n) torque of M(q)q̈ + C(q, q̇)q̇ + g(q) [N·m] (pinocchio's RNEA)."""
+    data = model.createData()
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        out[k] = pin.rnea(model, data, q[k], dq[k], ddq[k])
+    return out
+
+
+def gravity_torque(model: pin.Model, q: Array) -> Array:
+    """Return (T, n) gravity torque g(q) [N·m]."""
+    data = model.createData()
+    return np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
+
+
+def mass_matrices(model: pin.Model, q: Array) -> Array:
+    """Return (T, n, n) M(q) [kg·m²]."""
+    work = model.createData()
+    out = np.empty((*q.shape, q.shape[1]))
+    for k, x in enumerate(q):
+        out[k] = pin.crba(model, work, x)
+    upper = np.triu(out)
+    return np.asarray(upper + np.swapaxes(np.triu(upper, 1), 1, 2))
+
+
+def gravity_slopes(model: pin.Model, q: Array) -> Array:
+    """Return (T, n, n) ∂g/∂q [N·m/rad]."""
+    work = model.createData()
+    return np.array([pin.computeGeneralizedGravityDerivatives(model, work, x) for x in q])
