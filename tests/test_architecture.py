@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[1]
 FLOW = (
     ("stiction_envs.errors", "stiction_envs.compiled", "stiction_envs.version"),
     ("stiction_envs.reporting",),
+    ("stiction_envs.precomputed",),
     ("stiction_envs.robots", "stiction_envs.dither"),
     ("stiction_envs.measured",),
     ("stiction_envs.friction",),

@@ -23,6 +23,7 @@ from stiction_envs.cli import (
 )
 from stiction_envs.cli.common import Failed, Parser, one_line, plain
 from stiction_envs.errors import StictionError
+from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 COMMANDS = (sje, gte, tune, calibrate, excite, identify, diagnose, export, reproduce)
@@ -36,6 +37,7 @@ def build_parser() -> Parser:
         description="Robot joints that stick in MuJoCo, and the dither that frees them.",
         epilog="Exit codes: 0 done, 1 failed while working, 2 bad input (nothing written).",
     )
+    parser.add_argument("--version", action="version", version=f"stiction-envs {__version__}")
     subparsers = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, parser_class=Parser
     )

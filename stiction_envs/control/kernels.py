@@ -246,14 +246,29 @@ def pass_torque(
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             u = command[i, j]
-            # exactly the command wherever it is within reach, as in a block
+            # exactly the command wherever it is within reach
             if not abs(u - limited[i, j]) <= 0.999 * step[i, j]:
                 u = _between(u, limited[i, j] - step[i, j], limited[i, j] + step[i, j])
             limited[i, j] = u
-            # as lfilter adds it up, so that a block and its cycles agree bit for bit
+            # added up as by scipy.signal.lfilter, bit for bit
             y = filtered[i, j] * (1.0 - gain) + u * gain if gain < 1.0 else u
             filtered[i, j] = y
             out[i, j] = _between(y, -limit[i, j], limit[i, j])
+
+
+@compiled
+def pass_torques(
+    command: Array,
+    step: Array,
+    gain: float,
+    limit: Array,
+    limited: Array,
+    filtered: Array,
+    out: Array,
+) -> None:
+    """`pass_torque` of K control steps: command and ``out`` are (N, K, n) [N·m]."""
+    for k in range(command.shape[1]):
+        pass_torque(command[:, k], step, gain, limit, limited, filtered, out[:, k])
 
 
 @compiled

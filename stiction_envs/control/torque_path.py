@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from stiction_envs.control.kernels import pass_torque
+from stiction_envs.control.kernels import pass_torque, pass_torques
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
@@ -113,18 +112,12 @@ class TorquePath:
         Returns:
             (M, K, n) torque that reaches the joints [N·m].
         """
-        limited = self._limit_rate(command, ids)
-        self._limited[ids] = limited[:, -1]
+        out = np.empty_like(command)
+        limited, filtered = self._limited[ids], self._filtered[ids]
         gain = self.interface.lowpass_gain
-        if gain < 1.0:
-            # y[k] = (1 − g) y[k−1] + g u[k]; lfilter keeps its state as (1 − g) y[k−1]
-            state = (1.0 - gain) * self._filtered[ids][:, None, :]
-            filtered, _ = lfilter([gain], [1.0, gain - 1.0], limited, axis=1, zi=state)
-        else:
-            filtered = limited
-        self._filtered[ids] = filtered[:, -1]
-        limit = self._limit[ids][:, None]
-        return np.clip(filtered, -limit, limit)
+        pass_torques(command, self._step[ids], gain, self._limit[ids], limited, filtered, out)
+        self._limited[ids], self._filtered[ids] = limited, filtered
+        return out
 
     def cycle(self, command: Array) -> Array:
         """Pass one control step of 1 ms of all simulations: `run` with K = 1, for feedback.
@@ -144,16 +137,3 @@ class TorquePath:
         """All of `cycle.pass_torque` between the command and the result, until `set_limits`."""
         gain = self.interface.lowpass_gain
         return self._step, gain, self._limit, self._limited, self._filtered
-
-    def _limit_rate(self, command: Array, ids: NDArray[np.int64]) -> Array:
-        step = self._rate[ids] / CONTROL_RATE_HZ
-        previous = self._limited[ids]
-        before = np.concatenate([previous[:, None], command[:, :-1]], axis=1)
-        if np.all(np.abs(command - before) <= 0.999 * step[:, None]):
-            return command
-        out = np.empty_like(command)
-        for k in range(command.shape[1]):
-            # exactly the command wherever it is within reach, so that both ways agree bit for bit
-            previous = np.clip(command[:, k], previous - step, previous + step)
-            out[:, k] = previous
-        return out

@@ -1,25 +1,25 @@
-"""Undithered runs of the Generated Trajectory Experiment, once per process: what 1 is."""
+"""Undithered runs of the Generated Trajectory Experiment, found once: what 1 is."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.envs.gte_layout import Stiffness
-from stiction_envs.envs.sje_base import digest
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure, sample_period
-from stiction_envs.experiments.gte.protocol import Case, Run
-from stiction_envs.friction.parameters import QUANTITIES
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case, Run
+from stiction_envs.precomputed import store
 
 Array = NDArray[np.float64]
 Key = tuple[str, Stiffness]
 """Trajectory and stiffness."""
+KIND = "undithered"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,20 +36,14 @@ class Undithered:
     """Vibration of the flange, root mean square over the motion [m]."""
 
 
-_known: dict[tuple[str, Key], Undithered] = {}
-
-
 def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
     """Return a hash of everything that an undithered run depends on."""
     e, s = experiment, experiment.sticking
-    settings = [getattr(e.settings, f.name) for f in dataclasses.fields(e.settings)]
-    i, limits = e.interface, s.arm.limits
-    return digest(
-        *(s.arm.xml, s.timestep, e.protocol, e.approach, e.motion, e.scatter, e.seed),
-        *(None if e.belief is None else e.belief.xml, *settings),
-        *(i.controller_rate_hz, i.lowpass_hz, i.torque_rate, i.torque_limit),
-        *(limits.position, limits.torque, e.start),
-        *(getattr(s.parameters, k) for k in QUANTITIES),
+    paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
+    return store.digest(
+        *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
+        *(e.motion, e.interface, e.start, paths, e.scatter, e.seed),
+        None if e.belief is None else e.belief.fingerprint,
     )
 
 
@@ -59,22 +53,35 @@ def undithered(
     """Return what the arm does without dither, per trajectory and stiffness.
 
     It is the mean over the protocol's iterations (10), as `stiction gte` runs them; without scatter
-    they are all alike. What is missing is computed in one batch; a result does not depend on it.
+    they are all alike. What is not in the store is computed in one batch; a result does not depend
+    on it.
 
     Raises:
         StictionError: an arm that never comes to the end of the path.
     """
-    name = fingerprint(experiment)
-    wanted = list(dict.fromkeys(wanted))
-    missing = [key for key in wanted if (name, key) not in _known]
-    cases = [Case(trajectory=t, stiffness=k) for t, k in missing]
-    runs = experiment.run(cases, iterations=None if experiment.scatter else 1) if missing else []
-    for key, run in zip(missing, runs, strict=True):
-        _known[name, key] = _summary(experiment, run)
-    return {key: _known[name, key] for key in wanted}
+    names = {key: " ".join([key[0], *(repr(float(k)) for k in key[1])]) for key in wanted}
+    of = fingerprint(experiment)
+    known = store.recall(KIND, of)
+    missing = [key for key, name in names.items() if name not in known]
+    if missing:
+        cases = [Case(trajectory=t, stiffness=k) for t, k in missing]
+        runs = experiment.run(cases, iterations=None if experiment.scatter else 1)
+        pairs = zip(missing, runs, strict=True)
+        store.keep(KIND, of, {names[key]: _summary(experiment, run) for key, run in pairs})
+        known = store.recall(KIND, of)
+    return {key: _of_store(known[name]) for key, name in names.items()}
 
 
-def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> Undithered:
+def _of_store(values: dict[str, Any]) -> Undithered:
+    return Undithered(
+        total=np.array(values["total"]),
+        window=np.array(values["window"]),
+        duration=values["duration"],
+        shaking=values["shaking"],
+    )
+
+
+def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
     period, tail = sample_period(run), experiment.protocol.tail
     measures = measure(run, experiment.protocol)
     duration = measures.duration + tail
@@ -86,9 +93,9 @@ def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> Undithered:
             f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "
             f"{run.case.stiffness} has no end, or no error, without dither"
         )
-    return Undithered(
-        total=total,
-        window=measures.window_sum.mean(axis=0),
-        duration=float(duration.mean()),
-        shaking=float(measures.shaking.mean()),
-    )
+    return {
+        "total": total.tolist(),
+        "window": measures.window_sum.mean(axis=0).tolist(),
+        "duration": float(duration.mean()),
+        "shaking": float(measures.shaking.mean()),
+    }

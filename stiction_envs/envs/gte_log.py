@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from stiction_envs.control.rotation import to_rpy
+from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.plant import CONTROL_DT
@@ -65,9 +65,7 @@ class Recorder:
         self._stride = round(1.0 / (rate * CONTROL_DT))
         self._size = steps // self._stride
         self._width, self._tail = round(protocol.window * rate), round(protocol.tail * rate)
-        self._band = butter(
-            2, protocol.vibration_low, "highpass", fs=1.0 / CONTROL_DT, output="sos"
-        )
+        self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
         self._state = np.zeros((len(self._band), nsim, 3, 2))
         self._still = np.zeros((nsim, 3))
         self._moved = np.zeros((steps, nsim, 3))
@@ -141,9 +139,9 @@ class Recorder:
         self._recent[:, -size:] = self._error.transpose(1, 0, 2)
 
     def _take_shaking(self, index: Index, reached: Array) -> None:
-        moved = np.ascontiguousarray(self._moved.transpose(1, 2, 0))
+        shaken = np.ascontiguousarray(self._moved.transpose(1, 2, 0))
         # the filter's state runs on from step to step
-        shaken, self._state = sosfilt(self._band, moved, axis=-1, zi=self._state)
+        filter_sections(self._band, shaken, self._state)
         shaken = shaken.reshape(*shaken.shape[:2], self._size, self._stride)
         square = np.mean(shaken**2, axis=-1)  # (N, 3, S)
         self.vibration = np.sqrt(square.mean(axis=-1).sum(axis=-1))

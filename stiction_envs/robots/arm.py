@@ -8,17 +8,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.precomputed.store import digest
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.own import read_own
 from stiction_envs.robots.tables import Limits, generic, lookup, per_joint, read_toml
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 BUILTIN = ("panda", "iiwa7", "iiwa14")
 """Arms that come with the package."""
@@ -61,6 +64,13 @@ class Arm:
         """Number of joints."""
         return len(self.joint_names)
 
+    @property
+    def fingerprint(self) -> str:
+        """Hash of everything that defines the arm, the files that its MJCF names included."""
+        root = ET.fromstring(self.xml)
+        files = [Path(e.get("file", "")) for e in root.iter() if e.get("file")]
+        return digest(self, [path.read_bytes() for path in files])
+
     def spec(self) -> mujoco.MjSpec:
         """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""
         return mujoco.MjSpec.from_string(self.xml)
@@ -79,6 +89,8 @@ class Arm:
 
         Frames carry the names of bodies, joints and sites, so ``end_effector`` is a frame.
         """
+        import pinocchio as pin  # only identification needs it: not loaded with an environment
+
         root = ET.fromstring(self.xml)
         with tempfile.TemporaryDirectory() as folder:
             # Pinocchio reads MJCF from files only, and needs no geometry.

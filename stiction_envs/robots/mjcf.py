@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -33,6 +32,9 @@ def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> N
         first_link: name of the body of the first joint.
         tilt: roll about the world's x, then pitch about the world's y, rad. Gravity stays.
     """
+    # scipy.spatial takes longer to load than an arm: only for one that leans
+    from scipy.spatial.transform import Rotation
+
     up = parents(root)
     body = next(b for b in root.iter("body") if b.get("name") == first_link)
     while up[body].tag != "worldbody":

@@ -13,7 +13,6 @@ from pathlib import Path as File
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
@@ -21,6 +20,7 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.gte.protocol import (
     FLAGS,
     TRAJECTORIES,
@@ -280,8 +280,7 @@ class _Watch:
     def __init__(self, rig: GTERig, protocol: GTEProtocol) -> None:
         self._rig, self._protocol = rig, protocol
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
-        rate = 1.0 / CONTROL_DT
-        self._band = butter(2, protocol.vibration_low, "highpass", fs=rate, output="sos")
+        self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
         # the arms have rested where they are: the filter starts settled
         self._state = np.zeros((len(self._band), rig.nsim, 3, 2))
         self._still = rig.flange.position.copy()
@@ -322,8 +321,8 @@ class _Watch:
         """End of a sample's control steps."""
         block = np.stack(self._positions, axis=-1)
         # the filter's state runs on from block to block
-        filtered, self._state = sosfilt(self._band, block, axis=-1, zi=self._state)
-        self._put("shaking", np.sqrt(np.mean(filtered**2, axis=-1)))
+        filter_sections(self._band, block, self._state)
+        self._put("shaking", np.sqrt(np.mean(block**2, axis=-1)))
         self._put("power", self._power / block.shape[-1])
         self._put("rate", self._rate)
         self._put("flags", self._flags)

@@ -19,6 +19,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import load_friction
+from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -80,17 +81,14 @@ class _Evaluator:
         return signed, valid
 
 
-_found: dict[tuple[str, bytes], Poses] = {}
-
-
 def find_poses(arm: Arm) -> Poses:
     """Return the load and no-load poses of an arm; the search has a fixed seed.
 
     Raises:
         StictionError: no pose free of self-collision within the joint limits.
     """
-    key = (arm.xml, arm.limits.position.tobytes())
-    if key not in _found:
+    found = store.recall("poses", arm.fingerprint)
+    if not found:
         # friction plays no part here; the rigid model is only asked for gravity and contacts
         sticking = build(arm, load_friction("generic", arm.n).rigid())
         evaluate = _Evaluator(sticking)
@@ -99,8 +97,15 @@ def find_poses(arm: Arm) -> Poses:
             for k in range(2):
                 q[joint, k] = _search(evaluate, joint, largest=k == 0)
                 signed[joint, k] = evaluate(q[joint, k][None])[0][0, joint]
-        _found[key] = Poses(q=q, signed=signed, load=np.abs(signed), bearing=sticking.bearing)
-    return _found[key]
+        found = {"q": q.tolist(), "signed": signed.tolist(), "bearing": sticking.bearing.tolist()}
+        store.keep("poses", arm.fingerprint, found)
+    signed = np.array(found["signed"])
+    return Poses(
+        q=np.array(found["q"]),
+        signed=signed,
+        load=np.abs(signed),
+        bearing=np.array(found["bearing"]),
+    )
 
 
 def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:

@@ -1,0 +1,1 @@
+"""Results that take seconds to make and follow from their inputs alone: looked up, else made."""

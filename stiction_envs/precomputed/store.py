@@ -1,0 +1,181 @@
+"""A store of such results: some are shipped beside this file, others are in the user's cache.
+
+A result is found by a digest of everything that it depends on, so it is never stale: what was made
+of other numbers has another digest. Code is no number. For the user's cache it is part of what must
+agree (`code_digest`); what is shipped carries `FORMAT`, and a test compares it with what the code
+makes (``tests/envs/test_precompute.py``).
+
+The cache is in ``$XDG_CACHE_HOME/stiction-envs``, else ``~/.cache/stiction-envs``. The environment
+variable STICTION_CACHE names another folder; empty or ``off``, everything is made anew, even what
+is shipped. A file that cannot be read, or is damaged, counts as missing; a folder that cannot be
+written is no error.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from stiction_envs.reporting.atomic import write_text_atomic
+
+FORMAT = 1
+"""Raised when the code comes to make other numbers of the same inputs; part of every digest."""
+SHIPPED = Path(__file__).parent
+"""Where the results that come with the package are."""
+MADE_BY = (
+    "compiled.py",
+    "plant.py",
+    "control",
+    "dither",
+    "envs",
+    "experiments",
+    "friction",
+    "measured",
+    "precomputed",
+    "reporting",
+    "robots",
+)
+"""Files and rooms of the package whose code and settings have a part in a result."""
+_PACKAGE = Path(__file__).parents[1]
+
+_memory: dict[str, dict[str, Any]] = {}
+
+
+def digest(*parts: Any) -> str:
+    """Return a hash of numbers, strings, arrays (by their bits) and containers of them.
+
+    Dataclasses count by the values of their fields.
+
+    Raises:
+        TypeError: anything else, whose content cannot be told from its `repr`.
+    """
+    out = hashlib.sha256()
+    _feed(out, parts)
+    return out.hexdigest()
+
+
+def _feed(out: Any, part: Any) -> None:
+    if isinstance(part, np.ndarray):
+        out.update(f"{part.dtype.str}{part.shape}".encode())
+        out.update(np.ascontiguousarray(part).tobytes())
+    elif part is None or isinstance(part, (str, bytes, bool, int, float)):
+        plain = float(part).hex() if isinstance(part, float) else part
+        out.update(f"{type(plain).__name__} {plain!r};".encode())
+    elif isinstance(part, np.generic):
+        _feed(out, part.item())
+    elif dataclasses.is_dataclass(part) and not isinstance(part, type):
+        _feed(out, [getattr(part, f.name) for f in dataclasses.fields(part)])
+    elif isinstance(part, Mapping):
+        _feed(out, [[name, part[name]] for name in sorted(part)])
+    elif isinstance(part, Sequence):
+        out.update(f"[{len(part)};".encode())
+        for value in part:
+            _feed(out, value)
+    else:
+        raise TypeError(f"no digest of a {type(part).__name__}")
+
+
+def recall(kind: str, of: str) -> dict[str, Any]:
+    """Return what is known of a result, by name; empty where it has to be made.
+
+    Args:
+        kind: of result, such as ``poses``.
+        of: `digest` of everything that it depends on.
+    """
+    name = file_name(kind, of)
+    if name not in _memory:
+        found = {}
+        if (folder := cache_folder()) is not None:
+            found = _read(folder / name, code=True) | _read(SHIPPED / name, code=False)
+        _memory[name] = found
+    return _memory[name]
+
+
+def keep(kind: str, of: str, found: Mapping[str, Any]) -> None:
+    """Add to what is known of a result, in this process and in the user's cache.
+
+    Args:
+        kind: as in `recall`.
+        of: as in `recall`.
+        found: finite numbers, bools or nested lists of them, by name.
+    """
+    name = file_name(kind, of)
+    known = _memory.setdefault(name, {})
+    known.update(found)
+    folder = cache_folder()
+    if folder is None:
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write(folder / name, known, code=code_digest())
+    except OSError:  # the folder cannot be written: the next process makes the result anew
+        pass
+
+
+def forget() -> None:
+    """Forget what this process has found: the next `recall` looks at the files again."""
+    _memory.clear()
+
+
+def write(path: Path, values: Mapping[str, Any], **about: str) -> None:
+    """Write one result at once; floats keep all their digits.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    lines = [f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
+    head = {**about, "sha256": digest(values)}
+    text = "".join(f" {json.dumps(k)}: {json.dumps(v)},\n" for k, v in head.items())
+    write_text_atomic(path, f'{{\n{text} "values": {{\n' + ",\n".join(lines) + "\n }\n}\n")
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of the user's cache; None where it is switched off or there is no home."""
+    own = os.environ.get("STICTION_CACHE")
+    if own is not None:
+        return None if own in ("", "off") else Path(own).expanduser()
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    try:
+        return (base if base.is_absolute() else Path.home() / ".cache") / "stiction-envs"
+    except RuntimeError:  # no home
+        return None
+
+
+@cache
+def code_digest() -> str:
+    """Return a hash of the code and settings that have a part in a result."""
+    out = hashlib.sha256()
+    for name in MADE_BY:
+        path = _PACKAGE / name
+        files = [path] if path.suffix else sorted([*path.rglob("*.py"), *path.rglob("*.toml")])
+        for source in files:
+            out.update(f"{source.relative_to(_PACKAGE).as_posix()};".encode())
+            out.update(source.read_bytes())
+    return out.hexdigest()
+
+
+def file_name(kind: str, of: str) -> str:
+    """Return the name of a result's file; arguments as in `recall`."""
+    return f"{kind}-{digest(FORMAT, mujoco.__version__, of)[:16]}.json"
+
+
+def _read(path: Path, *, code: bool) -> dict[str, Any]:
+    """Return the values of a file, none of one that is missing, damaged or of other code."""
+    try:
+        found = json.loads(path.read_text("utf-8"))
+        values = found["values"]
+        good = found["sha256"] == digest(values)
+        if code:
+            good &= found["code"] == code_digest()
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    return dict(values) if good else {}
