@@ -39,8 +39,8 @@ rounds off each reversal.""",
 being told. It also finds what the README only warns of: torques come some 100 ms after the
 angles. On joint 4, which only holds while joint 2 moves, they do so too, so friction has no part
 in it. In the sweeps of joints 2 and 7 the lag is beyond doubt before anything else is known, as a
-delay and a low-pass of 110 ms together, and is undone; what the mend leaves in joint 2 is named,
-as an actuator_delay of 10 ms. In those of joints 1, 3, 5 and 6 it comes out as the cause
+delay and a low-pass of 110 ms together, and is undone; what that correction leaves in joint 2 is
+named, as an actuator_delay of 10 ms. In those of joints 1, 3, 5 and 6 it comes out as the cause
 actuator_delay, "torque is late in the log (measured late, or behind a filter)", found in each by
 itself at 80 to 140 ms: one channel for the whole robot, and much the same in all recordings.
 Friction is late with the rest. Left as it is, the lag looks like bristles that give way over a
@@ -98,7 +98,7 @@ CHECKS = {
 
 
 def _said(row: Row) -> list[str]:
-    return [*(t for _, t in row["mends"]), *(t for _, t in row["warnings"]), *row["notes"]]
+    return [*(t for _, t in row["corrections"]), *(t for _, t in row["warnings"]), *row["notes"]]
 
 
 def page(rows: dict[str, Row], pictures: list[str]) -> str:

@@ -37,7 +37,7 @@ from stiction_envs.gap.diagnosis import (  # noqa: E402
     model_of,
 )
 from stiction_envs.gap.signals.prepare import prepare  # noqa: E402
-from stiction_envs.gap.signals.torque_lag import mend_torques  # noqa: E402
+from stiction_envs.gap.signals.torque_lag import correct_torques  # noqa: E402
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses  # noqa: E402
 from stiction_envs.robots import load_arm  # noqa: E402
 
@@ -62,13 +62,13 @@ def panda() -> Row:
 
 
 def iiwa_logs() -> tuple[list[JointLog], JointLog]:
-    """The sweeps and the poses, mended together: some of them alone do not tell the sign."""
+    """The sweeps and the poses, corrected together: some of them alone do not tell the sign."""
     arm = load_arm("iiwa14")
     paths = [MEASURED / x for x in SWEEPS.values()]
     logs = read_logs(paths, arm.n, limits=arm.limits)
     logs.append(read_poses(MEASURED / POSES, arm.n, limits=arm.limits))
-    mended, _ = mend_torques(logs, arm, lambda x: prepare(x, most_samples=40_000))
-    return mended[:-1], mended[-1]
+    corrected, _ = correct_torques(logs, arm, lambda x: prepare(x, most_samples=40_000))
+    return corrected[:-1], corrected[-1]
 
 
 def iiwa_sweep(joint: int) -> Row:
@@ -140,7 +140,7 @@ def told(d: Diagnosis, shown: Any) -> Row:
         "blocks": data.blocks,
         "rows": len(data.t),
         "causes": d.to_json()["causes"],
-        "mends": [[Path(x.source).name, m.text] for x in d.logs for m in x.mends],
+        "corrections": [[Path(x.source).name, c.text] for x in d.logs for c in x.corrections],
         "warnings": [[Path(x.source).name, w] for x in d.logs for w in x.warnings],
         "notes": list(d.notes),
         "samples": samples,

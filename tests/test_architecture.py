@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FLOW = (
     ("stiction_envs.errors", "stiction_envs.compiled", "stiction_envs.version"),
+    ("stiction_envs.method_settings",),
     ("stiction_envs.reporting",),
     ("stiction_envs.precomputed",),
     ("stiction_envs.robots", "stiction_envs.dither"),

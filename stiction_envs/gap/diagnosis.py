@@ -22,10 +22,12 @@ from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
 from stiction_envs.gap.refit import beside_what_was_found, found_again, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
-from stiction_envs.gap.signals.torque_lag import mend_torques
+from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
@@ -83,6 +85,8 @@ class Diagnosis:
     """The logs beside the nominal friction alone, without causes of earlier diagnoses."""
     stood_on: Nominal
     """The nominal model."""
+    settings: GapSettings
+    """Constants of the method that found it."""
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -146,6 +150,7 @@ def diagnose(
     cutoff_hz: float | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
+    settings: GapSettings | Changes | None = None,
 ) -> Diagnosis:
     """Name what a nominal model gets wrong about measured joint logs.
 
@@ -159,28 +164,34 @@ def diagnose(
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         seed: of the bootstrap.
         progress: called with a stage and its part done.
+        settings: constants of the method that differ from ``settings.toml``: by name
+            (``{"torque_sign.opposite": 0.95}``), a TOML file of them, or all.
 
     Raises:
-        StictionError: logs that cannot be read or do not fit the robot, or a cause that is not
-            registered.
+        StictionError: settings that are none, logs that cannot be read or do not fit the robot, or
+            a cause that is not registered.
     """
     say = progress or (lambda *_: None)
+    own = settings if isinstance(settings, GapSettings) else override(gap_settings(), settings)
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
     if not logs:
-        raise StictionError("no logs: allowed is one or more")
+        raise StictionError("no logs: expected one or more")
     read: list[JointLog] = []
     for log in logs:
         if isinstance(log, JointLog):
             read.append(log)
         else:
-            read += read_logs([log], arm.n, limits=arm.limits)
+            read += read_logs([log], arm.n, limits=arm.limits, settings=own.measured)
         say("reading", len(read) / len(logs))
     causes = registered() if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
     stood_on = resolve(nominal, arm)
-    read, signals = mend_torques(
-        read, arm, lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS)
+    read, signals = correct_torques(
+        read,
+        arm,
+        lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS, settings=own),
+        own,
     )
     say("inverse dynamics", 0.0)
     base = assemble(arm, signals, friction=stood_on.friction, link_side=link_side)
@@ -204,7 +215,7 @@ def diagnose(
         gone = [t for t in terms if t not in kept]
         terms = settle(library, sharpen(library, choose(library, kept, gone)))
         terms = pruned(library, terms)
-    return _conclude(stood_on, base, read, signals, library, terms, seed, say)
+    return _conclude(stood_on, base, read, signals, library, terms, seed, say, own)
 
 
 def _conclude(
@@ -216,6 +227,7 @@ def _conclude(
     terms: list[Term],
     seed: int,
     say: Callable[[str, float], None],
+    own: GapSettings,
 ) -> Diagnosis:
     data, stack = library.data, library.stack
     nothing = stack.held_out(library.pick([]))
@@ -277,13 +289,14 @@ def _conclude(
         coefficients=c,
         base=base,
         stood_on=stood_on,
+        settings=own,
         notes=(*signals.notes, *_told(logs)),
     )
 
 
 def _told(logs: list[JointLog]) -> list[str]:
-    """Return what was mended in logs and what was found and not mended, each with its log."""
-    said = [(log, x) for log in logs for x in (*(m.text for m in log.mends), *log.warnings)]
+    """Return what was corrected in logs and what was found and not corrected, each with its log."""
+    said = [(log, x) for log in logs for x in (*(c.text for c in log.corrections), *log.warnings)]
     return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
 
 

@@ -190,12 +190,12 @@ def _log(log: Any) -> dict[str, Any]:
         "what": (
             f"{len(log.t)} poses at rest" if log.static else f"{len(log.t)} rows, {seconds:.1f} s"
         ),
-        "corrected": [m.text for m in log.mends],
+        "corrected": [c.text for c in log.corrections],
         "warnings": log.warnings,
     }
 
 
 def _notes(d: Diagnosis) -> list[str]:
     """Return what the diagnosis says that no log says of itself."""
-    own = tuple(x for log in d.logs for x in (*(m.text for m in log.mends), *log.warnings))
+    own = tuple(x for log in d.logs for x in (*(c.text for c in log.corrections), *log.warnings))
     return [x for x in dict.fromkeys(d.notes) if not x.endswith(own)]

@@ -60,7 +60,7 @@ class Frames:
 
 
 def frames(phi: Array) -> Frames:
-    """Return the units of nominal links (n, 10); those that cannot exist are mended for it."""
+    """Return the units of nominal links (n, 10); those that cannot exist are made to for it."""
     j = pseudo_inertia(phi)
     mass = np.maximum(np.abs(j[:, 3, 3]), 1e-3)
     spread = np.maximum(np.trace(j[:, :3, :3], axis1=1, axis2=2) / 3, 1e-6 * mass)
@@ -69,8 +69,8 @@ def frames(phi: Array) -> Frames:
         ball[:, k, k] = spread
     ball[:, 3, 3] = mass
     values, vectors = np.linalg.eigh(j)
-    mended = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
-    c = np.linalg.cholesky(mended + ROUND_BODY * ball)
+    possible = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
+    c = np.linalg.cholesky(possible + ROUND_BODY * ball)
     inverse = np.linalg.inv(c)
     unit = inverse @ j @ inverse.transpose(0, 2, 1)
     each = c[:, None] @ _UNITS @ c[:, None].transpose(0, 1, 3, 2)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.torque_sign import mend_sign
+from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.identification.arm import with_inertias
 from stiction_envs.identification.base_parameters import (
     Design,
@@ -210,9 +210,9 @@ def identify(
         read += [log] if own else read_logs([log], arm.n, limits=arm.limits)  # type: ignore[list-item]
         say("reading", len(read) / len(logs))
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
-    turned, signals = mend_sign(read, signals, arm)
+    turned, signals = correct_sign(read, signals, arm)
     found = identify_data(assemble(arm, signals, link_side=link_side), progress=say)
-    notes = (m.text for log in turned[:1] for m in log.mends if m.kind == "sign")
+    notes = (c.text for log in turned[:1] for c in log.corrections if c.kind == "sign")
     return dataclasses.replace(found, notes=(*signals.notes, *notes))
 
 

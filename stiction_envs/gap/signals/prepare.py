@@ -26,25 +26,11 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import way
-from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, nominal_step, resample
+from stiction_envs.gap.signals.spectra import ORDER, Spectra, nominal_step, resample
 from stiction_envs.measured.logs.reader import JointLog
-
-TRIM = 2.0
-"""Periods of the cutoff that are cut off at each end, where the filter guesses: the error of the
-acceleration is 0.3 % there (measured on sines), but never over :data:`TRIM_SHARE` of a segment."""
-
-TRIM_SHARE = 0.15
-"""Largest share of a segment that is cut off at each end (assumed)."""
-
-LEAST_RATE = 5.0
-"""Samples per period of the cutoff that are kept at least (assumed)."""
-
-STATIC_SPEED = 2e-3
-"""A segment that is never faster is at rest, rad/s (assumed)."""
-
-MOST_SAMPLES = 120_000
-"""Samples that are kept of all logs together."""
+from stiction_envs.measured.settings import MotionThresholds
 
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
@@ -72,7 +58,7 @@ class Segment:
     extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Further channels through the same filter, (K, n) each."""
     static: bool = False
-    """At rest throughout: poses without time, or never faster than :data:`STATIC_SPEED`."""
+    """At rest throughout: poses without time, or never faster than ``rest_speed``."""
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.dq, self.ddq, self.tau, self.way, *self.extra.values()):
@@ -124,7 +110,8 @@ def prepare(
     logs: Sequence[JointLog],
     *,
     cutoff_hz: float | None = None,
-    most_samples: int = MOST_SAMPLES,
+    most_samples: int | None = None,
+    settings: GapSettings | None = None,
 ) -> Signals:
     """Even, filtered and differentiated signals of ``logs``.
 
@@ -132,24 +119,27 @@ def prepare(
         logs: one or more logs of the same robot.
         cutoff_hz: cutoff of the filter, Hz; chosen from the data if None.
         most_samples: samples kept of all logs together; longer logs are thinned out after the
-            filter.
+            filter; None for those of the settings.
+        settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
         StictionError: no log, logs of different robots, a cutoff that is not positive, or no
             segment long enough for it.
     """
+    own = settings or gap_settings()
+    most_samples = own.prepare.most_samples if most_samples is None else most_samples
     if not logs:
-        raise StictionError("no log given: allowed are one or more")
+        raise StictionError("no log given: expected one or more")
     for log in logs:
         if log.n != logs[0].n:
             raise StictionError(
                 f"{log.source}: {log.n} joints, but {logs[0].source} has {logs[0].n}: "
-                "allowed are logs of one robot"
+                "expected logs of one robot"
             )
     if cutoff_hz is not None and not (np.isfinite(cutoff_hz) and cutoff_hz > 0):
-        raise StictionError(f"cutoff {cutoff_hz} Hz: allowed are numbers above 0")
+        raise StictionError(f"cutoff {cutoff_hz} Hz: expected numbers above 0")
     if most_samples < 1:
-        raise StictionError(f"{most_samples} samples: allowed are whole numbers from 1")
+        raise StictionError(f"{most_samples} samples: expected whole numbers from 1")
     n = logs[0].n
     moving = [(i, log) for i, log in enumerate(logs) if not log.static]
     segments = [_poses(i, log) for i, log in enumerate(logs) if log.static]
@@ -165,7 +155,7 @@ def prepare(
         )
     steps = [nominal_step(log.step) for _, log in moving]
     notes: list[str] = []
-    spectra = Spectra([log for _, log in moving], steps)
+    spectra = Spectra([log for _, log in moving], steps, own)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     slowest = max(steps)
@@ -173,27 +163,27 @@ def prepare(
     dt = thin * slowest
     if thin > 1:
         text = f"thinned out after the filter to every {thin}th sample, {1 / dt:.4g} Hz"
-        most = 1 / (LEAST_RATE * dt)
+        most = 1 / (own.prepare.least_rate * dt)
         if cutoff_hz is None and cutoff > most:
             text += f"; the cutoff is lowered for it from {cutoff:.3g} Hz"
             cutoff = most
         notes.append(text)
-    left_out = 0
+    left_out, shortest = 0, (own.spectra.periods - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
-            made = _segment(i, log, rows, step, dt, cutoff)
+            made = _segment(i, log, rows, step, dt, cutoff, own)
             left_out += made is None
             segments += [made] if made is not None else []
     if left_out:
         plural = "s" if left_out > 1 else ""
         notes.append(
-            f"{left_out} segment{plural} shorter than {(PERIODS - 1) / cutoff:.3g} s left out: "
+            f"{left_out} segment{plural} shorter than {shortest:.3g} s left out: "
             "too short for the filter"
         )
     if not any(s for s in segments if not logs[s.log].static):
         raise StictionError(
-            f"{moving[0][1].source}: no segment of {(PERIODS - 1) / cutoff:.3g} s without a gap: "
-            f"allowed is one or more (cutoff {cutoff:.3g} Hz)"
+            f"{moving[0][1].source}: no segment of {shortest:.3g} s "
+            f"without a gap: expected one or more (cutoff {cutoff:.3g} Hz)"
         )
     noise, raw = spectra.noise(cutoff)
     if spectra.filtered():
@@ -202,7 +192,7 @@ def prepare(
             "logged, and their noise is larger than it seems"
         )
     segments.sort(key=lambda s: (s.log, s.t[0]))
-    notes += _rest(segments, dt)
+    notes += _rest(segments, dt, own.measured.motion)
     return Signals(
         segments=tuple(segments),
         dt=dt,
@@ -214,15 +204,22 @@ def prepare(
 
 
 def _segment(
-    number: int, log: JointLog, rows: slice, step: float, dt: float, cutoff: float
+    number: int,
+    log: JointLog,
+    rows: slice,
+    step: float,
+    dt: float,
+    cutoff: float,
+    own: GapSettings,
 ) -> Segment | None:
     seconds = log.t[rows][-1] - log.t[rows][0]
     # A period of room for the rounding of the longest segment's own cutoff.
-    if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
+    if seconds < (own.spectra.periods - 1) / cutoff or rows.stop - rows.start < 16:
         return None
     t, values = resample(log, rows, step)
     # The filter does not know what comes before and after.
-    cut = max(3, int(np.ceil(min(TRIM / cutoff, TRIM_SHARE * seconds) / step)))
+    ends = min(own.prepare.trim_periods / cutoff, own.prepare.trim_share * seconds)
+    cut = max(3, int(np.ceil(ends / step)))
     inner = slice(cut, len(t) - cut)
     pick: slice | None = None
     factor = round(dt / step)
@@ -241,12 +238,12 @@ def _segment(
             smooth = lowpass(array[:, j], 1 / step, cutoff)
             out[name][:, j] = taken(smooth)
             if name == "q":
-                gone = way(array[:, j], 1 / step, cutoff, lowpass)
+                gone = way(array[:, j], 1 / step, cutoff, lowpass, own.reversal_path)
                 out["way"][:, j] = gone[pick] if pick is not None else np.interp(at, t, gone)
                 out["dq"][:, j] = taken(np.convolve(smooth, _FIRST[::-1], "same") / step)
                 out["ddq"][:, j] = taken(np.convolve(smooth, _SECOND[::-1], "same") / step**2)
     core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "way")}
-    static = bool(np.abs(core["dq"]).max() < STATIC_SPEED)
+    static = bool(np.abs(core["dq"]).max() < own.measured.motion.rest_speed)
     return Segment(log=number, t=at, **core, extra=out, static=static)
 
 
@@ -266,11 +263,12 @@ def _poses(number: int, log: JointLog) -> Segment:
     )
 
 
-def _rest(segments: Sequence[Segment], dt: float) -> list[str]:
+def _rest(segments: Sequence[Segment], dt: float, motion: MotionThresholds) -> list[str]:
     """How long the arm rests, if it does for long."""
     moved = [s for s in segments if not s.static]
     count = sum(len(s.t) for s in moved)
-    resting = sum(int((np.abs(s.dq).max(axis=1) < STATIC_SPEED).sum()) for s in moved)
+    slow = motion.rest_speed
+    resting = sum(int((np.abs(s.dq).max(axis=1) < slow).sum()) for s in moved)
     if not count or resting < 0.1 * count:
         return []
     return [f"the arm rests in {resting / count:.0%} of the {count * dt:.3g} s"]

@@ -14,15 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.gap.settings import ReversalPathSettings, gap_settings
 
 Array = NDArray[np.float64]
-
-WIDER = 3.0
-"""Cutoff for the way over that of all signals [-]; of 1, 1.5, 2, 3 and 5 the one with which known
-friction at stops of simulated joints is met best."""
-
-BAND = 1.0
-"""Half width of the play over the noise of the way [-]; likewise of 0, 1 and 2."""
 
 
 def angle_noise(q: Array) -> float:
@@ -58,7 +52,11 @@ def _dragged(x: Array, half: float) -> Array:
 
 
 def way(
-    q: Array, rate_hz: float, cutoff_hz: float, lowpass: Callable[[Array, float, float], Array]
+    q: Array,
+    rate_hz: float,
+    cutoff_hz: float,
+    lowpass: Callable[[Array, float, float], Array],
+    settings: ReversalPathSettings | None = None,
 ) -> Array:
     """Return (K,) the way of a joint.
 
@@ -67,7 +65,9 @@ def way(
         rate_hz: their rate [Hz].
         cutoff_hz: of the filter of all signals [Hz].
         lowpass: that filter, of samples, rate and cutoff.
+        settings: constants of the method; None for those of ``settings.toml``.
     """
-    wide = min(WIDER * cutoff_hz, rate_hz / 2)
+    s = settings or gap_settings().reversal_path
+    wide = min(s.wider * cutoff_hz, rate_hz / 2)
     left = angle_noise(q) * np.sqrt(2 * wide / rate_hz)
-    return play(lowpass(q, rate_hz, wide), BAND * left)
+    return play(lowpass(q, rate_hz, wide), s.noise_band * left)

@@ -17,42 +17,26 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
+from stiction_envs.gap.settings import GapSettings, SpectraSettings, gap_settings
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.settings import MotionThresholds
 
 ORDER = 4
 """Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
 cutoff."""
 
-HARMONICS = 10.0
-"""The band of the torque reaches at least to this harmonic of the motion (assumed): dry friction
-jumps at each reversal."""
-
-MOTION_SHARE = 0.95
-"""The motion ends at the frequency below which this share of the speed's power lies (assumed)."""
-
-ACCURATE = 0.01
-"""Noise of the acceleration that does no harm, as a share of its root mean square (assumed)."""
-
-ACCURATE_ABSOLUTE = 0.05
-"""The same where the arm hardly accelerates, rad/s²: 0.05 N·m at 1 kg·m² (assumed)."""
-
-HIGHEST = 0.1
-"""Largest cutoff as a share of the sampling rate (assumed)."""
-
-LOWEST_HZ = 1.0
-"""Smallest cutoff that is chosen, Hz (assumed)."""
-
-PERIODS = 6.0
-"""Periods of the cutoff that a segment must last (assumed)."""
-
-_SPECTRUM_ROWS = 300_000
-_STRETCHES = 6
-
 
 class Spectra:
     """Spectra of angles and torques over all segments of some logs."""
 
-    def __init__(self, logs: Sequence[JointLog], steps: Sequence[float]) -> None:
+    def __init__(
+        self,
+        logs: Sequence[JointLog],
+        steps: Sequence[float],
+        settings: GapSettings | None = None,
+    ) -> None:
+        own = settings or gap_settings()
+        self.settings = own.spectra
         self.rate = 1 / max(steps)
         self.n = logs[0].n
         segments = [
@@ -62,7 +46,9 @@ class Spectra:
             if s.stop - s.start >= 64
         ]
         self.longest = max((seconds for seconds, _, _ in segments), default=0.0)
-        pieces = [(seconds, k, part) for seconds, k, s in segments for part in _samples_of(s)]
+        pieces = [
+            (seconds, k, part) for seconds, k, s in segments for part in _samples_of(s, own.spectra)
+        ]
         # The longest segments say enough, and a long log must not take minutes.
         pieces.sort(key=lambda p: -p[0])
         length = int(self.rate * min(4.0, self.longest / 4))
@@ -75,7 +61,7 @@ class Spectra:
         motion: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         total, used = 0.0, 0
         for _, k, rows in pieces:
-            if used >= _SPECTRUM_ROWS:
+            if used >= own.spectra.most_rows:
                 break
             t, values = resample(logs[k], rows, 1 / self.rate)
             if len(t) < 2 * self.length:
@@ -97,27 +83,30 @@ class Spectra:
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q)
+        self.movers, self.motion_hz, bent = _motion(
+            motion, self.knee_q, own.spectra, own.measured.motion
+        )
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
 
     def choose(self, notes: list[str]) -> float:
         """Cutoff, Hz, for a low-pass that leaves signal and takes noise."""
-        highest = HIGHEST * self.rate
+        s = self.settings
+        highest = s.highest * self.rate
         if self.empty:
             notes.append(f"cutoff {highest:.3g} Hz: too short for a spectrum")
             return highest
         f_q = float(np.median([self.knee_q[j] for j in self.movers]))
         f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
-        lowest = max(LOWEST_HZ, min(PERIODS / self.longest, highest))
-        cutoff = min(max(f_q, f_ddq), max(f_tau, HARMONICS * self.motion_hz))
+        lowest = max(s.lowest_hz, min(s.periods / self.longest, highest))
+        cutoff = min(max(f_q, f_ddq), max(f_tau, s.harmonics * self.motion_hz))
         cutoff = float(np.clip(cutoff, lowest, highest))
         notes.append(
             f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
             f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
+            f"stops at {f_tau:.3g} Hz; {s.motion_share:.0%} of the motion is below "
             f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
         )
         return cutoff
@@ -135,7 +124,7 @@ class Spectra:
         nyquist = self.rate / 2
         inside, raw = np.zeros(self.n), np.zeros(self.n)
         for j, knee in enumerate(self.knee_tau if not self.empty else ()):
-            # A spectrum that falls to the end hides its noise; what is beside the band bounds it.
+            # A spectrum that falls to the end hides its noise; what is next to the band bounds it.
             start = max(cutoff, knee) if knee < nyquist else cutoff
             low = min(1.5 * start, 0.6 * nyquist)
             above = (self.f >= low) & (self.f <= min(2 * low, 0.9 * nyquist))
@@ -167,7 +156,7 @@ class Spectra:
         """
         above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
         noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
-        most = max(ACCURATE * acceleration, ACCURATE_ABSOLUTE)
+        most = max(self.settings.accurate * acceleration, self.settings.accurate_absolute)
         if noise <= 0:
             return float(self.f[-1])
         return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
@@ -187,13 +176,13 @@ class Spectra:
         return float(self.f[-1])
 
 
-def _samples_of(rows: slice) -> list[slice]:
+def _samples_of(rows: slice, s: SpectraSettings) -> list[slice]:
     """The rows, or stretches spread over them if there are very many."""
     length = rows.stop - rows.start
-    if length <= _SPECTRUM_ROWS:
+    if length <= s.most_rows:
         return [rows]
-    part = _SPECTRUM_ROWS // _STRETCHES
-    starts = np.linspace(rows.start, rows.stop - part, _STRETCHES).astype(int)
+    part = s.most_rows // s.stretches
+    starts = np.linspace(rows.start, rows.stop - part, s.stretches).astype(int)
     return [slice(int(a), int(a) + part) for a in starts]
 
 
@@ -232,7 +221,10 @@ def spread_power(
 
 
 def _motion(
-    pieces: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], most: Sequence[float]
+    pieces: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    most: Sequence[float],
+    s: SpectraSettings,
+    thresholds: MotionThresholds,
 ) -> tuple[NDArray[np.int64], float, NDArray[np.float64]]:
     """Joints that move, the end of their band [Hz], and root mean square accelerations [rad/s²].
 
@@ -246,7 +238,7 @@ def _motion(
     each = power.sum(axis=0)
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
-    movers = np.flatnonzero(each >= 0.04 * each.max())
-    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
+    movers = np.flatnonzero(each >= thresholds.mover_power * each.max())
+    end = float(f[order][np.searchsorted(total, s.motion_share * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

@@ -1,6 +1,6 @@
-"""Torques that were logged late: a channel behind the angles, and low-passed by its driver.
+"""Torque lag: a channel of a log behind the angles, and low-passed by its driver.
 
-    mend_torques(logs, arm, prepare) -> logs, signals
+    correct_torques(logs, arm, prepare) -> logs, signals
 
 An actuator acts after its command; nothing that acts comes before it is measured. Where measured
 torque follows rigid-body torque n of the logged motion by some δ, and smoothed by a first-order
@@ -23,45 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from stiction_envs.gap.settings import GapSettings, TorqueLagSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.signals.torque_sign import LOAD, SLOW, by_log, mend_sign
-from stiction_envs.measured.logs.corrections import Mend
+from stiction_envs.gap.signals.torque_sign import by_log, correct_sign
+from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-DELAYS = np.arange(0.0, 0.1501, 0.01)
-"""Delays that are tried [s]."""
-LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
-"""Time constants that are tried [s]."""
-FINER_DELAYS, FINER_LOWPASSES = np.arange(-0.0075, 0.0076, 0.0025), (-0.01, -0.005, 0, 0.005, 0.01)
-"""Steps about the best of them [s]."""
-LATE = 0.1
-"""Delay and time constant together from which on a load's torque is mended [s]: more than the cause
-`actuator_delay` can hold, which names what is shorter."""
-RESOLVED = 0.01
-"""The same where only friction shows it, which that cause does not [s]; assumed."""
-CLEAR = 0.5
-"""What must be left of the residual; else nothing is done [-]; assumed."""
-HINT = 0.85
-"""What must be left of it at one of `FIRST` for a closer look [-]; assumed."""
-FIRST = (0.03, 0.06, 0.1)
-"""Delays of the first look [s]."""
-RUNS, SPREAD = 4, 3.0
-"""Runs, and fastest over slowest of them, that tell a time from a distance (assumed)."""
-CONSTANT = 1.3
-"""Largest over smallest lag of these runs for a time; a distance would have `SPREAD` or more;
-assumed."""
-FIRST_ROWS, MOST_ROWS = 4000, 20_000
-"""Rows of a log at the first and at the closer look."""
-SHAKE = 1e-2
-"""Speed, root mean square, from which on a joint moves [rad/s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Late:
-    """One log whose torques come late."""
+class TorqueLag:
+    """One log whose torques lag its angles."""
 
     log: int
     """From 0."""
@@ -72,7 +47,7 @@ class Late:
     joint: int
     """Whose residual falls most, from 1."""
     before: float
-    """Its residual beside what is fitted, as logged [N·m]."""
+    """Its residual given what is fitted, as logged [N·m]."""
     after: float
     """With δ and T [N·m]."""
     loaded: bool
@@ -92,33 +67,37 @@ class _Run:
     torque: Array
 
 
-def late(signals: Signals, arm: Arm) -> list[Late]:
-    """Return the logs whose torques come late, or may do so."""
+def torque_lags(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[TorqueLag]:
+    """Return the logs whose torques lag, or may do so."""
+    own = settings or gap_settings()
+    s, least_load = own.torque_lag, own.torque_sign.least_load
+    slow = own.measured.motion.reversal_speed
     out = []
     for number, parts in by_log(signals).items():
-        parts = [s for s in parts if not s.static and len(s.t) > 32]
+        parts = [x for x in parts if not x.static and len(x.t) > 32]
         if not parts:
             continue
-        rigid = _rigid(arm, parts)
-        loaded = np.flatnonzero(np.concatenate(rigid).std(axis=0) > LOAD)
-        speed = np.sqrt(np.mean(np.square(np.concatenate([s.dq for s in parts])), axis=0))
+        rigid = _rigid(arm, parts, s.most_rows)
+        loaded = np.flatnonzero(np.concatenate(rigid).std(axis=0) > least_load)
+        speed = np.sqrt(np.mean(np.square(np.concatenate([x.dq for x in parts])), axis=0))
         found, certain = None, True
         if len(loaded):
-            found = _search([_runs(parts, rigid, int(j), True) for j in loaded], signals.dt)
-        elif len(parts) >= RUNS:
+            runs_of_each = [_runs(parts, rigid, int(j), True, slow) for j in loaded]
+            found = _search(runs_of_each, signals.dt, s)
+        elif len(parts) >= s.least_runs:
             loaded = np.array([int(np.argmax(speed))])
-            runs = _runs(parts, rigid, int(loaded[0]), False)
-            found = _search([runs], signals.dt)
-            certain = found is not None and _is_time(runs, signals.dt)
+            runs = _runs(parts, rigid, int(loaded[0]), False, slow)
+            found = _search([runs], signals.dt, s)
+            certain = found is not None and _is_time(runs, signals.dt, s, slow)
         if found is None:
             continue
         delay, lowpass, before, after = found
         best = int(np.argmin(after / before))
-        by_load = bool(np.concatenate(rigid)[:, loaded[best]].std() > LOAD)
-        least = LATE if by_load else RESOLVED
-        if delay + lowpass > least and after[best] < CLEAR * before[best]:
+        by_load = bool(np.concatenate(rigid)[:, loaded[best]].std() > least_load)
+        least = s.least_lag if by_load else s.least_friction_lag
+        if delay + lowpass > least and after[best] < s.residual_left * before[best]:
             out.append(
-                Late(
+                TorqueLag(
                     log=number,
                     delay=delay,
                     lowpass=lowpass,
@@ -132,47 +111,52 @@ def late(signals: Signals, arm: Arm) -> list[Late]:
     return out
 
 
-def mend_torques(
-    logs: Sequence[JointLog], arm: Arm, make: Callable[[Sequence[JointLog]], Signals]
+def correct_torques(
+    logs: Sequence[JointLog],
+    arm: Arm,
+    make: Callable[[Sequence[JointLog]], Signals],
+    settings: GapSettings | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Turn torques of the opposite sign, and undo delay and low-pass of those logged late.
+    """Turn torques of the opposite sign, and undo the lag of those that have one.
 
     Args:
         logs: of one robot.
         arm: the nominal rigid arm.
         make: makes signals of logs.
+        settings: constants of the method; None for those of ``settings.toml``.
 
     Returns:
-        Logs and signals made of them; what changed has a mend that says so.
+        Logs and signals made of them; what changed has a correction that says so.
 
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
     """
-    read, signals = mend_sign(logs, make(logs), arm)
+    read, signals = correct_sign(logs, make(logs), arm, settings)
     changed = False
     for i, log in enumerate(read):
         if log.static:
             continue
         # several logs together may be thinned out so far that a delay is lost
         alone = signals if len(read) == 1 else make([log])
-        found = next(iter(late(alone, arm)), None)
+        found = next(iter(torque_lags(alone, arm, settings)), None)
         if found is None:
             continue
         text = f"torques come {1e3 * found.delay:.0f} ms later than the angles they belong to"
         if found.lowpass:
             text += f", low-passed with a time constant of {1e3 * found.lowpass:.0f} ms"
-        proof = (
-            f"residual of joint {found.joint} beside scale, offset and friction falls from "
+        evidence = (
+            f"residual of joint {found.joint} given scale, offset and friction falls from "
             f"{found.before:.3g} to {found.after:.3g} N·m"
         )
         if not found.certain:
-            text = f"{text}, or friction lags its reversals: {proof} with the former"
+            text = f"{text}, or friction lags its reversals: {evidence} with the former"
             read[i] = dataclasses.replace(log, warnings=(*log.warnings, text))
             continue
         why = "" if found.loaded else ", at all speeds"
-        mend = Mend(kind="late", rows=len(log.t), text=f"{text}{why}: undone ({proof})")
+        text = f"{text}{why}: undone ({evidence})"
+        done = Correction(kind="lag", rows=len(log.t), text=text)
         made = _undone(log, found.delay, found.lowpass)
-        read[i] = dataclasses.replace(made, mends=(*log.mends, mend))
+        read[i] = dataclasses.replace(made, corrections=(*log.corrections, done))
         changed = True
     return read, make(read) if changed else signals
 
@@ -202,11 +186,11 @@ def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
     )
 
 
-def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
+def _rigid(arm: Arm, parts: Sequence[Segment], most: int) -> list[Array]:
     """Return (T, n) rigid-body torque of each segment, between rows that are looked at."""
     model = arm.pinocchio()
     out = []
-    step = max(1, sum(len(s.t) for s in parts) // MOST_ROWS)
+    step = max(1, sum(len(s.t) for s in parts) // most)
     for s in parts:
         at = np.unique(np.r_[np.arange(0, len(s.t), step), len(s.t) - 1])
         torque = inverse_dynamics(model, s.q[at], s.dq[at], s.ddq[at])
@@ -214,12 +198,14 @@ def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
     return out
 
 
-def _runs(parts: Sequence[Segment], rigid: Sequence[Array], j: int, loaded: bool) -> list[_Run]:
+def _runs(
+    parts: Sequence[Segment], rigid: Sequence[Array], j: int, loaded: bool, slow: float
+) -> list[_Run]:
     """Return the columns of one joint; without a load its friction is what is shifted."""
     out = []
     for s, n in zip(parts, rigid, strict=True):
         v, one = s.dq[:, j], np.ones(len(s.t))
-        friction = np.stack([np.tanh(v / SLOW), v], axis=1)
+        friction = np.stack([np.tanh(v / slow), v], axis=1)
         if loaded:
             moved, fixed = n[:, j, None], np.column_stack([friction, one])
         else:
@@ -228,7 +214,9 @@ def _runs(parts: Sequence[Segment], rigid: Sequence[Array], j: int, loaded: bool
     return out
 
 
-def _residual(runs: Sequence[_Run], delay: float, lowpass: float, dt: float, step: int) -> float:
+def _residual(
+    runs: Sequence[_Run], delay: float, lowpass: float, dt: float, step: int, longest: float
+) -> float:
     """Return the root mean square that a fit with a delay and a low-pass leaves [N·m]."""
     columns, torques = [], []
     for run in runs:
@@ -236,7 +224,7 @@ def _residual(runs: Sequence[_Run], delay: float, lowpass: float, dt: float, ste
         if lowpass > 0:
             k = np.exp(-dt / lowpass)
             moved = lfilter([1 - k], [1, -k], moved, axis=0, zi=k * moved[:1])[0]
-        at = run.t[run.t > run.t[0] + DELAYS[-1]][::step]
+        at = run.t[run.t > run.t[0] + longest][::step]
         shifted = [np.interp(at - delay, run.t, x) for x in moved.T]
         rest = [np.interp(at, run.t, x) for x in (*run.fixed.T, run.torque)]
         columns.append(np.stack([*shifted, *rest[:-1]], axis=1))
@@ -250,46 +238,55 @@ def _residual(runs: Sequence[_Run], delay: float, lowpass: float, dt: float, ste
     return float(np.sqrt(np.mean(np.square(y - x @ c))))
 
 
+def _delays(s: TorqueLagSettings) -> Array:
+    """Return the delays that are tried [s]."""
+    return np.arange(0.0, s.longest_delay + 0.01 * s.delay_step, s.delay_step)
+
+
 def _search(
-    joints: Sequence[Sequence[_Run]], dt: float
+    joints: Sequence[Sequence[_Run]], dt: float, s: TorqueLagSettings
 ) -> tuple[float, float, Array, Array] | None:
     """Return δ, T and the residuals of the joints without and with them; None without a hint."""
     rows = sum(len(r.t) for r in joints[0])
-    step = max(1, rows // FIRST_ROWS)
-    now = np.array([_residual(j, 0.0, 0.0, dt, step) for j in joints])
+    delays = _delays(s)
+    longest = float(delays[-1])
+    step = max(1, rows // s.first_rows)
+    now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
     if not np.all(np.isfinite(now)) or np.any(now <= 0):
         return None
-    first = [[_residual(j, d, 0.0, dt, step) for j in joints] for d in FIRST]
-    if np.min(np.array(first) / now) > HINT:
+    first = [[_residual(j, d, 0.0, dt, step, longest) for j in joints] for d in s.first_delays]
+    if np.min(np.array(first) / now) > s.hint_left:
         return None
-    step = max(1, rows // MOST_ROWS)
-    now = np.array([_residual(j, 0.0, 0.0, dt, step) for j in joints])
-    tried = [(float(d), t) for t in LOWPASSES for d in DELAYS]
+    step = max(1, rows // s.most_rows)
+    now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
+    tried = [(float(d), t) for t in s.lowpasses for d in delays]
+    finer = np.arange(-s.finer_reach, s.finer_reach + 0.04 * s.finer_step, s.finer_step)
     best = (0.0, 0.0)
     for _ in range(2):
-        left = np.array([[_residual(j, d, t, dt, step) for j in joints] for d, t in tried])
+        left = np.array([[_residual(j, d, t, dt, step, longest) for j in joints] for d, t in tried])
         k = int(np.argmin(np.sum(np.square(left / now), axis=1)))
         best = tried[k]
         tried = [
-            (float(np.clip(best[0] + d, 0.0, DELAYS[-1])), float(max(best[1] + t, 0.0)))
-            for t in FINER_LOWPASSES
-            for d in FINER_DELAYS
+            (float(np.clip(best[0] + d, 0.0, longest)), float(max(best[1] + t, 0.0)))
+            for t in s.finer_lowpasses
+            for d in finer
         ]
     return *best, now, left[k]
 
 
-def _is_time(runs: Sequence[_Run], dt: float) -> bool:
+def _is_time(runs: Sequence[_Run], dt: float, s: TorqueLagSettings, slow: float) -> bool:
     """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
+    delays = _delays(s)
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])
-        if np.sqrt(np.mean(v**2)) < SHAKE:
+        if np.sqrt(np.mean(v**2)) < slow:
             continue
-        left = [_residual([run], d, 0.0, dt, 1) for d in DELAYS]
+        left = [_residual([run], d, 0.0, dt, 1, float(delays[-1])) for d in delays]
         speeds.append(float(np.median(v)))
-        times.append(float(DELAYS[int(np.argmin(left))]))
-    if len(speeds) < RUNS or max(speeds) < SPREAD * min(speeds):
+        times.append(float(delays[int(np.argmin(left))]))
+    if len(speeds) < s.least_runs or max(speeds) < s.speed_ratio * min(speeds):
         return False
     # one run may be disturbed
     usual = np.sort(times)[1:-1]
-    return bool(usual[0] > RESOLVED and usual[-1] <= CONSTANT * usual[0])
+    return bool(usual[0] > s.least_friction_lag and usual[-1] <= s.lag_ratio * usual[0])

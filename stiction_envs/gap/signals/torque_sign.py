@@ -1,6 +1,6 @@
 """Whether torques of a log are counted as the model has them; if not, they are turned.
 
-    mend_sign(logs, signals, arm) -> logs, signals
+    correct_sign(logs, signals, arm) -> logs, signals
 
 A log whose ``tau`` is counted the other way round looks like an arm that gravity lifts. Where a
 joint carries a load that changes, that cannot be mistaken: measured and rigid-body torque, both
@@ -19,27 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.settings import GapSettings, TorqueSignSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.measured.logs.corrections import Mend
+from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-LOAD = 0.5
-"""Rigid-body torque, standard deviation, from which on a joint has a say [N·m]; assumed."""
-OPPOSITE = 0.9
-"""Correlation of measured and rigid-body torque from which on a sign is certain [-]; assumed."""
-HALF = 0.5
-"""What must be left of the residual after the sign is turned [-]; assumed."""
-BOTH_WAYS = 0.1
-"""Part of the samples that a joint moves there, and back, for its friction to have a say [-];
-assumed."""
-MOST_ROWS = 4000
-"""Rows of a log that are looked at, evenly picked."""
-SLOW = 0.01
-"""Width of the change of direction in speed [rad/s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,52 +47,56 @@ class Sign:
     """Residual with the sign turned [N·m]."""
     loaded: bool
     """Whether the joint carries a load."""
-
-    @property
-    def vote(self) -> int:
-        """-1: opposite, 1: as it should be, 0: not certain."""
-        if self.correlation < -OPPOSITE and self.turned < HALF * self.upright:
-            return -1
-        if self.correlation > OPPOSITE and self.upright < HALF * self.turned:
-            return 1
-        return 0
+    vote: int
+    """-1: opposite, 1: as it should be, 0: not certain."""
 
 
-def signs(signals: Signals, arm: Arm) -> list[Sign]:
+def signs(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[Sign]:
     """Return what joints with a load say, log by log."""
+    own = settings or gap_settings()
+    s, motion = own.torque_sign, own.measured.motion
     out = []
     for number, parts in by_log(signals).items():
-        q, dq, ddq, tau = _rows(parts)
+        q, dq, ddq, tau = _rows(parts, s.most_rows)
         rigid = inverse_dynamics(arm.pinocchio(), q, dq, ddq)
         for j in range(arm.n):
-            one, side = np.ones(len(q)), np.tanh(dq[:, j] / SLOW)
-            if rigid[:, j].std() > LOAD:
+            one, side = np.ones(len(q)), np.tanh(dq[:, j] / motion.reversal_speed)
+            if rigid[:, j].std() > s.least_load:
                 other = np.stack([one, side, dq[:, j]], axis=1)
                 load, torque = without(rigid[:, j], other), without(tau[:, j], other)
-                if load.std() > LOAD:
-                    out.append(_sign(number, j, load, torque, True))
-            elif min((side > HALF).mean(), (side < -HALF).mean()) > BOTH_WAYS:
+                if load.std() > s.least_load:
+                    out.append(_sign(number, j, load, torque, True, s))
+                continue
+            there, back = (side > s.clear_direction), (side < -s.clear_direction)
+            if min(there.mean(), back.mean()) > motion.both_ways_share:
                 other = np.stack([one, rigid[:, j], ddq[:, j]], axis=1)
                 side, torque = without(side, other), without(tau[:, j], other)
                 size = abs(float(side @ torque)) / float(side @ side)
-                out.append(_sign(number, j, size * side, torque, False))
+                out.append(_sign(number, j, size * side, torque, False, s))
     return out
 
 
-def _sign(log: int, joint: int, expected: Array, torque: Array, loaded: bool) -> Sign:
+def _sign(
+    log: int, joint: int, expected: Array, torque: Array, loaded: bool, s: TorqueSignSettings
+) -> Sign:
     below = np.sqrt(float(expected @ expected) * float(torque @ torque))
+    correlation = float(expected @ torque) / max(below, 1e-300)
+    upright, turned = float((torque - expected).std()), float((torque + expected).std())
+    opposite = correlation < -s.opposite and turned < s.residual_left * upright
+    right = correlation > s.opposite and upright < s.residual_left * turned
     return Sign(
         log=log,
         joint=joint + 1,
-        correlation=float(expected @ torque) / max(below, 1e-300),
-        upright=float((torque - expected).std()),
-        turned=float((torque + expected).std()),
+        correlation=correlation,
+        upright=upright,
+        turned=turned,
         loaded=loaded,
+        vote=-1 if opposite else int(right),
     )
 
 
-def mend_sign(
-    logs: Sequence[JointLog], signals: Signals, arm: Arm
+def correct_sign(
+    logs: Sequence[JointLog], signals: Signals, arm: Arm, settings: GapSettings | None = None
 ) -> tuple[list[JointLog], Signals]:
     """Turn the sign of all torques if they are counted the other way round.
 
@@ -112,14 +104,15 @@ def mend_sign(
         logs: of one robot, with one convention.
         signals: made of them.
         arm: the nominal rigid arm.
+        settings: constants of the method; None for those of ``settings.toml``.
 
     Returns:
-        Logs, with a mend that says so, and signals; the same where the sign is right.
+        Logs, with a correction that says so, and signals; the same where the sign is right.
 
     Raises:
         StictionError: some joints or logs are opposite and others are not.
     """
-    found = signs(signals, arm)
+    found = signs(signals, arm, settings)
     # friction can be pushed by somebody, a load cannot
     if any(s.loaded and s.vote for s in found):
         found = [s for s in found if s.loaded]
@@ -134,7 +127,7 @@ def mend_sign(
         raise StictionError(
             f"{logs[a.log].source}: tau{a.joint} has the opposite sign of what the model needs "
             f"(correlation {a.correlation:.2f}), but tau{b.joint} in {same} has the right one "
-            f"({b.correlation:.2f}): allowed is one sign for all, tau drives the joint"
+            f"({b.correlation:.2f}): expected one sign for all, tau drives the joint"
         )
     strongest = max(wrong, key=lambda s: s.upright)
     which = joint_list(sorted({s.joint for s in wrong}))
@@ -150,7 +143,10 @@ def mend_sign(
             log,
             tau=-log.tau,
             extra={k: -v if k == "tau_cmd" else v for k, v in log.extra.items()},
-            mends=(*log.mends, Mend(kind="sign", rows=len(log.t), text=text)),
+            corrections=(
+                *log.corrections,
+                Correction(kind="sign", rows=len(log.t), text=text),
+            ),
         )
         for log in logs
     ]
@@ -173,9 +169,9 @@ def by_log(signals: Signals) -> dict[int, list[Segment]]:
     return out
 
 
-def _rows(parts: Sequence[Segment]) -> tuple[Array, Array, Array, Array]:
+def _rows(parts: Sequence[Segment], most: int) -> tuple[Array, Array, Array, Array]:
     """Return angles, speeds, accelerations and torques of rows that are evenly picked."""
-    step = max(1, -(-sum(len(s.t) for s in parts) // MOST_ROWS))
+    step = max(1, -(-sum(len(s.t) for s in parts) // most))
     q, dq, ddq, tau = (
         np.concatenate([getattr(s, name)[::step] for s in parts])
         for name in ("q", "dq", "ddq", "tau")

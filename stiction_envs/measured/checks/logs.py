@@ -11,65 +11,42 @@ from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import Rows, longest_run
+from stiction_envs.measured.settings import LogCheckSettings, MotionThresholds
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
-
-LARGEST = {"q": (1e3, "rad"), "dq": (1e3, "rad/s"), "tau": (1e5, "N·m"), "tau_cmd": (1e5, "N·m")}
-"""No joint of an arm comes near these (assumed)."""
-
-FREE_ANGLE = 20.0
-"""Angle that passes for radians where the robot's limits are not known, rad (assumed)."""
-
-SLOWEST_STEP = 0.1
-"""Time between rows above which nothing can be said of friction, s (assumed)."""
-
-SATURATED = 5
-"""This many rows in a row at a channel's largest value are a limit (assumed)."""
-
-STIRS = 0.01
-"""A joint that covers less than this does not move, rad (assumed)."""
-
-LAG_SECONDS = 60.0
-"""Length of the stretch in which speed and angle are compared, s (assumed)."""
-
-LEAST_ROWS = 64
-"""With fewer rows nothing is said of speeds (assumed)."""
-
-LAG_HZ = 2.0
-"""Below this frequency arms move, and speeds are compared, Hz (assumed)."""
-
-TOO_FAST = 3.0
-"""Times the joint's largest speed that no arm moves at (assumed)."""
-
-SLOW = 0.01
-"""Joints whose speed varies by less than this say nothing of their lag, rad/s (assumed)."""
 
 _DEGREE = np.pi / 180
 Place = Callable[[int], str]
 
 
-def check_finite(rows: Rows, place: Place) -> None:
-    """No value is infinite or beyond :data:`LARGEST`, and every row has a time.
+def check_finite(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
+    """No value is infinite or larger than any joint's, and every row has a time.
 
     Raises:
         StictionError: naming the first such cell.
     """
     if not np.isfinite(rows.t).all():
         i = int(np.argmin(np.isfinite(rows.t)))
-        raise StictionError(f"{place(i)}: t is {rows.t[i]}: allowed are finite numbers in s")
+        raise StictionError(f"{place(i)}: t is {rows.t[i]}: expected finite numbers in s")
+    largest = {
+        "q": (settings.largest_angle, "rad"),
+        "dq": (settings.largest_speed, "rad/s"),
+        "tau": (settings.largest_torque, "N·m"),
+        "tau_cmd": (settings.largest_torque, "N·m"),
+    }
     for name, array in rows.data.items():
-        most, unit = LARGEST.get(name, (np.finfo(float).max, ""))
+        most, unit = largest.get(name, (np.finfo(float).max, ""))
         # NaN is a missing value and not an error here.
         bad = np.abs(array) > most
         if bad.any():
             i, j = (int(k) for k in np.argwhere(bad)[0])
             value = array[i, j]
             may = f"up to {most:g} {unit}" if np.isfinite(value) and unit else "finite numbers"
-            raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: allowed are {may}")
+            raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: expected {may}")
 
 
-def check_time(rows: Rows, place: Place) -> None:
+def check_time(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
     """Time never falls within a recording, and is in seconds.
 
     Raises:
@@ -80,24 +57,27 @@ def check_time(rows: Rows, place: Place) -> None:
     if fell.any():
         i = int(np.argmax(fell))
         raise StictionError(
-            f"{place(i + 1)}: t falls from {rows.t[i]:.9g} to {rows.t[i + 1]:.9g}: allowed is time "
+            f"{place(i + 1)}: t falls from {rows.t[i]:.9g} to {rows.t[i + 1]:.9g}: expected time "
             "that rises (a column run may start it anew)"
         )
     rising = step[step > 0]
     if not len(rising):
-        raise StictionError(f"{place(0)}: t never rises: allowed is time in s")
+        raise StictionError(f"{place(0)}: t never rises: expected time in s")
     usual = float(np.median(rising))
-    if usual > SLOWEST_STEP:
+    slowest = settings.slowest_step
+    if usual > slowest:
         units = ("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
-        likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
+        likely = [u for u, scale in units if usual / scale < slowest]
         hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
         raise StictionError(
-            f"{place(0)}: t rises by {usual:g} from row to row{hint}: allowed is time in s, "
-            f"{1 / SLOWEST_STEP:g} rows a second or more"
+            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s, "
+            f"{1 / slowest:g} rows a second or more"
         )
 
 
-def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+def check_units(
+    rows: Rows, place: Place, limits: Limits | None, settings: LogCheckSettings
+) -> list[str]:
     """Angles are in radians and torques in N·m, as far as the joint ``limits`` tell.
 
     Returns:
@@ -111,11 +91,11 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     for j in range(q.shape[1]):
         i = int(np.argmax(np.abs(q[:, j])))
         low, high = (-np.inf, np.inf) if limits is None else limits.position[j]
-        most = FREE_ANGLE if limits is None else max(abs(low), abs(high))
+        most = settings.free_angle if limits is None else max(abs(low), abs(high))
         value = q[i, j]
         if abs(value) > (2 if limits is not None else 1) * most:
             raise StictionError(
-                f"{place(i)}: q{j + 1} is {value:g}, which looks like degrees: allowed are "
+                f"{place(i)}: q{j + 1} is {value:g}, which looks like degrees: expected "
                 + (f"{low:g} to {high:g} rad" if limits is not None else "radians")
             )
         for end in (float(np.min(q[:, j])), float(np.max(q[:, j]))):
@@ -135,7 +115,7 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
             unit = "mN·m" if usual > 300 else "per cent of the rated torque"
             raise StictionError(
                 f"{place(i)}: tau{j + 1} is {tau[i, j]:g}, which looks like {unit}: "
-                f"allowed are N·m, and this joint can do {most:g}"
+                f"expected N·m, and this joint can do {most:g}"
             )
         if np.max(size) > 1.2 * most:
             warnings.append(
@@ -144,8 +124,10 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     return warnings
 
 
-def check_channels(rows: Rows, place: Place) -> list[str]:
-    """Something moves; channels that stand still or at a limit are warned of.
+def check_channels(
+    rows: Rows, place: Place, settings: LogCheckSettings, motion: MotionThresholds
+) -> list[str]:
+    """Something moves; channels that never change or stay at a limit are warned of.
 
     Raises:
         StictionError: no torque, or neither angle nor torque, ever changes.
@@ -158,65 +140,70 @@ def check_channels(rows: Rows, place: Place) -> list[str]:
         what = f"tau1..tau{n}"
         if still["q"].all():
             what = f"q1..q{n} and {what}"
-        raise StictionError(f"{place(0)}: {what} never change: allowed is a measurement")
+        raise StictionError(f"{place(0)}: {what} never change: expected a measurement")
     if still["q"].all():
         warnings.append("no q ever changes: the arm rests, or its positions were not logged")
     for name, flat in still.items():
         for j in range(n):
             value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
-            if flat[j] and name != "q" and span["q"][j] > STIRS:
+            if flat[j] and name != "q" and span["q"][j] > motion.stir_span:
                 warnings.append(f"{value} although the joint moves")
     for j in range(n):
-        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j])
+        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j], settings.saturated_rows)
     return warnings
 
 
-def _saturation(column: str, x: NDArray[np.float64]) -> list[str]:
+def _saturation(column: str, x: NDArray[np.float64], least: int) -> list[str]:
     if np.ptp(x) == 0:
         return []
     ends = {"largest": x == x.max(), "smallest": x == x.min()}
     # A quantised signal stays at its extremes too, but no longer than anywhere else.
     usual = longest_run(np.r_[False, (np.diff(x) == 0) & ~(ends["largest"] | ends["smallest"])[1:]])
     return [
-        f"{column} stands at its {what} value {x[np.argmax(at)]:.5g} N·m in {at.sum()} rows, "
+        f"{column} stays at its {what} value {x[np.argmax(at)]:.5g} N·m in {at.sum()} rows, "
         f"up to {longest_run(at)} in a row: saturated"
         for what, at in ends.items()
-        if longest_run(at) >= max(SATURATED, 2 * usual)
+        if longest_run(at) >= max(least, 2 * usual)
     ]
 
 
-def check_pace(rows: Rows, step: float, limits: Limits | None) -> None:
+def check_pace(rows: Rows, step: float, limits: Limits | None, settings: LogCheckSettings) -> None:
     """No joint moves several times faster than it can, as small angles in degrees would.
 
     Args:
         rows: a log without repeats and gaps.
         step: time between rows, s.
         limits: limits of the robot, or None.
+        settings: how speeds are compared.
 
     Raises:
         StictionError: naming the joint.
     """
     t = np.arange(rows.t[0], rows.t[-1], step)
-    if limits is None or len(t) < LEAST_ROWS:
+    if limits is None or len(t) < settings.compared_rows:
         return
-    sos = butter(4, min(LAG_HZ, 0.2 / step), fs=1 / step, output="sos")
+    sos = butter(4, min(settings.compared_hz, 0.2 / step), fs=1 / step, output="sos")
     for j, x in enumerate(rows.data["q"].T):
         speed = np.abs(np.gradient(sosfiltfilt(sos, np.interp(t, rows.t, x)), step)).max()
-        if speed > TOO_FAST * limits.velocity[j]:
+        if speed > settings.too_fast * limits.velocity[j]:
             raise StictionError(
                 f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do {limits.velocity[j]:g}: "
-                "allowed are angles in rad, not degrees, and time in s"
+                "expected angles in rad, not degrees, and time in s"
             )
 
 
-def check_speeds(rows: Rows, step: float) -> list[str]:
+def check_speeds(
+    rows: Rows, step: float, settings: LogCheckSettings, motion: MotionThresholds
+) -> list[str]:
     """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
 
-    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below :data:`LAG_HZ`.
+    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below ``compared_hz``.
 
     Args:
         rows: a log without repeats and gaps.
         step: time between rows, s.
+        settings: how they are compared.
+        motion: which joints move.
 
     Returns:
         Warnings.
@@ -224,16 +211,18 @@ def check_speeds(rows: Rows, step: float) -> list[str]:
     Raises:
         StictionError: dq is in degrees per second.
     """
-    if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / LAG_HZ:
+    if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / settings.compared_hz:
         return []
-    grid, rate = _even(rows, step), 1 / step
-    if len(grid["q"]) < LEAST_ROWS:
+    grid, rate = _even(rows, step, settings.compared_seconds), 1 / step
+    if len(grid["q"]) < settings.compared_rows:
         return []
     speeds = np.gradient(grid["q"], step, axis=0)
     size = speeds.std(axis=0)
     # Joints that only shake along say little, and that with a lag of their own.
-    movers = np.flatnonzero((size > 0.2 * size.max()) & (size > SLOW))
-    sos = butter(4, min(LAG_HZ, 0.2 * rate), fs=rate, output="sos")
+    movers = np.flatnonzero(
+        (size > motion.mover_ratio * size.max()) & (size > motion.reversal_speed)
+    )
+    sos = butter(4, min(settings.compared_hz, 0.2 * rate), fs=rate, output="sos")
     found = []
     for j in movers:
         v, dq = sosfiltfilt(sos, speeds[:, j]), sosfiltfilt(sos, grid["dq"][:, j])
@@ -261,7 +250,7 @@ def _speed_findings(found: NDArray[np.float64], step: float) -> list[str]:
     if abs(abs(scale) * _DEGREE - 1) < 0.2:
         raise StictionError(
             f"dq is {abs(scale):.3g} times the derivative of q, which looks like degrees per "
-            "second: allowed are rad and rad/s"
+            "second: expected rad and rad/s"
         )
     if scale < 0:
         warnings.append("dq has the opposite sign of the derivative of q")
@@ -310,9 +299,9 @@ def _obedience(
     ]
 
 
-def _even(rows: Rows, step: float) -> dict[str, NDArray[np.float64]]:
-    """q, dq and tau of the first :data:`LAG_SECONDS` on even times."""
-    end = min(rows.t[-1], rows.t[0] + LAG_SECONDS)
+def _even(rows: Rows, step: float, seconds: float) -> dict[str, NDArray[np.float64]]:
+    """q, dq and tau of the first ``seconds`` on even times."""
+    end = min(rows.t[-1], rows.t[0] + seconds)
     t = np.arange(rows.t[0], end, step)
     return {
         name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)

@@ -16,36 +16,20 @@ from stiction_envs.measured.checks.rules import (
     rounding,
     setting_key,
 )
+from stiction_envs.measured.settings import TableCheckSettings, measured_settings
 from stiction_envs.measured.tables import our_name
 
-LEAST_R2 = 0.1
-"""Below it a line explains less than a tenth of the torque's variance: no fit to speak of."""
 
-LARGEST_FIT = 2.0
-"""Times the mean breakaway torque of the poses that a line's intercept can be.
-
-Torque extrapolated to no speed is sliding friction, at most the breakaway torque; twice leaves room
-for the gravity residue of single poses. A low intercept is possible (Stribeck), so has no bound.
-"""
-
-LARGEST_VISCOUS = 1000.0
-"""N·m·s/rad: at 1 rad/s more than the largest arms' joints can drive (iiwa 14: 320 N·m)."""
-
-SAME_STD = 5.0
-"""Combined standard deviations by which two runs of one SJE setting contradict."""
-
-SAME_SHARE = 0.25
-"""Share of the torque that takes their place where no deviation is known: five times the 4.7
-points by which the thesis's own runs repeat."""
-
-
-def check_sje(rows: Iterable[Row], table: str = "") -> list[Defect]:
+def check_sje(
+    rows: Iterable[Row], table: str = "", *, settings: TableCheckSettings | None = None
+) -> list[Defect]:
     """A table in the form of :func:`~stiction_envs.measured.read_sje`.
 
     ``tau_nm`` (N·m) has the sign of ``direction``; ``reduction`` is 1 − abs(tau_nm)/abs(base) with
     a base row (no dither) of the same robot, joint, pose and direction, up to the printed digits;
     rows of the same setting do not contradict. ``nan`` and rows without a base row pass.
     """
+    s = settings or measured_settings().table_checks
     rows = list(rows)
     found = check_signs(rows, ["tau_nm"], table)
     bases: dict[tuple[str, int, str, str], list[Decimal]] = {}
@@ -68,9 +52,9 @@ def check_sje(rows: Iterable[Row], table: str = "") -> list[Defect]:
         key = (*setting_key(row), *drive)
         if key in first:
             one, two = number(first[key], "tau_nm"), number(row, "tau_nm")
-            allowed = _allowed(first[key], row)
-            if abs(one - two) > Decimal(allowed) + rounding(one) + rounding(two):
-                message = f"the same setting stands twice, at most {allowed:.3g} N·m apart"
+            most = _most_apart(first[key], row, s)
+            if abs(one - two) > Decimal(most) + rounding(one) + rounding(two):
+                message = f"the same setting is there twice, at most {most:.3g} N·m apart"
                 text = f"{row['tau_nm']} N·m"
                 found.append(Defect(table, where, text, f"near {one}", "repeat", message))
         first.setdefault(key, row)
@@ -78,18 +62,24 @@ def check_sje(rows: Iterable[Row], table: str = "") -> list[Defect]:
 
 
 def check_fits(
-    rows: Iterable[Row], table: str = "", bases: Mapping[tuple[str, int, str], float] | None = None
+    rows: Iterable[Row],
+    table: str = "",
+    bases: Mapping[tuple[str, int, str], float] | None = None,
+    *,
+    settings: TableCheckSettings | None = None,
 ) -> list[Defect]:
     """Line fits torque = intercept + slope × speed, as in table A.1.
 
     ``intercept_Nm`` (N·m) has the sign of its ``direction`` and is no larger than
-    :data:`LARGEST_FIT` times the breakaway torque; ``r2`` (no unit) is not near zero.
+    ``largest_fit`` times the breakaway torque; ``r2`` (no unit) is not near zero.
 
     Args:
         rows: the fits.
         table: name for the report.
         bases: mean abs(base torque) over the poses, N·m, by robot (our name), joint, direction.
+        settings: constants of the rule; None for those of ``settings.toml``.
     """
+    s = settings or measured_settings().table_checks
     rows = list(rows)
     found = []
     weak = []
@@ -104,18 +94,18 @@ def check_fits(
             expected = "> 0" if sign > 0 else "< 0"
             message = "friction along the motion: sign against the direction"
             found.append(Defect(table, where, text, expected, "implausible", message))
-        elif base is not None and abs(float(intercept)) > LARGEST_FIT * base:
-            expected = f"at most {LARGEST_FIT:g} × {base:.4f}"
+        elif base is not None and abs(float(intercept)) > s.largest_fit * base:
+            expected = f"at most {s.largest_fit:g} × {base:.4f}"
             message = "size: more than the joint needs to break away"
             found.append(Defect(table, where, text, expected, "implausible", message))
-        if float(r2) < LEAST_R2:
+        if float(r2) < s.least_r2:
             message = "the line explains under a tenth of the variance"
-            where, expected = f"{place(row)}, r2", f">= {LEAST_R2:g}"
+            where, expected = f"{place(row)}, r2", f">= {s.least_r2:g}"
             weak.append(Defect(table, where, str(row["r2"]), expected, "implausible", message))
     if weak and len(weak) == len(rows) > 1:
         most = max(rows, key=lambda r: number(r, "r2"))["r2"]
         message = f"r2 is at most {most}: the lines explain under a tenth of the variance"
-        return [*collapse(weak, len(rows), f"r2 >= {LEAST_R2:g}", message), *found]
+        return [*collapse(weak, len(rows), f"r2 >= {s.least_r2:g}", message), *found]
     return found + weak
 
 
@@ -125,11 +115,12 @@ def check_parameters(
     *,
     total_kg: Mapping[str, float] | None = None,
     start_kg: Mapping[str, Mapping[int, float]] | None = None,
+    settings: TableCheckSettings | None = None,
 ) -> list[Defect]:
     """Identified dynamic parameters, as in table 4.1: ``quantity``, ``value``.
 
     Each ``mass`` (kg) is positive and their sum between half of the arm's weight (the base does not
-    move) and all of it; ``viscous`` (N·m·s/rad) is no larger than :data:`LARGEST_VISCOUS`. Signs of
+    move) and all of it; ``viscous`` (N·m·s/rad) is no larger than ``largest_viscous``. Signs of
     the friction terms are the regressor's convention and not judged.
 
     Args:
@@ -138,15 +129,17 @@ def check_parameters(
         total_kg: weight of the arm, by robot (our name); not there, no sum is judged.
         start_kg: masses the fit was started with, by robot and joint; a mass that came back
             unchanged was not identified, which is a remark.
+        settings: constants of the rule; None for those of ``settings.toml``.
     """
+    s = settings or measured_settings().table_checks
     found = []
     masses: dict[tuple[str, int], Decimal] = {}
     for row in rows:
         at = our_name(str(row["robot"])), int(number(row, "joint"))
         where = f"{row['robot']} link {row['joint']}, {row['quantity']}"
         value, text = number(row, "value"), f"{row['value']} {row['unit']}"
-        if row["quantity"] == "viscous" and abs(value) > LARGEST_VISCOUS:
-            expected, message = f"within ±{LARGEST_VISCOUS:g}", "no drive could turn such a joint"
+        if row["quantity"] == "viscous" and abs(value) > s.largest_viscous:
+            expected, message = f"within ±{s.largest_viscous:g}", "no drive could turn such a joint"
             found.append(Defect(table, where, text, expected, "implausible", message))
         if row["quantity"] != "mass" or at in masses:
             continue
@@ -177,9 +170,9 @@ def _nearest_reduction(row: Row, bases: Sequence[Decimal]) -> tuple[Decimal, Dec
     return 1 - abs(tau / base), slack
 
 
-def _allowed(one: Row, two: Row) -> float:
+def _most_apart(one: Row, two: Row, s: TableCheckSettings) -> float:
     """Difference two runs of one setting may have, N·m."""
     std = [float(r["std_nm"]) for r in (one, two)]
-    if any(math.isnan(s) for s in std):
-        return SAME_SHARE * max(abs(float(r["tau_nm"])) for r in (one, two))
-    return SAME_STD * math.hypot(*std)
+    if any(math.isnan(x) for x in std):
+        return s.same_share * max(abs(float(r["tau_nm"])) for r in (one, two))
+    return s.same_std * math.hypot(*std)

@@ -16,25 +16,12 @@ from statistics import median
 from typing import Any
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.settings import TableCheckSettings, measured_settings
 from stiction_envs.measured.tables import our_name
 
 Row = Mapping[str, Any]
 Bases = Mapping[tuple[str, int, str, str], str]
 """Printed base torque, N·m, by :func:`setting_key`."""
-
-REPEAT_SIGMAS = 10.0
-"""Robust standard deviations by which a repetition contradicts.
-
-The spread differs between joints (thesis: 5 points at joints 1–4, 1 at joints 5–7), so that the
-pooled median deviation is half the standard deviation: 10 robust ones are 5 ordinary ones, 25
-points in the thesis. Its worst credible pair is 19 points apart, its one bad reading 96.
-"""
-
-_LEAST_SPREAD = 1.0
-"""Percentage points: repetitions closer than this times REPEAT_SIGMAS never contradict."""
-
-_LEAST_REPEATS = 5
-"""Repeated settings from which a spread can be told."""
 
 _LENGTHS = ("m", "cm", "mm", "m·samples", "mm·samples", "m·s", "mm·s")
 _ANGLES = ("rad", "deg", "°", "rad·samples", "deg·samples", "rad·s", "deg·s")
@@ -51,9 +38,9 @@ class Defect:
     where: str
     """Row, and column if the row does not tell it; ``all`` if every row shares the defect."""
     printed: str
-    """As it stands in the table."""
+    """As it is in the table."""
     expected: str
-    """What should stand there, or the range that can be."""
+    """What should be there, or the range that can be."""
     kind: str
     """``percentage``, ``amplitude``, ``scale``, ``final``, ``repeat``, ``difference``, ``unit``,
     ``sign``, ``implausible``, or ``remark``: true, but not wrong (rounding, declared exceptions,
@@ -75,7 +62,7 @@ def setting_key(row: Row) -> tuple[str, int, str, str]:
 
 
 def place(row: Row) -> str:
-    """Where a row stands, such as ``panda joint 5, no_load +``."""
+    """Where a row is, such as ``panda joint 5, no_load +``."""
     text = f"{row['robot']} joint {row['joint']}"
     if "load" in row:
         text += f", {row['load']}"
@@ -90,7 +77,7 @@ def number(row: Row, column: str) -> Decimal:
     except InvalidOperation:
         value = Decimal("nan")
     if not value.is_finite():
-        raise StictionError(f"{column} is {raw!r}: allowed are finite numbers as text")
+        raise StictionError(f"{column} is {raw!r}: expected finite numbers as text")
     return value
 
 
@@ -248,8 +235,10 @@ def check_repeats(
     return found
 
 
-def check_measurements(rows: Iterable[Row]) -> list[Defect]:
-    """Repetitions of one setting agree within :data:`REPEAT_SIGMAS` of all repetitions' spread.
+def check_measurements(
+    rows: Iterable[Row], *, settings: TableCheckSettings | None = None
+) -> list[Defect]:
+    """Repetitions of one setting agree within ``repeat_sigmas`` of all repetitions' spread.
 
     Rows have ``table``, the key columns, ``frequency_Hz``, ``scale``, ``tau_sje_Nm`` (N·m) and
     ``change_pct``. The spread is 1.4826 × the median distance of a reading from the others of its
@@ -257,30 +246,31 @@ def check_measurements(rows: Iterable[Row]) -> list[Defect]:
     direction gave at its other settings is the bad one. With fewer than five repeated settings
     nothing can be told.
     """
+    s = settings or measured_settings().table_checks
     rows = list(rows)
-    settings = [
+    repeated = [
         g
         for g in _grouped(
             rows, lambda r: (setting_key(r), number(r, "frequency_Hz"), number(r, "scale"))
         )
         if len(g) > 1
     ]
-    if len(settings) < _LEAST_REPEATS:
+    if len(repeated) < s.least_repeats:
         return []
-    gaps = [abs(gap) for group in settings for gap in _gaps(group)]
-    allowed = REPEAT_SIGMAS * max(_LEAST_SPREAD, 1.4826 * median(gaps))
+    gaps = [abs(gap) for group in repeated for gap in _gaps(group)]
+    most = s.repeat_sigmas * max(s.least_spread, 1.4826 * median(gaps))
     found = []
-    for group in settings:
+    for group in repeated:
         usual = median(
             float(number(r, "change_pct")) for r in rows if setting_key(r) == setting_key(group[0])
         )
-        while len(group) > 1 and max(abs(gap) for gap in _gaps(group)) > allowed:
+        while len(group) > 1 and max(abs(gap) for gap in _gaps(group)) > most:
             bad = max(group, key=lambda r: abs(float(number(r, "change_pct")) - usual))
             group = [r for r in group if r is not bad]
             other = group[0]
             message = (
                 f"not credible: repeated in {other['table']} with {other['tau_sje_Nm']} N·m; "
-                f"repetitions differ by up to {allowed:.0f} points"
+                f"repetitions differ by up to {most:.0f} points"
             )
             printed = f"{bad['tau_sje_Nm']} N·m, {bad['change_pct']} %"
             wanted = f"near {other['change_pct']} %"
@@ -323,21 +313,21 @@ def check_units(rows: Iterable[Row], table: str = "") -> list[Defect]:
     rows = list(rows)
     found = []
     for row in rows:
-        allowed = AXIS_UNITS.get(str(row["axis"]))
-        if allowed is None:
+        units = AXIS_UNITS.get(str(row["axis"]))
+        if units is None:
             names = ", ".join(AXIS_UNITS)
-            raise StictionError(f"unknown axis {row['axis']!r}: allowed are {names}")
-        if row["unit_printed"] not in allowed:
+            raise StictionError(f"unknown axis {row['axis']!r}: expected one of {names}")
+        if row["unit_printed"] not in units:
             name = "a length" if row["axis"] in "xyz" else "an angle"
             message = f"an error of this axis is {name}, summed over samples or not"
             printed = str(row["unit_printed"])
-            found.append(Defect(table, axis(row), printed, allowed[0], "unit", message))
+            found.append(Defect(table, axis(row), printed, units[0], "unit", message))
     message = "x, y, z are lengths and roll, pitch, yaw angles, summed over samples or not"
     return collapse(found, len(rows), "m and rad", message)
 
 
 def axis(row: Row) -> str:
-    """Where a row of Cartesian errors stands, such as ``b roll``."""
+    """Where a row of Cartesian errors is, such as ``b roll``."""
     return " ".join(str(row[c]) for c in ("subtable", "axis") if c in row)
 
 

@@ -25,6 +25,7 @@ from stiction_envs.measured.checks.rules import (
     setting_key,
 )
 from stiction_envs.measured.csv_text import read_header, read_lines
+from stiction_envs.measured.settings import TableCheckSettings, measured_settings
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS
 from stiction_envs.measured.thesis_tables import THESIS_TABLES
 
@@ -46,7 +47,7 @@ FORMS: dict[str, tuple[str, ...]] = {
     "A.1": ("robot", "joint", "direction", "intercept_Nm", "slope_Nms_per_rad", "r2"),
     "4.3, 4.4": (*_KEY, "tau_base_Nm"),
 }
-"""Columns by which a table is recognised, first match first; others may stand beside them."""
+"""Columns by which a table is recognised, first match first; others may be there too."""
 
 _NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
 _TEXT = {"robot", "subtable", "axis", "unit_printed", "quantity", "unit", "amplitude_set"}
@@ -70,9 +71,11 @@ def check_thesis() -> list[Defect]:
     return check_tables(tables, total_kg={"iiwa7": IIWA7_KG}, start_kg={"iiwa7": IIWA7_START_KG})
 
 
-def check_files(paths: Iterable[str | os.PathLike[str]]) -> list[Defect]:
+def check_files(
+    paths: Iterable[str | os.PathLike[str]], *, settings: TableCheckSettings | None = None
+) -> list[Defect]:
     """Everything wrong in CSV files, each by itself and all against each other."""
-    return check_tables({str(path): read_rows(path) for path in paths})
+    return check_tables({str(path): read_rows(path) for path in paths}, settings=settings)
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
@@ -81,7 +84,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     form = form_of(header)
     if header and form is None:
         shown = "; ".join(f"{','.join(c)} ({name})" for name, c in FORMS.items())
-        raise StictionError(f"{path}: unknown columns {','.join(header)}: allowed are {shown}")
+        raise StictionError(f"{path}: unknown columns {','.join(header)}: expected one of {shown}")
     lines = read_lines(path, header)
     for line in lines:
         for column in FORMS[form or ""]:
@@ -106,19 +109,21 @@ def check_tables(
     *,
     total_kg: Mapping[str, float] | None = None,
     start_kg: Mapping[str, Mapping[int, float]] | None = None,
+    settings: TableCheckSettings | None = None,
 ) -> list[Defect]:
     """Apply each rule to the tables it fits; ``tables`` are rows as printed by table name.
 
     Base torques of any table serve those that print none, the first one with the most decimals.
     For ``total_kg`` and ``start_kg`` see :func:`check_parameters`.
     """
+    s = settings or measured_settings().table_checks
     forms = {name: form_of(list(rows[0])) for name, rows in tables.items() if rows}
     bases = _bases(tables)
     found = []
     for name, form in forms.items():
         rows = tables[name]
         if form == "SJE table":
-            found += check_sje(rows, name)
+            found += check_sje(rows, name, settings=s)
         elif form in ("4.5-4.8", "4.10"):
             columns = [c for c in ("tau_base_Nm", "tau_sje_Nm") if c in rows[0]]
             found += check_signs(rows, columns, name) + check_percentages(rows, name, bases)
@@ -129,12 +134,12 @@ def check_tables(
             found += check_units(rows, name) + check_differences(rows, name)
             found += check_growth(rows, name)
         elif form == "4.1":
-            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg)
+            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg, settings=s)
         elif form == "A.1":
-            found += check_fits(rows, name, _mean_bases(bases))
+            found += check_fits(rows, name, _mean_bases(bases), settings=s)
         elif form == "4.3, 4.4":
             found += check_signs(rows, ["tau_base_Nm"], name)
-    found += check_measurements(_measurements(tables, forms))
+    found += check_measurements(_measurements(tables, forms), settings=s)
     found += check_repeats(_quantities(tables))
     # R² has no resolution of its own: three digits of it are all one prints.
     return found + check_repeats(_quantities(tables, r2=True), enough_digits=3)

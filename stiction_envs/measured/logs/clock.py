@@ -25,41 +25,8 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
-from stiction_envs.measured.logs.corrections import Mend, Rows
-
-REGULAR = 1e-3
-"""Stamps whose steps are whole ones but for this share are a clock already (assumed)."""
-
-ON_CLOCK = 0.15
-"""Root mean square distance from whole steps, in steps; 0.29 is chance (assumed)."""
-
-BETTER = 0.7
-"""The new clock's misfit to the motion must be below this share of the stamps' (assumed)."""
-
-COARSE = 0.1
-"""Share of rows with the time of the row before from which on the clock is coarse (assumed)."""
-
-CURVE = 3
-"""Order of the polynomials for slopes: a line is 2 % off at 3 Hz, a cubic 0.02 %."""
-
-MOST_ROUNDS, SETTLED = 5, 1e-7
-"""The clock's step is refined until it changes by less than this share of it (assumed)."""
-
-CRYSTAL = 3e-4
-"""Two clocks with quartz crystals agree to this share (assumed)."""
-
-SEEN_DRIFT = 1e-5
-"""Drift of the logger's clock against the robot's from which on it is told (assumed)."""
-
-DRIFT_ROWS = 5001
-"""Rows over which the two clocks do not drift against each other (assumed)."""
-
-LEAST_ROWS = 200
-"""Shorter stretches keep their stamps (assumed)."""
-
-GAP_STEPS, GAP_SECONDS = 5.0, 0.025
-"""A step of more than this many usual ones, and of this many seconds, is a gap (assumed)."""
-
+from stiction_envs.measured.logs.corrections import Correction, Rows
+from stiction_envs.measured.settings import ClockSettings, measured_settings
 
 Passed = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
@@ -72,35 +39,45 @@ def usual_step(rows: Rows) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def find_gaps(t: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+def find_gaps(
+    t: NDArray[np.float64], step: float, settings: ClockSettings | None = None
+) -> NDArray[np.int64]:
     """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
-    return np.flatnonzero(np.diff(t) > max(GAP_STEPS * step, GAP_SECONDS)) + 1
+    return np.flatnonzero(np.diff(t) > _gap(step, settings or measured_settings().clock)) + 1
 
 
-def mend_clock(rows: Rows) -> tuple[list[Mend], list[str]]:
+def _gap(step: float, s: ClockSettings) -> float:
+    """Longest time between rows that is no gap, s."""
+    return max(s.gap_steps * step, s.gap_seconds)
+
+
+def correct_clock(
+    rows: Rows, settings: ClockSettings | None = None
+) -> tuple[list[Correction], list[str]]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
 
     Returns:
-        What was mended, and warnings.
+        What was corrected, and warnings.
     """
-    mends: list[Mend] = []
+    s = settings or measured_settings().clock
+    corrections: list[Correction] = []
     warnings: list[str] = []
     same_run = rows.run[1:] == rows.run[:-1]
     equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
-    if equal.mean() > COARSE:
-        mends.append(_spread_equal(rows))
+    if equal.mean() > s.coarse:
+        corrections.append(_spread_equal(rows, s))
         equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
     if equal.any():
         count = int(equal.sum())
         text = f"{count} rows carried the time of the row before with other values: dropped"
-        mends.append(Mend(kind="stamp", rows=count, text=text))
-        # The clock may stand for several rows: keep the first of each time.
+        corrections.append(Correction(kind="stamp", rows=count, text=text))
+        # The clock may stop for several rows: keep the first of each time.
         rows.keep(~equal)
-    _rebuild(rows, mends, warnings)
-    return mends, warnings
+    _rebuild(rows, corrections, warnings, s)
+    return corrections, warnings
 
 
-def _spread_equal(rows: Rows) -> Mend:
+def _spread_equal(rows: Rows, s: ClockSettings) -> Correction:
     """A clock coarser than the samples: rows with one stamp spaced evenly up to the next stamp."""
     new = np.r_[True, (np.diff(rows.t) > 0) | (np.diff(rows.run) != 0)]
     first = np.flatnonzero(new)
@@ -111,7 +88,7 @@ def _spread_equal(rows: Rows) -> Mend:
     # A step over a gap, or none at the end, is as wide as its rows usually need.
     pace = width / count
     usual = float(np.median(pace[pace > 0])) if (pace > 0).any() else 1.0
-    wide = (width <= 0) | (pace > max(GAP_STEPS * usual, GAP_SECONDS))
+    wide = (width <= 0) | (pace > _gap(usual, s))
     width[wide] = usual * count[wide]
     group = np.cumsum(new) - 1
     within = np.arange(len(rows.t)) - first[group]
@@ -120,30 +97,32 @@ def _spread_equal(rows: Rows) -> Mend:
         f"up to {count.max()} rows carried one and the same time with other values: spaced evenly "
         "up to the next time"
     )
-    return Mend(kind="stamp", rows=int(len(rows.t) - len(first)), text=text)
+    return Correction(kind="stamp", rows=int(len(rows.t) - len(first)), text=text)
 
 
-def _rebuild(rows: Rows, mends: list[Mend], warnings: list[str]) -> None:
+def _rebuild(
+    rows: Rows, corrections: list[Correction], warnings: list[str], s: ClockSettings
+) -> None:
     step = usual_step(rows)
     if not step > 0:
         return
     cut = np.flatnonzero(rows.run[1:] != rows.run[:-1]) + 1
-    cut = np.union1d(cut, find_gaps(rows.t, step))
+    cut = np.union1d(cut, find_gaps(rows.t, step, s))
     bounds = np.r_[0, cut, len(rows.t)].astype(int)
     parts = [slice(a, b) for a, b in pairwise(bounds) if b - a > 1]
     steps = [np.diff(rows.t[p]) / step for p in parts]
-    if all(np.abs(s - np.round(s)).max() < REGULAR for s in steps):
+    if all(np.abs(x - np.round(x)).max() < s.regular for x in steps):
         return
-    parts = [p for p in parts if p.stop - p.start >= LEAST_ROWS]
-    evidence = [_motion_time(rows.t[p], rows.data["q"][p], step) for p in parts]
+    parts = [p for p in parts if p.stop - p.start >= s.least_rows]
+    evidence = [_motion_time(rows.t[p], rows.data["q"][p], step, s) for p in parts]
     moving = [np.sqrt(var) < 0.1 * step for _, var in evidence]
-    if sum(m.sum() for m in moving) < LEAST_ROWS:
+    if sum(m.sum() for m in moving) < s.least_rows:
         return
-    parts, evidence, moving = _long_enough(parts, evidence, moving)
+    parts, evidence, moving = _long_enough(parts, evidence, moving, s)
     if not parts:
         return
     tau = np.concatenate([e[m] for (e, _), m in zip(evidence, moving, strict=True)])
-    clock, pace, ticks = _clock([rows.t[p] for p in parts], evidence, _mode(tau, step))
+    clock, pace, ticks = _clock([rows.t[p] for p in parts], evidence, _mode(tau, step), s)
     stray, changed, misfit = 0.0, 0, np.zeros(3)
     renewed: list[tuple[slice, NDArray[np.float64]]] = []
     for part, (passed, _), moves, tick in zip(parts, evidence, moving, ticks, strict=True):
@@ -160,13 +139,13 @@ def _rebuild(rows: Rows, mends: list[Mend], warnings: list[str]) -> None:
         )
         renewed.append((part, regular))
         # The two clocks may drift apart by seconds in half an hour.
-        near = uniform_filter1d(off - tick * (pace - clock), min(len(off), DRIFT_ROWS))
+        near = uniform_filter1d(off - tick * (pace - clock), min(len(off), s.drift_rows))
         off = off - tick * (pace - clock) - near
         stray = max(stray, float(np.percentile(np.abs(off), 99)))
         changed += len(logged)
     count = sum(m.sum() for m in moving)
     by_stamp, by_clock, off_clock = np.sqrt(misfit / count)
-    if by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock:
+    if by_clock < s.better * by_stamp and off_clock < s.on_clock and stray < 2 * clock:
         for part, regular in renewed:
             rows.t[part] = regular
         _order(rows)
@@ -176,9 +155,9 @@ def _rebuild(rows: Rows, mends: list[Mend], warnings: list[str]) -> None:
             f"(to {1e3 * by_clock * clock:.2g} ms); 99 % of the logged stamps are within "
             f"{1e3 * stray:.2g} ms of it"
         )
-        if abs(gained) > SEEN_DRIFT:
+        if abs(gained) > s.seen_drift:
             text += f", and gain {1e6 * gained:.0f} millionths on it"
-        mends.append(Mend(kind="clock", rows=changed, text=text))
+        corrections.append(Correction(kind="clock", rows=changed, text=text))
     elif by_stamp > 0.1 and off_clock < by_stamp:
         warnings.append(
             f"the logged clock jitters by {1e3 * by_stamp * clock:.2g} ms against the motion, and "
@@ -187,15 +166,18 @@ def _rebuild(rows: Rows, mends: list[Mend], warnings: list[str]) -> None:
 
 
 def _long_enough(
-    parts: list[slice], evidence: list[Passed], moving: list[NDArray[np.bool_]]
+    parts: list[slice],
+    evidence: list[Passed],
+    moving: list[NDArray[np.bool_]],
+    s: ClockSettings,
 ) -> tuple[list[slice], list[Passed], list[NDArray[np.bool_]]]:
     """Stretches with enough motion to say something of their clock."""
-    good = [k for k, m in enumerate(moving) if m.sum() >= LEAST_ROWS / 2]
+    good = [k for k, m in enumerate(moving) if m.sum() >= s.least_rows / 2]
     return [parts[k] for k in good], [evidence[k] for k in good], [moving[k] for k in good]
 
 
 def _clock(
-    stamps: list[NDArray[np.float64]], evidence: list[Passed], guess: float
+    stamps: list[NDArray[np.float64]], evidence: list[Passed], guess: float, s: ClockSettings
 ) -> tuple[float, float, list[NDArray[np.int64]]]:
     """Step of the robot's clock, that of its ticks in logged time, s, and ticks of each row.
 
@@ -203,6 +185,7 @@ def _clock(
         stamps: logged times of each stretch, (T,), s.
         evidence: time passed by the motion and its variance, (T-1,) each, s and s².
         guess: step, good to some per cent, s.
+        s: settings.
     """
 
     def slope(ticks: list[NDArray[np.int64]]) -> float:
@@ -218,26 +201,28 @@ def _clock(
     counted = [np.r_[0, np.cumsum(np.round(np.diff(x) / guess))].astype(np.int64) for x in times]
     clock = slope(counted) if sum(k[-1] for k in counted) > 0 else guess
     ticks = counted
-    for _ in range(MOST_ROUNDS):
+    for _ in range(s.most_rounds):
         ticks = [_ticks(x, clock) for x in times]
         before, clock = clock, slope(ticks)
-        if abs(clock / before - 1) < SETTLED:
+        if abs(clock / before - 1) < s.settled:
             break
-    return _nice(clock), clock, ticks
+    return _nice(clock, s.crystal), clock, ticks
 
 
-def _motion_time(t: NDArray[np.float64], q: NDArray[np.float64], step: float) -> Passed:
+def _motion_time(
+    t: NDArray[np.float64], q: NDArray[np.float64], step: float, s: ClockSettings
+) -> Passed:
     """Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
-    half = int(np.clip(GAP_SECONDS / step, 5, 25))
+    half = int(np.clip(s.gap_seconds / step, 5, 25))
     width = 2 * half + 1
     # Curves over the row number, not over the jittery stamps: the slopes' ratio is not biased.
-    pace = savgol_filter(t - t[0], width, CURVE, deriv=1, mode="nearest")
+    pace = savgol_filter(t - t[0], width, s.curve_order, deriv=1, mode="nearest")
     top = np.zeros(len(t) - 1)
     bottom = np.zeros(len(t) - 1)
     fastest = np.zeros(len(t) - 1)
     logged = np.diff(t)
     for x in q.T:
-        slope = savgol_filter(x - x[0], width, CURVE, deriv=1, mode="nearest") / pace
+        slope = savgol_filter(x - x[0], width, s.curve_order, deriv=1, mode="nearest") / pace
         v = 0.5 * (slope[1:] + slope[:-1])
         change = np.diff(x)
         moved = np.abs(change)
@@ -275,10 +260,10 @@ def _mode(passed: NDArray[np.float64], step: float) -> float:
     return clock
 
 
-def _nice(clock: float) -> float:
-    """The clock in whole 50 µs, as robots have it, if it is within :data:`CRYSTAL` of that."""
+def _nice(clock: float, crystal: float) -> float:
+    """The clock in whole 50 µs, as robots have it, if it agrees with that as crystals do."""
     whole = round(clock / 5e-5) * 5e-5
-    return whole if whole > 0 and abs(clock / whole - 1) < CRYSTAL else clock
+    return whole if whole > 0 and abs(clock / whole - 1) < crystal else clock
 
 
 def _sampled(

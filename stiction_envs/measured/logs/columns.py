@@ -37,11 +37,11 @@ class Columns:
         return (self.t, *(c for group in self.channels.values() for c in group))
 
 
-def allowed(n_joints: int, *, time: bool = True) -> str:
+def expected(n_joints: int, *, time: bool = True) -> str:
     """The columns of a log, for the end of a message."""
     n = n_joints
     text = f"{'t,' if time else ''}q1..q{n},tau1..tau{n}"
-    return f"allowed are {text} with optional {','.join(f'{c}1..{c}{n}' for c in OPTIONAL)},{RUN}"
+    return f"expected {text} with optional {','.join(f'{c}1..{c}{n}' for c in OPTIONAL)},{RUN}"
 
 
 def sort_columns(where: str, header: Sequence[str], n_joints: int, *, time: bool = True) -> Columns:
@@ -57,7 +57,7 @@ def sort_columns(where: str, header: Sequence[str], n_joints: int, *, time: bool
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
     names = [name.strip() for name in header]
-    may = allowed(n_joints, time=time)
+    may = expected(n_joints, time=time)
     found: dict[str, dict[int, int]] = {}
     for i, name in enumerate(names):
         match = _CHANNEL.fullmatch(name)

@@ -1,9 +1,9 @@
 """Rows of a log that are no samples: repeats, frozen stretches, half-new rows, missing values.
 
-A logger that runs beside the robot writes what it last heard. A row that repeats the one before it
-is dropped; a row where only some channels are new is put together with its neighbour or dropped;
-a value that is missing is interpolated if it stands alone. A robot at rest repeats itself too:
-a repeat counts only where the changes around it say that it cannot be chance.
+A logger that runs next to the robot writes what it last heard. A row that repeats the one before
+it is dropped; a row where only some channels are new is put together with its neighbour or dropped;
+a value that is missing is interpolated if its neighbours are there. A robot at rest repeats itself
+too: a repeat counts only where the changes around it say that it cannot be chance.
 """
 
 from __future__ import annotations
@@ -15,34 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-
-CHANCE = 1e4
-"""A repeat that happens by chance once in this many rows is none (assumed)."""
-
-NEAR = 4
-"""Changes on each side of a row that say how often it would repeat by chance (assumed)."""
-
-MOST_REPEATS = 20
-"""More repeats in a row are a pause or a frozen log (assumed)."""
-
-JUMP = 5.0
-"""After a frozen stretch the arm is this many steps further, and this much faster (assumed)."""
-
-MOST_MISSING_RUN = 5
-"""Missing values in a row that are interpolated (assumed)."""
-
-MOST_MISSING = 0.01
-"""Share of missing values of a column that are interpolated (assumed)."""
-
-FEW_STALE = 0.2
-"""Up to this share of rows with an old position are dropped; more are interpolated (assumed)."""
+from stiction_envs.measured.settings import CorrectionSettings, measured_settings
 
 _CORE = ("q", "dq", "tau")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mend:
-    """Something that was mended in a log."""
+class Correction:
+    """Something that was corrected in a log."""
 
     kind: str
     """``missing``, ``repeat``, ``frozen``, ``stale``, ``stamp``, ``clock``, ``epoch``, ``run`` or
@@ -55,7 +35,7 @@ class Mend:
 
 @dataclass(kw_only=True)
 class Rows:
-    """Working copy of a log while it is mended."""
+    """Working copy of a log while it is corrected."""
 
     t: NDArray[np.float64]
     """Time, (T,), s."""
@@ -74,28 +54,31 @@ class Rows:
         return [name for name in _CORE if name in self.data]
 
 
-def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Mend], list[str]]:
+def fill_missing(
+    rows: Rows, place: Callable[[int], str], settings: CorrectionSettings | None = None
+) -> tuple[list[Correction], list[str]]:
     """Interpolate isolated missing values (NaN) of ``rows``, in place.
 
-    Rows without any value of q, dq and tau are dropped; so are up to :data:`MOST_MISSING_RUN`
+    Rows without any value of q, dq and tau are dropped; so are up to ``most_missing_run``
     incomplete rows at either end. Slow extra channels are interpolated over any length, and left
     out if they have fewer than two values; dq is left out where too much of it is missing.
 
     Returns:
-        What was mended, and warnings.
+        What was corrected, and warnings.
 
     Raises:
         StictionError: too many values of a q or tau are missing.
     """
-    core, warnings, mends = rows.core(), [], []
+    s = settings or measured_settings().corrections
+    core, warnings, corrections = rows.core(), [], []
     index = np.arange(len(rows.t))
     empty = np.ones(len(index), bool)
     for name in core:
         empty &= np.isnan(rows.data[name]).all(axis=1)
     if empty.all():
-        raise StictionError(f"{place(0)}: no row has values: allowed are numbers")
+        raise StictionError(f"{place(0)}: no row has values: expected numbers")
     if empty.any():
-        mends.append(_mend("missing", empty.sum(), "{} without any value dropped"))
+        corrections.append(_correction("missing", empty.sum(), "{} without any value dropped"))
     alive = index[~empty]
     holes = np.zeros(len(index), bool)
     for name in [*core, *(n for n in rows.data if n not in core)]:
@@ -106,12 +89,12 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Mend], l
                 continue
             column = f"{name}{j + 1}"
             longest = longest_run(missing)
-            many = longest > MOST_MISSING_RUN or missing.mean() > MOST_MISSING
+            many = longest > s.most_missing_run or missing.mean() > s.most_missing
             if many and name in ("q", "tau"):
                 raise StictionError(
                     f"{place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
-                    f"{missing.sum()} of {len(alive)} rows, {longest} in a row: allowed are "
-                    f"{MOST_MISSING_RUN} in a row and {MOST_MISSING:.0%} in all"
+                    f"{missing.sum()} of {len(alive)} rows, {longest} in a row: expected at "
+                    f"most {s.most_missing_run} in a row and {s.most_missing:.0%} in all"
                 )
             if missing.all() or (many and name == "dq"):
                 warnings.append(
@@ -131,25 +114,30 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Mend], l
     inside = (index >= whole[0]) & (index <= whole[-1])
     edge = holes & ~inside
     if edge.any():
-        mends.append(_mend("missing", edge.sum(), "{} with missing values at the ends dropped"))
+        corrections.append(
+            _correction("missing", edge.sum(), "{} with missing values at the ends dropped")
+        )
     if (holes & inside).any():
         count = (holes & inside).sum()
-        mends.append(_mend("missing", count, "{} with single missing values interpolated"))
+        corrections.append(
+            _correction("missing", count, "{} with single missing values interpolated")
+        )
     if edge.any() or empty.any():
         rows.keep(~edge & ~empty)
-    return mends, warnings
+    return corrections, warnings
 
 
-def drop_repeats(rows: Rows) -> list[Mend]:
+def drop_repeats(rows: Rows, settings: CorrectionSettings | None = None) -> list[Correction]:
     """Drop rows where only the clock moved although the arm did, in place."""
-    fresh, active = _freshness(rows)
+    s = settings or measured_settings().corrections
+    fresh, active = _freshness(rows, s)
     same = ~np.logical_or.reduce([fresh[name] for name in fresh])
     if not same.any():
         return []
     edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
     starts, ends = edges[::2], edges[1::2]
     drop, frozen = np.zeros(len(same), bool), np.zeros(len(same), bool)
-    short = ends - starts <= MOST_REPEATS
+    short = ends - starts <= s.most_repeats
     alive = np.r_[0, np.cumsum(same & np.logical_or.reduce(list(active.values())))]
     for start, end in zip(starts[short], ends[short], strict=True):
         if alive[end] > alive[start]:
@@ -161,42 +149,45 @@ def drop_repeats(rows: Rows) -> list[Mend]:
         if end == len(same):
             continue
         after = step[end + 1 : end + 4].max(initial=0.0)
-        if step[end] >= JUMP and step[end] > JUMP * after:
+        if step[end] >= s.jump and step[end] > s.jump * after:
             frozen[start:end] = True
-    mends = []
+    corrections = []
     if drop.any():
-        mends.append(
-            _mend("repeat", drop.sum(), "{} repeated the row before, only the clock moved: dropped")
+        corrections.append(
+            _correction(
+                "repeat", drop.sum(), "{} repeated the row before, only the clock moved: dropped"
+            )
         )
     if frozen.any():
         where = np.flatnonzero(frozen)[0]
-        mends.append(
-            _mend(
+        corrections.append(
+            _correction(
                 "frozen",
                 frozen.sum(),
-                "{} dropped: the log stood still and then jumped, "
+                "{} dropped: the log stopped and then jumped, "
                 f"first at t = {rows.t[where]:.3f} s",
             )
         )
     rows.keep(~(drop | frozen))
-    return mends
+    return corrections
 
 
-def mend_stale(rows: Rows) -> list[Mend]:
+def correct_stale(rows: Rows, settings: CorrectionSettings | None = None) -> list[Correction]:
     """Rows where q, dq or tau is still that of the row before, in place.
 
     Two neighbours that hold one sample between them become one row. What is left: a row with an
     old q is dropped, or, where these are many, its q interpolated; an old dq or tau is
     interpolated.
     """
-    fresh, active = _freshness(rows)
+    s = settings or measured_settings().corrections
+    fresh, active = _freshness(rows, s)
     names = list(fresh)
-    same = {name: _short(~fresh[name]) for name in names}
+    same = {name: _short(~fresh[name], s.most_repeats) for name in names}
     stale = {name: same[name] & active[name] for name in names}
-    mends: list[Mend] = []
+    corrections: list[Correction] = []
     any_stale = np.logical_or.reduce([stale[name] for name in names])
     if not any_stale.any():
-        return mends
+        return corrections
     # Complementary: each channel is new in exactly one of the two rows.
     pair = np.r_[rows.run[1:] == rows.run[:-1], False]
     pair &= any_stale | np.r_[any_stale[1:], False]
@@ -215,26 +206,30 @@ def mend_stale(rows: Rows) -> list[Mend]:
     rows.t[late_q - 1] = rows.t[late_q]
     drop = second.copy()
     if second.any():
-        mends.append(
-            _mend("stale", second.sum(), "{} held the other half of a sample: put together")
+        corrections.append(
+            _correction("stale", second.sum(), "{} held the other half of a sample: put together")
         )
     old_q = stale["q"] & ~second
-    if old_q.mean() <= FEW_STALE:
+    if old_q.mean() <= s.few_stale:
         drop |= old_q
         if old_q.any():
-            mends.append(_mend("stale", old_q.sum(), "{} had new torques but an old q: dropped"))
+            corrections.append(
+                _correction("stale", old_q.sum(), "{} had new torques but an old q: dropped")
+            )
     else:
         _refill(rows, "q", old_q, ~drop)
-        mends.append(_mend("stale", old_q.sum(), "{} had new torques but an old q: q interpolated"))
+        corrections.append(
+            _correction("stale", old_q.sum(), "{} had new torques but an old q: q interpolated")
+        )
     for name in names:
         old = stale[name] & ~drop
         if name != "q" and old.any():
             _refill(rows, name, old, ~drop)
-            mends.append(
-                _mend("stale", old.sum(), f"{{}} had a new q but an old {name}: interpolated")
+            corrections.append(
+                _correction("stale", old.sum(), f"{{}} had a new q but an old {name}: interpolated")
             )
     rows.keep(~drop)
-    return mends
+    return corrections
 
 
 def longest_run(flags: NDArray[np.bool_]) -> int:
@@ -243,9 +238,11 @@ def longest_run(flags: NDArray[np.bool_]) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _mend(kind: str, count: int, text: str) -> Mend:
+def _correction(kind: str, count: int, text: str) -> Correction:
     count = int(count)
-    return Mend(kind=kind, rows=count, text=text.format(f"{count} row{'s' if count > 1 else ''}"))
+    return Correction(
+        kind=kind, rows=count, text=text.format(f"{count} row{'s' if count > 1 else ''}")
+    )
 
 
 def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
@@ -255,17 +252,19 @@ def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool
         array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
 
 
-def _short(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The flags without runs of more than :data:`MOST_REPEATS`, which are rest."""
+def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """The flags without runs of more than ``most``, which are rest."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     short = flags.copy()
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - start > MOST_REPEATS:
+        if end - start > most:
             short[start:end] = False
     return short
 
 
-def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+def _freshness(
+    rows: Rows, s: CorrectionSettings
+) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
     """For each channel: rows that differ from the one before; rows where a repeat is no chance.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
@@ -284,11 +283,14 @@ def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDAr
         at = np.flatnonzero(new)
         total = np.r_[0.0, np.cumsum(rarity[at])]
         count = np.arange(len(at) + 1)
-        behind, ahead = np.maximum(count - NEAR, 0), np.minimum(count + NEAR, len(at))
+        behind, ahead = (
+            np.maximum(count - s.near_changes, 0),
+            np.minimum(count + s.near_changes, len(at)),
+        )
         before = (total - total[behind]) / np.maximum(count - behind, 1)
         after = (total[ahead] - total) / np.maximum(ahead - count, 1)
         before[0], after[-1] = after[0], before[-1]
-        active[name] = np.minimum(before, after)[np.cumsum(new)] >= np.log(CHANCE)
+        active[name] = np.minimum(before, after)[np.cumsum(new)] >= np.log(s.chance_rows)
     return fresh, active
 
 

@@ -1,6 +1,6 @@
 """Joint logs as files: CSV, gzip-compressed CSV, NumPy archives and Parquet into arrays.
 
-What is read here is what stands in the file; :mod:`stiction_envs.measured.logs.reader` says
+What is read here is what is in the file; :mod:`stiction_envs.measured.logs.reader` says
 whether it can be a measurement. Files come from strangers: every size is bounded before memory is
 taken, and nothing is unpickled.
 """
@@ -23,16 +23,11 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import Columns, sort_columns
-from stiction_envs.measured.logs.text import MOST_LINE, TextRows, decode_header
+from stiction_envs.measured.logs.text import TextRows, decode_header
+from stiction_envs.measured.settings import FileSettings, measured_settings
 
 KINDS = (".csv", ".csv.gz", ".npz", ".parquet")
 """Ends of the file names that are read."""
-
-MOST_BYTES = 2**31
-"""Bytes of one file, unpacked."""
-
-MOST_VALUES = 70_000_000
-"""Numbers of one file that are used; 50 minutes at 1 kHz of t, q, dq and tau of 7 joints."""
 
 _BLOCK = 2**22
 _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -40,7 +35,7 @@ _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
 
 @dataclass(kw_only=True)
 class RawLog:
-    """A log as it stands in the file."""
+    """A log as it is in the file."""
 
     source: str
     """Path as given."""
@@ -51,36 +46,44 @@ class RawLog:
     run: NDArray[np.int64]
     """Number of the recording of each row, (T,), from 0."""
     place: Callable[[int], str]
-    """Where a row stands, such as ``a.csv, line 17``."""
+    """Where a row is, such as ``a.csv, line 17``."""
     ignored: tuple[str, ...]
     """Columns that are not used."""
 
 
-def read_raw(path: str | os.PathLike[str], n_joints: int, *, time: bool = True) -> RawLog:
+def read_raw(
+    path: str | os.PathLike[str],
+    n_joints: int,
+    *,
+    time: bool = True,
+    settings: FileSettings | None = None,
+) -> RawLog:
     """Read the numbers of a log file, whatever its kind.
 
     Args:
         path: a file whose name ends in one of :data:`KINDS`.
         n_joints: joints of the robot.
         time: whether there must be a column ``t``.
+        settings: sizes that are read; None for those of ``settings.toml``.
 
     Raises:
         StictionError: the file cannot be read, is too large, or is not a log of such a robot.
     """
+    s = settings or measured_settings().files
     name = Path(path).name.lower()
     kind = next((k for k in reversed(KINDS) if name.endswith(k)), None)
     where = os.fspath(path)
     _check_regular(where)
     if kind is None:
-        raise StictionError(f"{where}: unknown kind of file: allowed are {', '.join(KINDS)}")
+        raise StictionError(f"{where}: unknown kind of file: expected one of {', '.join(KINDS)}")
     if kind == ".npz":
-        raw = _from_columns(where, _read_npz(where), n_joints, time)
+        raw = _from_columns(where, _read_npz(where, s), n_joints, time, s)
     elif kind == ".parquet":
-        raw = _from_columns(where, _read_parquet(where), n_joints, time)
+        raw = _from_columns(where, _read_parquet(where, s), n_joints, time, s)
     else:
-        raw = _read_csv(where, n_joints, time, packed=kind == ".csv.gz")
+        raw = _read_csv(where, n_joints, time, s, packed=kind == ".csv.gz")
     if not len(raw.t):
-        raise StictionError(f"{where}: no rows below the header: allowed is one second or more")
+        raise StictionError(f"{where}: no rows below the header: expected one second or more")
     return raw
 
 
@@ -90,13 +93,13 @@ def _check_regular(where: str) -> None:
         mode = os.stat(where).st_mode
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise StictionError(f"{where}: {reason.lower()}: allowed is a log file") from None
+        raise StictionError(f"{where}: {reason.lower()}: expected a log file") from None
     if not stat.S_ISREG(mode):
         what = "a directory" if stat.S_ISDIR(mode) else "no regular file"
-        raise StictionError(f"{where}: {what}: allowed is a log file ({', '.join(KINDS)})")
+        raise StictionError(f"{where}: {what}: expected a log file ({', '.join(KINDS)})")
 
 
-def _read_csv(where: str, n_joints: int, time: bool, *, packed: bool) -> RawLog:
+def _read_csv(where: str, n_joints: int, time: bool, s: FileSettings, *, packed: bool) -> RawLog:
     rows: TextRows | None = None
     columns: Columns | None = None
     line = 1
@@ -106,32 +109,32 @@ def _read_csv(where: str, n_joints: int, time: bool, *, packed: bool) -> RawLog:
             file.seek(0)
             if packed and start and start != b"\x1f\x8b":
                 raise StictionError(
-                    f"{where}: not gzip: allowed is gzip-compressed CSV, or the name .csv"
+                    f"{where}: not gzip: expected gzip-compressed CSV, or the name .csv"
                 )
             if not packed and start == b"\x1f\x8b":
-                raise StictionError(f"{where}: gzip-compressed: allowed is the name .csv.gz")
+                raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream: Any = gzip.GzipFile(fileobj=file) if packed else file
-            for block in _blocks(where, stream):
+            for block in _blocks(where, stream, s):
                 if rows is None:
-                    header, block, line = decode_header(where, block, line)
+                    header, block, line = decode_header(where, block, line, s.most_line_bytes)
                     if header is None:
                         continue
                     columns = sort_columns(where, header, n_joints, time=time)
                     rows = TextRows(where, header, columns)
                 line = rows.add(block, line)
-                if rows.count * len(columns.numbers if columns else ()) > MOST_VALUES:
-                    raise _too_many(where, rows.count)
+                if rows.count * len(columns.numbers if columns else ()) > s.most_values:
+                    raise _too_many(where, rows.count, s)
     except _BROKEN as error:
         reason = "ends early" if isinstance(error, EOFError) else "is damaged"
         raise StictionError(
             f"{where}: the compressed file {reason} after line {line - 1}: "
-            "allowed is a whole gzip file"
+            "expected a whole gzip file"
         ) from None
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{where}: {reason}: allowed is a readable log file") from None
+        raise StictionError(f"{where}: {reason}: expected a readable log file") from None
     if rows is None or columns is None:
-        raise StictionError(f"{where}: empty file: allowed is a header and one second of rows")
+        raise StictionError(f"{where}: empty file: expected a header and one second of rows")
     values, run, lines = rows.take()
     start_column, data = int(time), {}
     for channel, group in columns.channels.items():
@@ -147,10 +150,10 @@ def _read_csv(where: str, n_joints: int, time: bool, *, packed: bool) -> RawLog:
     )
 
 
-def _blocks(where: str, stream: Any) -> Iterator[bytes]:
+def _blocks(where: str, stream: Any, s: FileSettings) -> Iterator[bytes]:
     """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
 
-    What stands before a damage of the file comes first, so that the error can say where it is.
+    What is before a damage of the file comes first, so that the error can say where it is.
     """
     rest, total, broken = bytearray(), 0, None
     while True:
@@ -162,15 +165,15 @@ def _blocks(where: str, stream: Any) -> Iterator[bytes]:
         if not chunk:
             break
         total += len(chunk)
-        if total > MOST_BYTES:
+        if total > s.most_bytes:
             raise StictionError(
-                f"{where}: over {MOST_BYTES >> 20} MiB of text: allowed is a shorter log"
+                f"{where}: over {s.most_bytes >> 20} MiB of text: expected a shorter log"
             )
         line_start = rest.rfind(b"\n") + 1
         rest += chunk
-        if len(rest) - line_start > MOST_LINE and rest.find(b"\n", line_start) < 0:
+        if len(rest) - line_start > s.most_line_bytes and rest.find(b"\n", line_start) < 0:
             raise StictionError(
-                f"{where}: a line of over {MOST_LINE} bytes: allowed is comma-separated text"
+                f"{where}: a line of over {s.most_line_bytes} bytes: expected comma-separated text"
             )
         if len(rest) > _BLOCK:
             end = rest.rfind(b"\n") + 1
@@ -185,14 +188,16 @@ def _blocks(where: str, stream: Any) -> Iterator[bytes]:
         raise broken
 
 
-def _too_many(where: str, rows: int) -> StictionError:
+def _too_many(where: str, rows: int, s: FileSettings) -> StictionError:
     return StictionError(
-        f"{where}: {rows} rows or more: allowed are {MOST_VALUES} numbers in one log; "
+        f"{where}: {rows} rows or more: expected at most {s.most_values} numbers in one log; "
         "split it or thin it out"
     )
 
 
-def _from_columns(where: str, arrays: dict[str, NDArray[Any]], n_joints: int, time: bool) -> RawLog:
+def _from_columns(
+    where: str, arrays: dict[str, NDArray[Any]], n_joints: int, time: bool, s: FileSettings
+) -> RawLog:
     """A log from named columns, all (T,), or matrices (T, n) by the name of their channel."""
     flat: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -209,14 +214,14 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], n_joints: int, ti
         if len(array) != length:
             raise StictionError(
                 f"{where}: column {names[c]!r} has {len(array)} rows, "
-                f"{names[used[0]]!r} has {length}: allowed is one length for all"
+                f"{names[used[0]]!r} has {length}: expected one length for all"
             )
         if c != columns.run and array.dtype.kind not in "fiu":
             raise StictionError(
-                f"{where}: column {names[c]!r} holds {array.dtype}: allowed are numbers"
+                f"{where}: column {names[c]!r} holds {array.dtype}: expected numbers"
             )
-    if length * len(used) > MOST_VALUES:
-        raise _too_many(where, length)
+    if length * len(used) > s.most_values:
+        raise _too_many(where, length, s)
     run = np.zeros(length, np.int64)
     if columns.run is not None and length:
         label = flat[names[columns.run]]
@@ -234,14 +239,14 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], n_joints: int, ti
     )
 
 
-def _read_npz(where: str) -> dict[str, NDArray[Any]]:
+def _read_npz(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {}
     member = ""
     try:
         with zipfile.ZipFile(where) as archive:
-            if sum(info.file_size for info in archive.infolist()) > MOST_BYTES:
+            if sum(info.file_size for info in archive.infolist()) > s.most_bytes:
                 raise StictionError(
-                    f"{where}: over {MOST_BYTES >> 20} MiB unpacked: allowed is a shorter log"
+                    f"{where}: over {s.most_bytes >> 20} MiB unpacked: expected a shorter log"
                 )
             for info in archive.infolist():
                 member = info.filename
@@ -259,7 +264,7 @@ def _read_npz(where: str) -> dict[str, NDArray[Any]]:
         # Damaged archives raise almost anything, from zlib.error to SyntaxError.
         inside = f", {member}" if member else ""
         raise StictionError(
-            f"{where}{inside}: damaged or no NumPy archive: allowed is what numpy.savez writes"
+            f"{where}{inside}: damaged or no NumPy archive: expected what numpy.savez writes"
         ) from None
     return arrays
 
@@ -273,7 +278,7 @@ def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
         shape, _, dtype = np.lib.format.read_array_header_2_0(file)
     if dtype.hasobject:
         raise StictionError(
-            f"{where}, {info.filename}: holds Python objects: allowed are arrays of numbers"
+            f"{where}, {info.filename}: holds Python objects: expected arrays of numbers"
         )
     size = dtype.itemsize
     for length in shape:
@@ -281,17 +286,17 @@ def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
     if size > info.file_size:
         raise StictionError(
             f"{where}, {info.filename}: shape {shape} does not fit into its "
-            f"{info.file_size} bytes: allowed is what numpy.savez writes"
+            f"{info.file_size} bytes: expected what numpy.savez writes"
         )
 
 
-def _read_parquet(where: str) -> dict[str, NDArray[Any]]:
+def _read_parquet(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
     parquet: Any = import_module("pyarrow.parquet")  # here: it takes a moment, and has no types
     try:
         with parquet.ParquetFile(where) as file:
             names = file.schema_arrow.names
-            if file.metadata.num_rows * len(names) > 2 * MOST_VALUES:
-                raise _too_many(where, file.metadata.num_rows)
+            if file.metadata.num_rows * len(names) > 2 * s.most_values:
+                raise _too_many(where, file.metadata.num_rows, s)
             table = file.read()
         # Columns by place: names may be there twice.
         columns = [(n, table.column(i).to_numpy()) for i, n in enumerate(names)]
@@ -300,9 +305,9 @@ def _read_parquet(where: str) -> dict[str, NDArray[Any]]:
     except Exception:
         # pyarrow has its own exceptions, and not all derive from one class.
         raise StictionError(
-            f"{where}: damaged or no Parquet file: allowed is a table of numbers"
+            f"{where}: damaged or no Parquet file: expected a table of numbers"
         ) from None
     sort_twice = [n for i, (n, _) in enumerate(columns) if n in dict(columns[:i])]
     if sort_twice:
-        raise StictionError(f"{where}: column {sort_twice[0]!r} is there twice: allowed is one")
+        raise StictionError(f"{where}: column {sort_twice[0]!r} is there twice: expected one")
     return dict(columns)

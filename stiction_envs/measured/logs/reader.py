@@ -1,4 +1,4 @@
-"""Joint logs of real robots: read, checked, mended, and every mend written down.
+"""Joint logs of real robots: read, checked, corrected, and every correction written down.
 
 A log is a table ``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]; dq may be missing,
 ``temperature1..n`` and ``tau_cmd1..n`` are taken along, a column ``run`` names recordings that
@@ -25,36 +25,33 @@ from stiction_envs.measured.checks.logs import (
     check_time,
     check_units,
 )
-from stiction_envs.measured.logs.clock import find_gaps, mend_clock, usual_step
+from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
 from stiction_envs.measured.logs.corrections import (
-    Mend,
+    Correction,
     Rows,
+    correct_stale,
     drop_repeats,
     fill_missing,
-    mend_stale,
 )
 from stiction_envs.measured.logs.files import RawLog, read_raw
+from stiction_envs.measured.settings import (
+    ClockSettings,
+    MeasuredSettings,
+    ReaderSettings,
+    measured_settings,
+)
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
-__all__ = ["JointLog", "Mend", "read_logs", "read_poses"]
-
-LEAST_SECONDS = 1.0
-"""Shorter logs are refused, s."""
-
-RUN_PAUSE = 1.0
-"""Time put between recordings whose clocks start anew, s (assumed)."""
-
-EPOCH = 1e6
-"""Times above this are dates, and counted from the first row instead, s (assumed)."""
+__all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
 
 Path = str | os.PathLike[str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointLog:
-    """One measured log after mending; arrays are float64 and read-only."""
+    """One measured log after corrections; arrays are float64 and read-only."""
 
     source: str
     """File name as given."""
@@ -70,10 +67,10 @@ class JointLog:
     """Further channels: ``temperature`` [°C], ``tau_cmd`` [N·m], (T, n) each."""
     breaks: tuple[int, ...] = ()
     """First row of each segment but the first: where a gap or another recording begins."""
-    mends: tuple[Mend, ...] = ()
-    """What was mended."""
+    corrections: tuple[Correction, ...] = ()
+    """What was corrected."""
     warnings: tuple[str, ...] = ()
-    """What was found and not mended, one sentence each."""
+    """What was found and not corrected, one sentence each."""
     static: bool = False
     """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
 
@@ -100,46 +97,60 @@ class JointLog:
 
 
 def read_logs(
-    paths: Sequence[Path], n_joints: int, *, limits: Limits | None = None
+    paths: Sequence[Path],
+    n_joints: int,
+    *,
+    limits: Limits | None = None,
+    settings: MeasuredSettings | None = None,
 ) -> list[JointLog]:
-    """Read, check and mend the logs of one robot.
+    """Read, check and correct the logs of one robot.
 
     Args:
-        paths: files ``.csv``, ``.csv.gz``, ``.npz`` (columns, or matrices ``q``, ``tau``, … beside
+        paths: files ``.csv``, ``.csv.gz``, ``.npz`` (columns, or matrices ``q``, ``tau``, … with
             ``t``) or ``.parquet``, one or more.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
+        settings: constants of reading; None for those of ``settings.toml``.
 
     Raises:
         StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
             The message names file, row and column.
     """
     if not paths:
-        raise StictionError("no log given: allowed are one or more files")
+        raise StictionError("no log given: expected one or more files")
+    s = settings or measured_settings()
     logs: list[JointLog] = []
     for path in paths:
-        raw = read_raw(path, n_joints)
-        log = _mended(raw, limits)
+        raw = read_raw(path, n_joints, settings=s.files)
+        log = _corrected(raw, limits, s)
         for other in logs:
             if np.array_equal(other.q, log.q) and np.array_equal(other.tau, log.tau):
-                raise StictionError(f"{log.source}: the same log as {other.source}: allowed is one")
+                raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
         logs.append(log)
     return logs
 
 
-def read_poses(path: Path, n_joints: int, *, limits: Limits | None = None) -> JointLog:
+def read_poses(
+    path: Path,
+    n_joints: int,
+    *,
+    limits: Limits | None = None,
+    settings: MeasuredSettings | None = None,
+) -> JointLog:
     """Read poses at rest without time: ``q1..qn,tau1..taun``, one pose in a row.
 
     Raises:
         StictionError: as :func:`read_logs`; also for fewer than two poses.
     """
-    raw = read_raw(path, n_joints, time=False)
+    s = settings or measured_settings()
+    raw = read_raw(path, n_joints, time=False, settings=s.files)
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
-    check_finite(rows, raw.place)
-    mends, warnings = fill_missing(rows, raw.place)
+    check_finite(rows, raw.place, s.log_checks)
+    corrections, warnings = fill_missing(rows, raw.place, s.corrections)
     if len(rows.t) < 2:
-        raise StictionError(f"{raw.source}: {len(rows.t)} pose: allowed are two or more")
-    warnings = [*_ignored(raw), *warnings, *check_units(rows, raw.place, limits)]
+        raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
+    found = check_units(rows, raw.place, limits, s.log_checks)
+    warnings = [*_ignored(raw), *warnings, *found]
     return JointLog(
         source=raw.source,
         t=np.arange(float(len(rows.t))),
@@ -147,33 +158,35 @@ def read_poses(path: Path, n_joints: int, *, limits: Limits | None = None) -> Jo
         dq=None,
         tau=rows.data["tau"],
         extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
-        mends=tuple(mends),
+        corrections=tuple(corrections),
         warnings=tuple(warnings),
         static=True,
     )
 
 
-def _mended(raw: RawLog, limits: Limits | None) -> JointLog:
+def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> JointLog:
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
-    # Arrays live on in rows only, so that those mended away are freed.
+    # Arrays live on in rows only, so that those corrected away are freed.
     raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
-    check_finite(rows, raw.place)
-    check_time(rows, raw.place)
+    check_finite(rows, raw.place, s.log_checks)
+    check_time(rows, raw.place, s.log_checks)
     warnings = _ignored(raw)
-    mends = _join_runs(rows)
-    more, missing = fill_missing(rows, raw.place)
-    mends, warnings = mends + more, warnings + missing
-    warnings += check_units(rows, raw.place, limits) + check_channels(rows, raw.place)
-    mends += drop_repeats(rows) + mend_stale(rows)
-    more, jitter = mend_clock(rows)
-    mends, warnings = mends + more, warnings + jitter
+    corrections = _join_runs(rows, s.reader)
+    more, missing = fill_missing(rows, raw.place, s.corrections)
+    corrections, warnings = corrections + more, warnings + missing
+    warnings += check_units(rows, raw.place, limits, s.log_checks)
+    warnings += check_channels(rows, raw.place, s.log_checks, s.motion)
+    corrections += drop_repeats(rows, s.corrections) + correct_stale(rows, s.corrections)
+    more, jitter = correct_clock(rows, s.clock)
+    corrections, warnings = corrections + more, warnings + jitter
     step = usual_step(rows)
-    breaks = _segments(rows, step, mends)
+    breaks = _segments(rows, step, corrections, s.clock)
     bounds = (0, *breaks, len(rows.t))
     seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in pairwise(bounds))
-    if not seconds >= LEAST_SECONDS - 1.5 * step:
+    least = s.reader.least_seconds
+    if not seconds >= least - 1.5 * step:
         raise StictionError(
-            f"{raw.source}: {seconds:.3g} s of samples: allowed is {LEAST_SECONDS:g} s or more"
+            f"{raw.source}: {seconds:.3g} s of samples: expected {least:g} s or more"
         )
     longest = max(pairwise(bounds), key=lambda ab: ab[1] - ab[0])
     part = slice(*longest)
@@ -181,8 +194,8 @@ def _mended(raw: RawLog, limits: Limits | None) -> JointLog:
         t=rows.t[part], data={k: v[part] for k, v in rows.data.items()}, run=rows.run[part]
     )
     try:
-        check_pace(stretch, step, limits)
-        warnings += check_speeds(stretch, step)
+        check_pace(stretch, step, limits, s.log_checks)
+        warnings += check_speeds(stretch, step, s.log_checks, s.motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None
     return JointLog(
@@ -193,7 +206,7 @@ def _mended(raw: RawLog, limits: Limits | None) -> JointLog:
         tau=rows.data["tau"],
         extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
         breaks=breaks,
-        mends=tuple(mends),
+        corrections=tuple(corrections),
         warnings=tuple(warnings),
     )
 
@@ -206,38 +219,40 @@ def _ignored(raw: RawLog) -> list[str]:
     return [f"columns not used: {shown}{more}"]
 
 
-def _join_runs(rows: Rows) -> list[Mend]:
+def _join_runs(rows: Rows, s: ReaderSettings) -> list[Correction]:
     """One rising time for all recordings of a file, and small numbers for dates."""
-    mends = []
+    corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
-    if abs(rows.t[0]) > EPOCH:
+    if abs(rows.t[0]) > s.epoch:
         text = f"times are dates: counted from the first row, {rows.t[0]:.3f} s"
         rows.t = rows.t - rows.t[0]
-        mends.append(Mend(kind="epoch", rows=len(rows.t), text=text))
+        corrections.append(Correction(kind="epoch", rows=len(rows.t), text=text))
     restarts = 0
     shifted = rows.t.copy()
     for i in starts:
         if shifted[i] <= shifted[i - 1]:
-            shifted[i:] += shifted[i - 1] + RUN_PAUSE - shifted[i]
+            shifted[i:] += shifted[i - 1] + s.run_pause - shifted[i]
             restarts += 1
     if restarts:
         rows.t = shifted
         text = (
             f"{len(starts) + 1} recordings in one file, the clock starts anew in {restarts} of "
-            f"them: put one after another, {RUN_PAUSE:g} s apart"
+            f"them: put one after another, {s.run_pause:g} s apart"
         )
-        mends.append(Mend(kind="run", rows=restarts, text=text))
-    return mends
+        corrections.append(Correction(kind="run", rows=restarts, text=text))
+    return corrections
 
 
-def _segments(rows: Rows, step: float, mends: list[Mend]) -> tuple[int, ...]:
+def _segments(
+    rows: Rows, step: float, corrections: list[Correction], s: ClockSettings
+) -> tuple[int, ...]:
     runs = np.flatnonzero(np.diff(rows.run)) + 1
-    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
+    gaps = np.setdiff1d(find_gaps(rows.t, step, s), runs)
     if len(gaps):
         longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
         text = (
             f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
             "the log is split there"
         )
-        mends.append(Mend(kind="gap", rows=len(gaps), text=text))
+        corrections.append(Correction(kind="gap", rows=len(gaps), text=text))
     return tuple(int(i) for i in np.union1d(gaps, runs))

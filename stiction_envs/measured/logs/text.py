@@ -11,37 +11,36 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import Columns
 
-MOST_LINE = 2**16
-"""Bytes of one line."""
-
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
 
 
-def decode_header(where: str, block: bytes, line: int) -> tuple[list[str] | None, bytes, int]:
+def decode_header(
+    where: str, block: bytes, line: int, most_bytes: int
+) -> tuple[list[str] | None, bytes, int]:
     """Names in the first line that is not blank, the rest of the block, and its first line number.
 
     A leading ``#`` (as :func:`numpy.savetxt` writes it) does not count. None for a blank block.
 
     Raises:
-        StictionError: the line is too long or not UTF-8.
+        StictionError: the line is over ``most_bytes`` long or not UTF-8.
     """
     while block:
         raw, _, block = block.partition(b"\n")
         here, line = line, line + 1
-        if len(raw) > MOST_LINE:
+        if len(raw) > most_bytes:
             raise StictionError(
-                f"{where}, line {here}: over {MOST_LINE} bytes: allowed is comma-separated text"
+                f"{where}, line {here}: over {most_bytes} bytes: expected comma-separated text"
             )
         try:
             text = raw.decode("utf-8-sig").strip()
         except UnicodeDecodeError as error:
             raise StictionError(
-                f"{where}, line {here}: byte {error.start} is not UTF-8: allowed is CSV in UTF-8"
+                f"{where}, line {here}: byte {error.start} is not UTF-8: expected CSV in UTF-8"
             ) from None
         if "\0" in text:
             raise StictionError(
-                f"{where}, line {here}: not text: allowed is comma-separated text in UTF-8"
+                f"{where}, line {here}: not text: expected comma-separated text in UTF-8"
             )
         if text:
             try:
@@ -113,7 +112,7 @@ class TextRows:
             if bytes(text[starts[i] : ends[i]]).strip():
                 raise StictionError(
                     f"{self.where}, line {line + i}: {commas[i] + 1} values: "
-                    f"allowed is one for each of the {width} columns"
+                    f"expected one for each of the {width} columns"
                 )
             filled[i] = False
 
@@ -163,7 +162,7 @@ class TextRows:
                     short = shown if len(shown) < 40 else shown[:37] + "..."
                     raise StictionError(
                         f"{self.where}, line {line + i}: {self.header[column]} is {short!r}: "
-                        "allowed are numbers"
+                        "expected numbers"
                     ) from None
         return values
 

@@ -331,7 +331,7 @@ def test_signals_are_the_same_every_time_and_read_only() -> None:
 @pytest.mark.parametrize(
     ("bad", "says"),
     [
-        ({"cutoff_hz": 0.0}, "cutoff 0.0 Hz: allowed are numbers above 0"),
+        ({"cutoff_hz": 0.0}, "cutoff 0.0 Hz: expected numbers above 0"),
         ({"cutoff_hz": float("nan")}, "cutoff nan Hz"),
         ({"most_samples": 0}, "0 samples"),
     ],

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.signals.torque_lag import late, mend_torques
-from stiction_envs.gap.signals.torque_sign import mend_sign, signs
+from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lags
+from stiction_envs.gap.signals.torque_sign import correct_sign, signs
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, hidden, panda, sliding
@@ -36,7 +36,7 @@ def with_torque(log: JointLog, tau: np.ndarray, name: str = "made.csv") -> Joint
 
 
 def kinds(log: JointLog) -> list[str]:
-    return [m.kind for m in log.mends]
+    return [c.kind for c in log.corrections]
 
 
 def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0) -> JointLog:
@@ -79,7 +79,7 @@ def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0
 
 def test_a_right_sign_is_left_alone(good: JointLog) -> None:
     signals = prepare([good])
-    logs, same = mend_sign([good], signals, ARM)
+    logs, same = correct_sign([good], signals, ARM)
     assert same is signals
     assert logs[0] is good
     assert {s.vote for s in signs(signals, ARM)} <= {0, 1}
@@ -87,10 +87,10 @@ def test_a_right_sign_is_left_alone(good: JointLog) -> None:
 
 def test_torques_of_the_opposite_sign_are_inverted_and_told(good: JointLog) -> None:
     wrong = with_torque(good, -good.tau)
-    (log,), signals = mend_sign([wrong], prepare([wrong]), ARM)
+    (log,), signals = correct_sign([wrong], prepare([wrong]), ARM)
     np.testing.assert_array_equal(log.tau, good.tau)
     assert kinds(log) == ["sign"]
-    assert "opposite sign" in log.mends[0].text
+    assert "opposite sign" in log.corrections[0].text
     right = prepare([good])
     np.testing.assert_allclose(signals.segments[0].tau, right.segments[0].tau, atol=1e-12)
 
@@ -100,31 +100,31 @@ def test_one_loaded_log_tells_the_sign_of_those_beside_it(good: JointLog) -> Non
     still = sweeps([0.2], sign=-1.0)
     still = with_torque(still, np.array(still.tau) * [1, 1, 1, 1, 1, 1, 0.01], "still.csv")
     wrong = with_torque(good, -good.tau)
-    logs, _ = mend_sign([wrong, still], prepare([wrong, still]), ARM)
+    logs, _ = correct_sign([wrong, still], prepare([wrong, still]), ARM)
     assert [kinds(x) for x in logs] == [["sign"], ["sign"]]
     np.testing.assert_array_equal(logs[1].tau, -still.tau)
 
 
 def test_friction_that_would_push_tells_the_sign_too() -> None:
     log = sweeps([0.2, 0.4], sign=-1.0)
-    (mended,), _ = mend_sign([log], prepare([log]), ARM)
-    assert kinds(mended) == ["sign"]
-    assert "friction would push" in mended.mends[0].text
+    (corrected,), _ = correct_sign([log], prepare([log]), ARM)
+    assert kinds(corrected) == ["sign"]
+    assert "friction would push" in corrected.corrections[0].text
 
 
 def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
     wrong = with_torque(good, -good.tau, "turned.csv")
     with pytest.raises(StictionError, match=r"turned\.csv: tau\d has the opposite sign") as error:
-        mend_sign([good, wrong], prepare([good, wrong]), ARM)
+        correct_sign([good, wrong], prepare([good, wrong]), ARM)
     assert "\n" not in str(error.value)
-    assert "allowed" in str(error.value)
+    assert "expected" in str(error.value)
 
 
 def test_a_joint_of_the_other_sign_is_refused(good: JointLog) -> None:
     tau = np.array(good.tau)
     tau[:, 1] *= -1
     with pytest.raises(StictionError, match="tau2 has the opposite sign"):
-        mend_sign([with_torque(good, tau)], prepare([with_torque(good, tau)]), ARM)
+        correct_sign([with_torque(good, tau)], prepare([with_torque(good, tau)]), ARM)
 
 
 def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
@@ -133,7 +133,7 @@ def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
     load = np.convolve(rng.normal(size=len(good.t)), np.ones(100) / 10, "same")
     tau = -good.tau + 20 * load[:, None]
     log = with_torque(good, tau)
-    assert mend_sign([log], prepare([log]), ARM)[0][0] is log
+    assert correct_sign([log], prepare([log]), ARM)[0][0] is log
 
 
 # ---- late ----
@@ -150,10 +150,10 @@ def delayed(log: JointLog, delay: float, lowpass: float) -> JointLog:
 
 @pytest.mark.parametrize(("delay", "lowpass"), [(0.12, 0.0), (0.14, 0.0), (0.07, 0.06)])
 def test_late_torques_are_brought_forward(good: JointLog, delay: float, lowpass: float) -> None:
-    (log,), signals = mend_torques([delayed(good, delay, lowpass)], ARM, prepare)
-    assert kinds(log) == ["late"]
-    assert "later than the angles" in log.mends[0].text
-    found = late(prepare([delayed(good, delay, lowpass)]), ARM)[0]
+    (log,), signals = correct_torques([delayed(good, delay, lowpass)], ARM, prepare)
+    assert kinds(log) == ["lag"]
+    assert "later than the angles" in log.corrections[0].text
+    found = torque_lags(prepare([delayed(good, delay, lowpass)]), ARM)[0]
     assert found.delay + found.lowpass == pytest.approx(delay + lowpass, abs=0.015)
     # what is left of the delay is noise
     s = signals.segments[0]
@@ -167,23 +167,23 @@ def test_late_torques_are_brought_forward(good: JointLog, delay: float, lowpass:
 
 def test_in_step_or_early_torques_are_left_alone(good: JointLog) -> None:
     """A command that acts late comes before the motion, and what is a little late may be a filter:
-    that is a cause, and no mend."""
+    that is a cause, and no correction."""
     for delay in (0.0, -0.03, 0.004, 0.03, 0.08):
-        (log,), _ = mend_torques([delayed(good, delay, 0.0)], ARM, prepare)
+        (log,), _ = correct_torques([delayed(good, delay, 0.0)], ARM, prepare)
         assert kinds(log) == []
         assert log.warnings == ()
 
 
 def test_late_reversals_at_all_speeds_are_a_delay() -> None:
-    (log,), _ = mend_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], lag=0.1)], ARM, prepare)
-    assert kinds(log) == ["late"]
-    assert "at all speeds" in log.mends[0].text
+    (log,), _ = correct_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], lag=0.1)], ARM, prepare)
+    assert kinds(log) == ["lag"]
+    assert "at all speeds" in log.corrections[0].text
     assert len(log.segments) == 5
 
 
 def test_soft_bristles_are_no_delay() -> None:
     """Friction that builds up over 0.03 rad lags by a way: 0.3 s when slow, 0.04 s when fast."""
-    (log,), _ = mend_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], distance=0.03)], ARM, prepare)
+    (log,), _ = correct_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], distance=0.03)], ARM, prepare)
     assert kinds(log) == []
 
 
@@ -200,17 +200,17 @@ def real(name: str, robot: str) -> tuple[JointLog, Arm]:
 
 
 @pytest.mark.parametrize(
-    ("joint", "found"), [(2, ["sign", "late"]), (7, ["sign", "late"]), (3, []), (1, ["sign"])]
+    ("joint", "found"), [(2, ["sign", "lag"]), (7, ["sign", "lag"]), (3, []), (1, ["sign"])]
 )
 def test_what_the_iiwas_readme_says_of_its_torques(joint: int, found: list[str]) -> None:
     """Opposite sign, and channels that are not aligned in time; joint 3's sweep shows neither."""
     log, arm = real(f"iiwa14_joint_friction/joint{joint}.csv.gz", "iiwa14")
-    (mended,), _ = mend_torques([log], arm, lambda x: prepare(x, most_samples=40_000))
-    assert [k for k in kinds(mended) if k != "run"] == found
-    assert len(mended.segments) == len(log.segments)
+    (corrected,), _ = correct_torques([log], arm, lambda x: prepare(x, most_samples=40_000))
+    assert [k for k in kinds(corrected) if k != "run"] == found
+    assert len(corrected.segments) == len(log.segments)
 
 
 def test_the_pandas_torques_are_in_order() -> None:
     log, arm = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz", "panda")
-    (same,), _ = mend_torques([log], arm, prepare)
+    (same,), _ = correct_torques([log], arm, prepare)
     assert same is log

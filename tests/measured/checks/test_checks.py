@@ -24,11 +24,11 @@ from stiction_envs.measured import (
     check_repeats,
     check_signs,
     check_sje,
+    check_tables,
     check_thesis,
     check_units,
     write_sje,
 )
-from stiction_envs.measured.checks import tables as check_tables
 from stiction_envs.measured.checks.__main__ import main
 from stiction_envs.measured.checks.rules import setting_key
 
@@ -421,7 +421,7 @@ def test_command_on_the_thesis_and_on_files(tmp_path, capsys):
     ("text", "message"),
     [
         ("", "empty file"),
-        ("a,b\n1,2\n", "unknown columns a,b: allowed are robot,joint"),
+        ("a,b\n1,2\n", "unknown columns a,b: expected one of robot,joint"),
         (
             "robot,joint,load,direction,tau_base_Nm\narm,1,load,up,0.4\n",
             "line 2: unknown direction",

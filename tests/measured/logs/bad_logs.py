@@ -180,20 +180,20 @@ def _small_degrees(values: np.ndarray) -> None:
 Q, DQ, TAU = slice(1, 8), slice(8, 15), slice(15, 22)
 
 BAD_LOGS = (
-    BadLog("empty file", r"log\.csv: empty file: allowed is a header", _file("log.csv", bytes)),
+    BadLog("empty file", r"log\.csv: empty file: expected a header", _file("log.csv", bytes)),
     BadLog("only blank lines", r"log\.csv: empty file", _file("log.csv", lambda: "\n\r\n\n")),
     BadLog("header only", r"log\.csv: no rows below", _file("log.csv", lambda: HEADER + "\n")),
     BadLog("missing file", r"gone\.csv: no such file", lambda folder: [folder / "gone.csv"]),
-    BadLog("directory", r"log\.csv: a directory: allowed is a log file", _folder),
+    BadLog("directory", r"log\.csv: a directory: expected a log file", _folder),
     BadLog("device", r"/dev/zero: no regular file", lambda folder: [Path("/dev/zero")]),
     BadLog(
         "unknown kind",
-        r"log\.xlsx: unknown kind of file: allowed are \.csv, \.csv\.gz, \.npz, \.parquet",
+        r"log\.xlsx: unknown kind of file: expected one of \.csv, \.csv\.gz, \.npz, \.parquet",
         _file("log.xlsx", lambda: text_of(good_values())),
     ),
     BadLog(
         "wrong joint count",
-        r"columns for 6 joints, but the robot has 7: allowed are t,q1\.\.q7",
+        r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7",
         _file("log.csv", lambda: text_of(good_values(joints=6), header_of(6))),
     ),
     BadLog(
@@ -243,23 +243,23 @@ BAD_LOGS = (
         _file("log.csv", lambda: text_of(good_values()).replace(",", ";")),
     ),
     BadLog(
-        "text in a cell", r"line 50: tau2 is 'high': allowed are numbers", _cell(50, "tau2", "high")
+        "text in a cell", r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")
     ),
     BadLog("decimal comma", r"line 9: q1 is '0\.1\.2'", _cell(9, "q1", "0.1.2")),
     BadLog("underscore in a number", r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
-    BadLog("infinity", r"line 60: q3 is inf: allowed are finite numbers", _cell(60, "q3", "inf")),
+    BadLog("infinity", r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
     BadLog("negative infinity", r"line 61: tau1 is -inf", _cell(61, "tau1", "-Infinity")),
     BadLog("infinite time", r"line 62: t is inf", _cell(62, "t", "inf")),
     BadLog("time missing", r"line 63: t is nan", _cell(63, "t", "")),
     BadLog(
         "huge value",
-        r"line 64: tau6 is 1e\+300: allowed are up to 100000 N·m",
+        r"line 64: tau6 is 1e\+300: expected up to 100000 N·m",
         _cell(64, "tau6", "1e300"),
     ),
     BadLog("overflow", r"line 65: dq6 is inf", _cell(65, "dq6", "1e999")),
     BadLog(
         "time falls",
-        r"line 3: t falls from 1\.99 to 1\.98: allowed is time that rises",
+        r"line 3: t falls from 1\.99 to 1\.98: expected time that rises",
         _csv(_shift_time),
     ),
     BadLog("one negative step", r"line 81: t falls from 0\.78 to 0\.3", _cell(81, "t", "0.3")),
@@ -273,7 +273,7 @@ BAD_LOGS = (
     BadLog("too slow", r"t rises by 0\.2 from row to row", _csv(_scale(slice(0, 1), 20))),
     BadLog(
         "shorter than a second",
-        r"0\.29 s of samples: allowed is 1 s or more",
+        r"0\.29 s of samples: expected 1 s or more",
         _file("log.csv", lambda: text_of(good_values(rows=30))),
     ),
     BadLog("one row", r"log\.csv", _file("log.csv", lambda: text_of(good_values(rows=1)))),
@@ -281,12 +281,12 @@ BAD_LOGS = (
     BadLog("no torque", r"tau1\.\.tau7 never change", _csv(_set(slice(None), TAU, 0.0))),
     BadLog(
         "degrees",
-        r"line \d+: q\d is -?\d+\.\d+, which looks like degrees: allowed are .* rad",
+        r"line \d+: q\d is -?\d+\.\d+, which looks like degrees: expected .* rad",
         _csv(_scale(slice(1, 15), 180 / np.pi)),
     ),
     BadLog(
         "small angles in degrees",
-        r"q\d moves at .* the joint can do 2\.\d+: allowed are angles in rad, not degrees",
+        r"q\d moves at .* the joint can do 2\.\d+: expected angles in rad, not degrees",
         _csv(_small_degrees),
     ),
     BadLog(
@@ -313,7 +313,7 @@ BAD_LOGS = (
     BadLog("no values at all", r"no row has values", _csv(_set(slice(None), slice(1, 22), np.nan))),
     BadLog(
         "a row with too few values",
-        r"line 20: 21 values: allowed is one for each of the 22",
+        r"line 20: 21 values: expected one for each of the 22",
         _lines(lambda lines: lines.__setitem__(19, lines[19].rsplit(",", 1)[0])),
     ),
     BadLog(
@@ -340,7 +340,7 @@ BAD_LOGS = (
     BadLog("endless line", r"a line of over 65536 bytes", _file("log.csv", lambda: "1," * 200_000)),
     BadLog(
         "compressed but named csv",
-        r"gzip-compressed: allowed is the name \.csv\.gz",
+        r"gzip-compressed: expected the name \.csv\.gz",
         _file("log.csv", lambda: _zipped(text_of(good_values()))),
     ),
     BadLog(
@@ -392,7 +392,7 @@ BAD_LOGS = (
     ),
     BadLog(
         "npz with text",
-        r"column 'q1' holds <U3: allowed are numbers",
+        r"column 'q1' holds <U3: expected numbers",
         _file("log.npz", lambda: _good_npz(q=np.full((200, 7), "one"))),
     ),
     BadLog(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.measured.logs.clock import mend_clock
+from stiction_envs.measured.logs.clock import correct_clock
 from stiction_envs.measured.logs.corrections import Rows
 
 
@@ -43,8 +43,8 @@ def wrong_steps(rows: Rows, truth: np.ndarray, drift: float = 0.0) -> float:
 def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float) -> None:
     """Lines through fast motion are too flat, by up to 2 %: the step must not be so."""
     rows, truth = swaying(rate, motion_hz, jitter=jitter)
-    mends, warnings = mend_clock(rows)
-    assert [m.kind for m in mends] == ["clock"]
+    corrections, warnings = correct_clock(rows)
+    assert [m.kind for m in corrections] == ["clock"]
     assert warnings == []
     assert wrong_steps(rows, truth) == 0
 
@@ -54,8 +54,8 @@ def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float
 def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
     """Its step comes from the stamps, which are all that can say it."""
     rows, truth = swaying(rate, 1.0, lost=lost, drift=3e-5)
-    mends, _ = mend_clock(rows)
-    assert [m.kind for m in mends] == ["clock"]
+    corrections, _ = correct_clock(rows)
+    assert [m.kind for m in corrections] == ["clock"]
     assert wrong_steps(rows, truth, 3e-5) < 0.005
     steps = np.round(np.diff(rows.t) * rate)
     np.testing.assert_allclose(np.diff(rows.t), steps / rate, rtol=2e-4)
@@ -64,9 +64,9 @@ def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
 def test_clocks_that_drift_apart_for_minutes() -> None:
     """80 ppm over 200 s are sixteen steps: still the robot's clock, and the drift is told."""
     rows, truth = swaying(1000.0, 0.3, rows=200_000, jitter=0.4, lost=0.06, drift=-8e-5)
-    (mend,), warnings = mend_clock(rows)
+    (correction,), warnings = correct_clock(rows)
     assert warnings == []
     assert wrong_steps(rows, truth) < 1e-4
-    assert "regular 1 ms clock" in mend.text
-    gained = float(mend.text.split("and gain ")[1].split(" millionths")[0])
+    assert "regular 1 ms clock" in correction.text
+    gained = float(correction.text.split("and gain ")[1].split(" millionths")[0])
     assert gained == pytest.approx(-80, abs=2)

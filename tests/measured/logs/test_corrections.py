@@ -1,4 +1,4 @@
-"""What the reader finds and mends: in made-up logs whose truth is known, and in real ones."""
+"""What the reader finds and corrects: in made-up logs whose truth is known, and in real ones."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ def read(tmp_path: Path, log: Log) -> JointLog:
     return read_logs([tmp_path / "log.npz"], N)[0]
 
 
-def mended(log: JointLog) -> dict[str, int]:
-    """Rows mended, by kind."""
+def corrected(log: JointLog) -> dict[str, int]:
+    """Rows corrected, by kind."""
     found: dict[str, int] = {}
-    for mend in log.mends:
-        found[mend.kind] = found.get(mend.kind, 0) + mend.rows
+    for correction in log.corrections:
+        found[correction.kind] = found.get(correction.kind, 0) + correction.rows
     return found
 
 
 def test_a_clean_log_is_left_alone(tmp_path: Path) -> None:
     truth = sway()
     log = read(tmp_path, truth)
-    assert (log.mends, log.warnings, log.breaks) == ((), (), ())
+    assert (log.corrections, log.warnings, log.breaks) == ((), (), ())
     assert all(np.array_equal(getattr(log, k), truth[k]) for k in ("t", "q", "dq", "tau"))
 
 
@@ -73,7 +73,7 @@ def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
     again = np.r_[False, rows[1:] == rows[:-1]]
     log["t"] = log["t"] + 4e-4 * again
     found = read(tmp_path, log)
-    assert mended(found) == {"repeat": 300}
+    assert corrected(found) == {"repeat": 300}
     assert np.array_equal(found.q, truth["q"])
     assert np.allclose(found.t, truth["t"], atol=1e-12)
 
@@ -83,13 +83,13 @@ def test_a_slow_robot_in_a_fast_log(tmp_path: Path) -> None:
     truth = sway()
     rows = np.arange(10_000) // 5 * 5
     found = read(tmp_path, rows_of(truth, rows) | {"t": truth["t"]})
-    assert mended(found) == {"repeat": 8000}
+    assert corrected(found) == {"repeat": 8000}
     assert np.array_equal(found.q, truth["q"][::5])
     assert found.step == pytest.approx(5e-3)
 
 
 def test_a_robot_at_rest_may_repeat_itself(tmp_path: Path) -> None:
-    """A simulated log without noise stands still for 2 s, to the last digit: nothing to mend."""
+    """A simulated log without noise stands still for 2 s, to the last digit: nothing to correct."""
     truth = sway(q_noise=0, tau_noise=0)
     truth["dq"] = np.gradient(truth["q"], 1e-3, axis=0)
     stop = rows_of(truth, np.r_[np.arange(5000), np.full(2000, 5000), np.arange(5000, 10_000)])
@@ -97,7 +97,7 @@ def test_a_robot_at_rest_may_repeat_itself(tmp_path: Path) -> None:
     stop["dq"][5000:7000] = 0
     found = read(tmp_path, stop)
     assert len(found.t) == 12_000
-    assert "frozen" not in mended(found)
+    assert "frozen" not in corrected(found)
     assert found.breaks == ()
 
 
@@ -107,7 +107,7 @@ def test_a_frozen_log_becomes_a_gap(tmp_path: Path) -> None:
     rows = np.arange(10_000)
     rows[4000:4600] = 3999
     found = read(tmp_path, rows_of(truth, rows) | {"t": truth["t"]})
-    assert mended(found) == {"frozen": 600, "gap": 1}
+    assert corrected(found) == {"frozen": 600, "gap": 1}
     assert found.breaks == (4000,)
     assert np.array_equal(found.q, truth["q"][np.r_[0:4000, 4600:10_000]])
 
@@ -120,8 +120,8 @@ def test_rows_with_an_old_position_are_dropped(tmp_path: Path) -> None:
     log["q"][old] = log["q"][old - 1]
     found = read(tmp_path, log)
     # Where all joints are slow at once, an old position is as good as a new one.
-    assert set(mended(found)) == {"stale"}
-    assert 114 <= mended(found)["stale"] <= 120
+    assert set(corrected(found)) == {"stale"}
+    assert 114 <= corrected(found)["stale"] <= 120
     kept = np.round(found.t * RATE).astype(int)
     assert set(range(10_000)) - set(kept) <= set(old)
     assert np.abs(found.q - truth["q"][kept]).max() < 2e-3
@@ -137,7 +137,7 @@ def test_two_halves_of_a_sample_are_put_together(tmp_path: Path) -> None:
     first = np.searchsorted(rows, late)
     log["tau"][first] = log["tau"][first - 1]
     found = read(tmp_path, log)
-    assert mended(found)["stale"] == len(late)
+    assert corrected(found)["stale"] == len(late)
     for name in ("q", "dq", "tau"):
         assert np.array_equal(getattr(found, name), truth[name])
 
@@ -148,7 +148,7 @@ def test_old_torques_are_interpolated(tmp_path: Path) -> None:
     log = {k: v.copy() for k, v in truth.items()}
     log["tau"][old] = log["tau"][old - 1]
     found = read(tmp_path, log)
-    assert mended(found) == {"stale": len(old)}
+    assert corrected(found) == {"stale": len(old)}
     expected = (truth["tau"][old - 1] + truth["tau"][old + 1]) / 2
     assert np.allclose(found.tau[old], expected)
 
@@ -162,7 +162,7 @@ def test_single_missing_values_are_interpolated(tmp_path: Path) -> None:
     for name in ("q", "dq", "tau"):
         log[name][7000:7004] = np.nan  # rows without any value
     found = read(tmp_path, log)
-    assert mended(found) == {"missing": 4 + 1 + 4}
+    assert corrected(found) == {"missing": 4 + 1 + 4}
     assert len(found.t) == 10_000 - 5
     rest = np.delete(np.arange(10_000), [0, *range(7000, 7004)])
     assert np.abs(found.q - truth["q"][rest]).max() < 1e-4
@@ -208,7 +208,7 @@ def test_the_robot_clock_is_rebuilt(tmp_path: Path, kind: str, lost: float) -> N
     log = rows_of(truth, rows)
     log["t"] = jittered(kind, log["t"])
     found = read(tmp_path, log)
-    assert "clock" in mended(found)
+    assert "clock" in corrected(found)
     assert len(found.t) == len(rows)
     wrong = np.abs(np.diff(found.t) - np.diff(truth["t"][rows])) > 1e-7
     # At both ends there is nothing to compare with on one side; jittered stamps stay there.
@@ -222,7 +222,7 @@ def test_uneven_sampling_that_is_true_is_left_alone(tmp_path: Path) -> None:
     omega = 2 * np.pi * np.array([0.2, 0.27, 0.33])
     q = 0.6 * np.sin(np.outer(t, omega)) + 1e-5 * rng.normal(size=(8000, N))
     found = read(tmp_path, {"t": t, "q": q, "tau": 8 * q + 0.05 * rng.normal(size=q.shape)})
-    assert (found.mends, found.warnings) == ((), ())
+    assert (found.corrections, found.warnings) == ((), ())
     assert np.array_equal(found.t, t)
 
 
@@ -230,7 +230,7 @@ def test_jitter_that_the_noise_hides_is_left_alone(tmp_path: Path) -> None:
     log = sway(q_noise=2e-3)
     log["t"] = jittered("half a step", log["t"])
     found = read(tmp_path, log)
-    assert "clock" not in mended(found)
+    assert "clock" not in corrected(found)
     assert np.array_equal(found.t, log["t"])
 
 
@@ -242,7 +242,7 @@ def test_gaps_split_the_log(tmp_path: Path) -> None:
         6030:10_000,
     ]
     found = read(tmp_path, rows_of(truth, keep))
-    assert mended(found) == {"gap": 2}
+    assert corrected(found) == {"gap": 2}
     assert found.breaks == (3000, 5500)
     # A few lost samples are no gap.
     assert read(tmp_path, rows_of(truth, np.r_[0:3000, 3015:10_000])).breaks == ()
@@ -318,7 +318,7 @@ def test_saturated_and_dead_torques_are_found(tmp_path: Path) -> None:
     warnings = read(tmp_path, log).warnings
     assert len(warnings) == 2
     assert warnings[0] == "tau3 is always 0.25 although the joint moves"
-    assert warnings[1].startswith("tau2 stands at its largest value 3.5 N·m in ")
+    assert warnings[1].startswith("tau2 stays at its largest value 3.5 N·m in ")
 
 
 def test_coarse_torques_are_not_saturated(tmp_path: Path) -> None:
@@ -353,13 +353,13 @@ def test_panda_defects_are_found() -> None:
     """What the log's README lists: repeats, late halves, robot clock, lag, q too good."""
     path = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz")
     (log,) = read_logs([path], 7, limits=load_arm("panda").limits)
-    found = mended(log)
+    found = corrected(log)
     assert found["repeat"] == 1131
-    assert {m.rows for m in log.mends if "old q" in m.text or "half" in m.text} == {59, 63}
+    assert {m.rows for m in log.corrections if "old q" in m.text or "half" in m.text} == {59, 63}
     step = np.diff(log.t) / 1e-3
     assert np.abs(step - np.round(step)).max() < 1e-6
     assert log.breaks == ()
-    assert "robot clock rebuilt: the angles follow a regular 1 ms clock" in log.mends[-1].text
+    assert "robot clock rebuilt: the angles follow a regular 1 ms clock" in log.corrections[-1].text
     lag, obedient = log.warnings
     assert float(lag.split(" by ")[1].split(" ms")[0]) == pytest.approx(5.3, abs=0.5)
     assert "q may be the commanded position" in obedient
@@ -368,7 +368,7 @@ def test_panda_defects_are_found() -> None:
 def test_iiwa_defects_are_found() -> None:
     path = real("iiwa14_joint_friction/joint2.csv.gz")
     (log,) = read_logs([path], 7, limits=load_arm("iiwa14").limits)
-    assert mended(log) == {"run": 7}
+    assert corrected(log) == {"run": 7}
     assert len(log.segments) == 8
     assert log.step == pytest.approx(5e-3)
     assert log.warnings[0] == "columns not used: 'segment'"
@@ -389,4 +389,4 @@ def test_iiwa_poses() -> None:
 
 def test_staubli_is_clean() -> None:
     (log,) = read_logs([real("staubli_tx40/tx40.csv.gz")], 6)
-    assert (log.mends, log.warnings, log.breaks, log.dq) == ((), (), (), None)
+    assert (log.corrections, log.warnings, log.breaks, log.dq) == ((), (), (), None)

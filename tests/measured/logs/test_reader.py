@@ -17,14 +17,16 @@ from pyarrow import parquet
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs import files as log_files
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.settings import MeasuredSettings, measured_settings
+from stiction_envs.method_settings import override
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import BAD_LOGS, HEADER, BadLog, good_values, text_of
 
 LIMITS = load_arm("panda").limits
 
 
-def read(path: Path, n: int = 7) -> JointLog:
-    return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
+def read(path: Path, n: int = 7, settings: MeasuredSettings | None = None) -> JointLog:
+    return read_logs([path], n, limits=LIMITS if n == 7 else None, settings=settings)[0]
 
 
 def put(path: Path, text: str | bytes) -> Path:
@@ -45,7 +47,7 @@ def test_bad_log_is_one_clear_line(tmp_path: Path, bad: BadLog) -> None:
     assert re.search(bad.says, message)
     assert "\n" not in message
     assert len(message.replace(str(tmp_path), "")) < 300
-    assert "allowed" in message
+    assert "expected" in message
     assert any(str(path) in message for path in paths)
     assert time.perf_counter() - start < 10
 
@@ -59,9 +61,9 @@ def test_no_log_at_all() -> None:
         read_logs([], 7)
 
 
-def test_a_packed_bomb_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_packed_bomb_is_cut_off(tmp_path: Path) -> None:
     """A small file that unpacks to a lot: an error after the limit, and no memory for it."""
-    monkeypatch.setattr(log_files, "MOST_BYTES", 2**24)
+    limited = override(measured_settings(), {"files.most_bytes": 2**24})
     row = (",".join(["0"] * 22) + "\n").encode()
     bomb = gzip.compress((HEADER + "\n").encode() + row * (2**26 // len(row)), 1)
     assert len(bomb) < 2**20
@@ -69,18 +71,18 @@ def test_a_packed_bomb_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     del bomb
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(StictionError, match="over 16 MiB of text"):
-        read(path)
+        read(path, settings=limited)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150_000  # KiB
 
 
-def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(log_files, "MOST_VALUES", 1000)
-    with pytest.raises(StictionError, match="200 rows or more: allowed are 1000 numbers"):
-        read(put(tmp_path / "log.csv", text_of(good_values())))
+def test_too_many_rows(tmp_path: Path) -> None:
+    limited = override(measured_settings(), {"files.most_values": 1000})
+    with pytest.raises(StictionError, match="200 rows or more: expected at most 1000 numbers"):
+        read(put(tmp_path / "log.csv", text_of(good_values())), settings=limited)
     v = good_values()
     np.savez(tmp_path / "log.npz", t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
     with pytest.raises(StictionError, match="200 rows or more"):
-        read(tmp_path / "log.npz")
+        read(tmp_path / "log.npz", settings=limited)
 
 
 def test_errors_below_a_block_name_the_right_line(
@@ -105,7 +107,7 @@ def test_units_without_limits(tmp_path: Path) -> None:
     values = good_values()
     values[:, 1:15] *= 180 / np.pi
     path = put(tmp_path / "log.csv", text_of(values))
-    with pytest.raises(StictionError, match="looks like degrees: allowed are radians"):
+    with pytest.raises(StictionError, match="looks like degrees: expected radians"):
         read_logs([path], 7)
 
 
@@ -120,7 +122,7 @@ def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
     assert np.array_equal(log.q, shown[:, 1:8])
     assert np.array_equal(log.dq, shown[:, 8:15])
     assert np.array_equal(log.tau, shown[:, 15:])
-    assert (log.breaks, log.mends, log.warnings, log.extra) == ((), (), (), {})
+    assert (log.breaks, log.corrections, log.warnings, log.extra) == ((), (), (), {})
     assert log.source == str(tmp_path / "log.csv")
     assert log.step == pytest.approx(0.01)
     assert not log.q.flags.writeable
@@ -197,7 +199,7 @@ def test_extra_channels_are_taken_along(tmp_path: Path) -> None:
     assert np.allclose(log.extra["tau_cmd"], log.tau + 1)
     # Temperatures come once in half a second: lines between them, the last one held.
     assert np.allclose(log.extra["temperature"][[0, 25, 199], 2], [30, 30.5, 33])
-    assert log.mends == ()
+    assert log.corrections == ()
 
 
 def test_an_incomplete_extra_channel_is_not_used(tmp_path: Path) -> None:
@@ -220,7 +222,7 @@ def test_runs_with_a_clock_of_their_own(tmp_path: Path) -> None:
     assert log.segments == (slice(0, 200), slice(200, 350))
     assert np.all(np.diff(log.t) > 0)
     assert log.t[200] - log.t[199] == pytest.approx(1)
-    assert [m.kind for m in log.mends] == ["run"]
+    assert [m.kind for m in log.corrections] == ["run"]
     np.savez(
         tmp_path / "log.npz",
         run=np.array(names[1:]),
@@ -238,7 +240,7 @@ def test_dates_are_counted_from_the_first_row(tmp_path: Path) -> None:
     log = read(tmp_path / "log.npz")
     assert log.t[0] == 0
     assert log.t[-1] == pytest.approx(1.99, abs=1e-5)
-    assert log.mends[0].kind == "epoch"
+    assert log.corrections[0].kind == "epoch"
 
 
 def test_a_robot_at_rest_is_a_log(tmp_path: Path) -> None:
@@ -262,7 +264,7 @@ def test_poses_at_rest(tmp_path: Path) -> None:
     assert np.array_equal(log.t, np.arange(20))
     with pytest.raises(StictionError, match="missing column 't'"):
         read(tmp_path / "poses.csv")
-    with pytest.raises(StictionError, match="1 pose: allowed are two"):
+    with pytest.raises(StictionError, match="1 pose: expected two"):
         read_poses(put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2])), 7)
 
 

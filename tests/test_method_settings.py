@@ -1,0 +1,173 @@
+"""Constants of methods: read from one TOML per room, changed by name, and known by their hash."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.measured.settings import measured_settings
+from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
+
+ROOT = Path(__file__).parents[1]
+ROOMS = {"measured": measured_settings, "gap": gap_settings}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inner:
+    """Nested."""
+
+    times: tuple[float, ...]
+    share: float
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("share",), signed=("times",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outer:
+    """Of a room."""
+
+    rows: int
+    speed: float
+    inner: Inner
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+GOOD = """
+rows = { value = 20, unit = "1", assumed = true }
+speed = { value = 2, unit = "rad/s", source = "a book" }
+[inner]
+times = { value = [-1, 0.5], unit = "s", assumed = true, source = "assumed: room" }
+share = { value = 0.5, unit = "1", assumed = true }
+"""
+
+
+def load(tmp_path: Path, text: str, table: str = "") -> Outer:
+    path = tmp_path / "settings.toml"
+    path.write_text(text, "utf-8")
+    load_settings.cache_clear()
+    return load_settings(Outer, path, table)
+
+
+def test_what_stands_in_the_file_is_read(tmp_path):
+    s = load(tmp_path, GOOD)
+    assert s == Outer(rows=20, speed=2.0, inner=Inner(times=(-1.0, 0.5), share=0.5))
+    assert [type(s.speed), type(s.rows)] == [float, int]
+    text = "".join(f"{x}\n" for x in GOOD.splitlines()).replace("[inner]", "[a.b.inner]")
+    assert load(tmp_path, "[a.b]\n" + text, "a.b") == s
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rows =", "row =", "settings.toml: row is unknown: expected rows, speed, inner"),
+        ('speed = { value = 2, unit = "rad/s", source = "a book" }\n', "", "speed is missing"),
+        ("share = {", "part = {", "inner.part is unknown: expected times, share"),
+        ("value = 20", "value = 20.5", "rows is 20.5: expected a whole number"),
+        ("value = 20", "value = true", "rows is True: expected a whole number"),
+        ("value = 2,", 'value = "2",', "speed is '2': expected a number"),
+        ("[-1, 0.5]", "0.5", "inner.times is 0.5: expected a list"),
+        ("[-1, 0.5]", '["x"]', "inner.times is 'x': expected a number"),
+        (', source = "a book"', "", "speed: expected a unit, and a source or assumed = true"),
+        ('unit = "rad/s", ', "", "expected { value, unit, source or assumed = true }"),
+        ("value = 20", "worth = 20", "expected { value, unit, source or assumed = true }"),
+        ("value = 20", "value = 0", "Outer: rows is 0: expected finite numbers above 0"),
+        ("value = 0.5", "value = 1.5", "share is 1.5: expected finite numbers above 0 up to 1"),
+        ("value = 2,", "value = nan,", "speed is nan: expected finite"),
+        ("[inner]", "[inner", "not a TOML file"),
+    ],
+)
+def test_a_bad_file_is_one_clear_line(tmp_path, old, new, said):
+    assert old in GOOD
+    with pytest.raises(StictionError) as error:
+        load(tmp_path, GOOD.replace(old, new, 1))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value) or "TOML" in said
+
+
+def test_no_table_and_no_file(tmp_path):
+    with pytest.raises(StictionError, match=r"elsewhere.: expected a table of rows, speed, inner"):
+        load(tmp_path, GOOD, "elsewhere")
+    with pytest.raises(StictionError, match="no such file"):
+        load_settings(Outer, tmp_path / "none.toml")
+
+
+def test_users_change_some_by_name(tmp_path):
+    s = load(tmp_path, GOOD)
+    assert override(s, None) is s
+    by_name = override(s, {"inner.share": 1, "rows": 3})
+    assert (by_name.rows, by_name.inner) == (3, dataclasses.replace(s.inner, share=1.0))
+    assert by_name == override(s, {"inner": {"share": 1.0}, "rows": 3})
+    own = tmp_path / "own.toml"
+    own.write_text("rows = 3\n[inner]\nshare = { value = 1.0, unit = '1' }\n", "utf-8")
+    assert override(s, own) == override(s, str(own)) == by_name
+    both = override(s, {"inner": {"share": 0.25}, "inner.times": (2,)})
+    assert both.inner == Inner(times=(2.0,), share=0.25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"row": 3}, "settings: row: no such setting: expected one of rows, speed, inner"),
+        ({"inner.part": 3}, "inner.part: no such setting: expected one of times, share"),
+        ({"inner": 3}, "inner is 3: expected a table of times, share"),
+        ({"rows": 2.5}, "rows is 2.5: expected a whole number"),
+        ({"rows.x": 2}, "rows is {'x': 2}: expected a whole number"),
+        ({"inner.share": 2}, "share is 2.0: expected finite numbers above 0 up to 1"),
+        ("none.toml", "none.toml: no such file"),
+    ],
+)
+def test_a_bad_change_is_one_clear_line(tmp_path, changes, said):
+    with pytest.raises(StictionError) as error:
+        override(load(tmp_path, GOOD), changes)
+    assert said in str(error.value)
+
+
+def test_the_hash_knows_every_number(tmp_path):
+    s = load(tmp_path, GOOD)
+    changed = [{"rows": 21}, {"speed": 2.5}, {"inner.times": (-1, 0.6)}, {"inner.share": 0.6}]
+    hashes = {fingerprint(s), *(fingerprint(override(s, x)) for x in changed)}
+    assert len(hashes) == 5
+    # the same on every machine and in every version, unless a name or value changes
+    assert fingerprint(s) == "8f878588a840fee1"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_table_of_a_room_is_read(room):
+    """Nothing stands in a room's TOML that no code reads, and the defaults are what it says."""
+    path = ROOT / "stiction_envs" / room / "settings.toml"
+    s = ROOMS[room]()
+    for table, entries in tomllib.loads(path.read_text("utf-8")).items():
+        assert {f.name for f in dataclasses.fields(getattr(s, table))} == set(entries)
+        for name, entry in entries.items():
+            value = getattr(getattr(s, table), name)
+            assert (list(value) if isinstance(value, tuple) else value) == entry["value"]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_setting_is_used_and_documented(room):
+    """Every field has a docstring under it, and some code of the project reads it."""
+    tree = ast.parse((ROOT / "stiction_envs" / room / "settings.py").read_text("utf-8"))
+    code = "\n".join(
+        p.read_text("utf-8")
+        for p in (ROOT / "stiction_envs").rglob("*.py")
+        if p.name != "settings.py"
+    )
+    read = {n.attr for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Attribute)}
+    for node in [n for n in tree.body if isinstance(n, ast.ClassDef)]:
+        for i, field in enumerate(node.body):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                below = node.body[i + 1]
+                assert isinstance(below, ast.Expr), f"{node.name}.{field.target.id}"
+                assert isinstance(below.value, ast.Constant)
+                assert field.target.id in read, f"{node.name}.{field.target.id} is read by nobody"
+    assert dict(flat(ROOMS[room]()))
