@@ -11,12 +11,17 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
 
 ROOT = Path(__file__).parents[1]
-ROOMS = {"measured": measured_settings, "gap": gap_settings}
+ROOMS = {
+    "measured": measured_settings,
+    "experiments": experiment_settings,
+    "gap": gap_settings,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

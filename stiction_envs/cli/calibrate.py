@@ -48,7 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out = args.out or Path("runs") / f"calibrate-{arm.name}" / "friction.toml"
     _check_file(out, force=args.force)
 
-    from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate, calibrated_toml
+    from stiction_envs.experiments.settings import experiment_settings
+    from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.measured import write_text_atomic
 
@@ -57,11 +58,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     with common.working():
         with Progress("rounds") as progress:
-            progress.set("calibrate", 0, ROUNDS)
+            rounds = experiment_settings().calibration.rounds
+            progress.set("calibrate", 0, rounds)
             result = calibrate(
                 table,
                 experiment,
-                progress=lambda k, error: progress.set("calibrate", k, ROUNDS),
+                progress=lambda k, error: progress.set("calibrate", k, rounds),
             )
         found = provenance(args, common.input_files(arm, args, table=args.table))
         base = common.friction_file(arm, args.friction)

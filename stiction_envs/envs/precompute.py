@@ -15,6 +15,8 @@ from stiction_envs.envs import gte_base, sje_base
 from stiction_envs.envs.gte_layout import drawn_stiffness
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje import poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.precomputed import store
@@ -28,7 +30,10 @@ def entries(robot: str) -> dict[str, tuple[str, str]]:
     gte = GeneratedTrajectoryExperiment.of(robot)
     gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in drawn_stiffness()])
     return {
-        f"{robot}: poses [rad] and signed loads [N·m]": ("poses", sje.sticking.arm.fingerprint),
+        f"{robot}: poses [rad] and signed loads [N·m]": (
+            "poses",
+            poses.fingerprint(sje.sticking.arm, experiment_settings().poses),
+        ),
         f"{robot}: base torques [N·m]": (sje_base.KIND, sje_base.fingerprint(sje)),
         f"{robot}: errors, duration, shaking without dither [m, rad, s]": (
             gte_base.KIND,

@@ -28,23 +28,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
 from stiction_envs.plant import rollout
 from stiction_envs.robots import BUILTIN, load_arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-UNDER, OVER = 0.9, 1.1
-"""Loads of hold and go over stiction [-]."""
-HOLD_TIME, WATCHED_TIME, RISE_TIME = 60.0, 30.0, 10.0
-"""Length of a hold, its end in which the joint may not move, the rise of its load [s]."""
-GO_TIME, GO_RISE_TIME = 20.0, 1.0
-"""Longest time to move away under the larger load, the rise of that load [s]."""
-STILL, GONE = 1e-6, 0.1
-"""Largest motion of a joint that stands, least of one that goes [rad]."""
 _SILENT = 30  # actuator group that is switched off
-RATES = (0.02, 0.07, 0.2, 1.0)
-"""Ramp rates of the breakaway torque [N·m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,20 +58,22 @@ class JointResult:
     """Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not."""
     breakaway: tuple[float, ...]
     """Breakaway torque per ramp rate, + direction [N·m]; NaN if it did not break away."""
+    settings: ConformanceSettings
+    """What it was tested by."""
 
     @property
     def presliding(self) -> float:
-        """Deflection that LuGre gives at a slow rise: −ln(1 − 0.9) F_s/σ0 [rad]."""
-        return -np.log(1 - UNDER) * self.stiction / self.bristle_stiffness
+        """Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]."""
+        return -np.log(1 - self.settings.under) * self.stiction / self.bristle_stiffness
 
     @property
     def holds(self) -> bool:
-        """Whether it stood under 90 % of stiction."""
-        return self.still < STILL and self.deflection < GONE
+        """Whether it held under the smaller load."""
+        return self.still < self.settings.still and self.deflection < self.settings.gone
 
     @property
     def goes(self) -> bool:
-        """Whether it moved under 110 % of stiction."""
+        """Whether it moved under the larger load."""
         return bool(np.isfinite(self.go_time))
 
     @property
@@ -96,6 +89,8 @@ class Report:
     joints: tuple[JointResult, ...]
     rates: tuple[float, ...]
     """Ramp rates of the breakaway torques [N·m/s]."""
+    settings: ConformanceSettings
+    """What the joints were tested by."""
 
     @property
     def passed(self) -> bool:
@@ -131,13 +126,13 @@ class Report:
         table = [[*head, "sticks"], *rows]
         width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
         lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
-        n = sum(j.passed for j in self.joints)
+        n, s = sum(j.passed for j in self.joints), self.settings
         return "\n".join(
             [
                 *lines,
-                f"{n} of {len(self.joints)} joints stick: under {UNDER:.0%} of F_s they move less "
-                f"than {STILL:g} rad in the last {WATCHED_TIME:g} s of {HOLD_TIME:g} s, under "
-                f"{OVER:.0%} more than {GONE:g} rad in {GO_TIME:g} s.",
+                f"{n} of {len(self.joints)} joints stick: under {s.under:.0%} of F_s they move "
+                f"less than {s.still:g} rad in the last {s.watched_time:g} s of {s.hold_time:g} s, "
+                f"under {s.over:.0%} more than {s.gone:g} rad in {s.go_time:g} s.",
                 "Columns with a ramp rate: dry friction torque at breakaway [N·m].",
             ]
         )
@@ -148,8 +143,9 @@ def check(
     stiction: ArrayLike | None = None,
     *,
     qpos: ArrayLike | None = None,
-    rates: Sequence[float] = RATES,
+    rates: Sequence[float] | None = None,
     nthread: int = 0,
+    settings: ConformanceSettings | None = None,
 ) -> Report:
     """Test every hinge that carries friction.
 
@@ -162,14 +158,17 @@ def check(
         stiction: F_s of every hinge of the model in its order [N·m], 0 for one not to be tested.
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
         qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
-        rates: ramp rates for the breakaway torque [N·m/s].
+        rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings.
         nthread: threads, 0 for all processors.
+        settings: constants of the test; None for those of ``settings.toml``.
 
     Raises:
         StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
             negative, position outside limits, or rate that is not positive.
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
+    s = settings or experiment_settings().conformance
+    rates = s.ramp_rates if rates is None else rates
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
     bare = _bare(_compiled(model))
@@ -184,7 +183,7 @@ def check(
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
-    bench = _Bench(bare, joints, level, _start(bare, qpos), nthread)
+    bench = _Bench(bare, joints, level, _start(bare, qpos), nthread, s)
     deflection, still, creep = bench.hold()
     go = bench.go()
     breakaway = np.array([bench.breakaway(rate) for rate in rates]).reshape(len(rates), len(joints))
@@ -198,18 +197,26 @@ def check(
             creep=float(creep[k]),
             go_time=float(go[k]),
             breakaway=tuple(breakaway[:, k].tolist()),
+            settings=s,
         )
         for k, j in enumerate(joints)
     )
-    return Report(joints=results, rates=tuple(float(r) for r in rates))
+    return Report(joints=results, rates=tuple(float(r) for r in rates), settings=s)
 
 
 class _Bench:
     """One simulation per joint and direction: first all joints +, then all −."""
 
     def __init__(
-        self, model: mujoco.MjModel, joints: Index, level: Array, qpos: Array, nthread: int
+        self,
+        model: mujoco.MjModel,
+        joints: Index,
+        level: Array,
+        qpos: Array,
+        nthread: int,
+        settings: ConformanceSettings,
     ) -> None:
+        self.settings = settings
         self.model, self.nthread = model, nthread
         self.qpos, self.n = qpos, len(joints)
         self.level = level
@@ -248,35 +255,37 @@ class _Bench:
         return values.reshape(2, self.n).max(axis=0)
 
     def hold(self) -> tuple[Array, Array, Array]:
-        """Return deflection [rad], motion at the end [rad] and creep [rad/s] under 90 %."""
+        """Return deflection [rad], motion at the end [rad], creep [rad/s] under the small load."""
+        s = self.settings
 
         def torque(t: Array) -> Array:
-            return UNDER * self.level[:, None] * _rise(t / RISE_TIME)
+            return s.under * self.level[:, None] * _rise(t / s.rise_time)
 
         low, high = np.full(2 * self.n, np.inf), np.full(2 * self.n, -np.inf)
         first: Array | None = None
-        for part, moved in self.run(torque, HOLD_TIME, (1, -1)):
-            late = part["time"] >= HOLD_TIME - WATCHED_TIME
+        for part, moved in self.run(torque, s.hold_time, (1, -1)):
+            late = part["time"] >= s.hold_time - s.watched_time
             if late.any():
                 low = np.minimum(low, moved[:, late].min(axis=1))
                 high = np.maximum(high, moved[:, late].max(axis=1))
                 first = moved[:, late][:, 0] if first is None else first
             end = moved[:, -1]
         assert first is not None
-        creep = np.abs(end - first) / WATCHED_TIME
+        creep = np.abs(end - first) / s.watched_time
         return self.worse(np.abs(end)), self.worse(high - low), self.worse(creep)
 
     def go(self) -> Array:
-        """Return the time to 0.1 rad under 110 % [s], NaN if that is not reached."""
+        """Return the time to `gone` under the larger load [s], NaN if that is not reached."""
+        s = self.settings
 
         def torque(t: Array) -> Array:
             # none for a joint that has gone both ways
-            factor = np.where(np.isnan(gone).reshape(2, self.n).any(axis=0), OVER, 0.0)
-            return (factor * self.level)[:, None] * _rise(t / GO_RISE_TIME)
+            factor = np.where(np.isnan(gone).reshape(2, self.n).any(axis=0), s.over, 0.0)
+            return (factor * self.level)[:, None] * _rise(t / s.go_rise_time)
 
         gone = np.full(2 * self.n, np.nan)
-        for part, moved in self.run(torque, GO_TIME, (1, -1)):
-            over = moved > GONE
+        for part, moved in self.run(torque, s.go_time, (1, -1)):
+            over = moved > s.gone
             new = over.any(axis=1) & np.isnan(gone)
             gone[new] = part["time"][over.argmax(axis=1)[new]]
             if not np.isnan(gone).any():
@@ -292,11 +301,11 @@ class _Bench:
         gone = np.zeros(self.n, dtype=bool)
         peak = np.full(self.n, -np.inf)
         fields = ("qpos", "qfrc_actuator", "qfrc_constraint")
-        time = 2 * float(self.level.max()) / rate + GO_TIME
+        time = 2 * float(self.level.max()) / rate + self.settings.go_time
         for part, moved in self.run(torque, time, (1,), fields):
             friction = -(part["qfrc_actuator"] + part["qfrc_constraint"])
             mine = friction[np.arange(self.n), :, self.dof]
-            before = np.cumsum(moved > GONE, axis=1) == 0
+            before = np.cumsum(moved > self.settings.gone, axis=1) == 0
             top = np.where(before & ~gone[:, None], mine, -np.inf).max(axis=1)
             peak = np.maximum(peak, top)
             gone |= ~before[:, -1]

@@ -8,8 +8,10 @@ import pytest
 
 from stiction_envs.cli import tune as tune_command
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import read_amplitudes
+from stiction_envs.method_settings import override
 from tests.cli.test_bad_input import BASE_TWO
 
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
@@ -44,9 +46,9 @@ def test_calibrate(cli, work, two, base):
 def test_calibrate_that_fails_writes_nothing(cli, work, two, base, monkeypatch):
     from stiction_envs.experiments.sje import calibrate
 
-    monkeypatch.setattr(calibrate, "ROUNDS", 1)
-    monkeypatch.setattr(calibrate, "TOLERANCE", 1e-9)
-    monkeypatch.setattr(calibrate.calibrate, "__kwdefaults__", {"progress": None, "tolerance": 0.0})
+    own = {"calibration.rounds": 1, "calibration.tolerance": 0.0}
+    hopeless = override(experiment_settings(), own)
+    monkeypatch.setattr(calibrate, "experiment_settings", lambda: hopeless)
     ran = cli("calibrate", two, base, "--out", "friction.toml")
     assert ran.code == 1
     assert len(ran.lines) == 1

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.settings import CalibrationSettings, experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.model import build
@@ -33,14 +34,6 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.measured.tables import BaseTable
 
 Array = NDArray[np.float64]
-TOLERANCE = 0.002
-"""Rounds end when every base torque agrees this well, relative [-]."""
-SAME_LOAD_NM = 1e-6
-"""Loads of the two poses that differ by less cannot explain different friction [N·m]."""
-ROUNDS = 10
-"""Most rounds of simulate and correct."""
-FAR = 0.5
-"""Relative error past which the table is a better start than the arm's friction [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +52,11 @@ class Calibration:
 
 
 def with_levels(
-    parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
+    parameters: FrictionParameters,
+    poses: Poses,
+    friction: Array,
+    offset: Array,
+    settings: CalibrationSettings | None = None,
 ) -> FrictionParameters:
     """Return parameters whose law passes through both poses of every joint.
 
@@ -68,13 +65,15 @@ def with_levels(
         poses: where the two poses are, and their loads.
         friction: (n, 2) stiction in the load and the no-load pose [N·m].
         offset: (n, 2) offset there [N·m].
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    s = settings or experiment_settings().calibration
     high, low = poses.load[:, 0], poses.load[:, 1]
 
     def line(values: Array, x: Array) -> tuple[Array, Array]:
         """Return slope and intercept through both poses; their mean where x cannot tell them."""
         run = x[:, 0] - x[:, 1]
-        flat = np.abs(run) < SAME_LOAD_NM
+        flat = np.abs(run) < s.same_load
         slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
         return slope, np.where(flat, values.mean(axis=1), values[:, 1] - slope * x[:, 1])
 
@@ -95,7 +94,7 @@ def calibrate(
     experiment: SingleJointExperiment,
     *,
     progress: Callable[[int, float], None] | None = None,
-    tolerance: float = TOLERANCE,
+    settings: CalibrationSettings | None = None,
 ) -> Calibration:
     """Identify stiction, load coefficient, offset and gravity error of every joint.
 
@@ -103,12 +102,13 @@ def calibrate(
         table: measured base torques.
         experiment: the arm and the protocol it was measured with; its scatter is switched off.
         progress: called with (round, largest relative error so far) after each round.
-        tolerance: relative error of every base torque at which to stop.
+        settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
         StictionError: table of another number of joints, or friction that is not positive.
         ExperimentError: no convergence (the message names the worst cell).
     """
+    s = settings or experiment_settings().calibration
     n = experiment.n
     if table.n_joints != n:
         raise StictionError(f"base table of {table.n_joints} joints, but the arm has {n}")
@@ -117,8 +117,8 @@ def calibrate(
     poses = experiment.poses
     friction, offset = _levels(experiment)
     best: Calibration | None = None
-    for round_ in range(1, ROUNDS + 1):
-        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
+    for round_ in range(1, s.rounds + 1):
+        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset, s)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
         trial = dataclasses.replace(experiment, sticking=sticking, scatter=False)
         simulated = base_torques(trial)
@@ -137,18 +137,20 @@ def calibrate(
             )
         if progress is not None:
             progress(round_, worst)
-        if best.error <= tolerance:
+        if best.error <= s.tolerance:
             break
-        if round_ == 1 and worst > FAR:
+        if round_ == 1 and worst > s.far:
             friction, offset = table.friction.copy(), table.offset.copy()
             continue
         half_width = (simulated[..., 0] - simulated[..., 1]) / 2
         middle = (simulated[..., 0] + simulated[..., 1]) / 2
         # the slide to the threshold adds to the reading, whatever the friction
-        friction = np.maximum(friction + table.friction - half_width, 0.05 * table.friction)
+        friction = np.maximum(
+            friction + table.friction - half_width, s.least_friction * table.friction
+        )
         offset = offset + table.offset - middle
     assert best is not None
-    if best.error > 5 * tolerance:
+    if best.error > s.converged * s.tolerance:
         cell = np.unravel_index(
             np.argmax(np.abs(best.simulated - table.tau) / np.abs(table.tau)), table.tau.shape
         )

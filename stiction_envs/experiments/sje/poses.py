@@ -16,6 +16,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.settings import PoseSettings, experiment_settings
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import load_friction
@@ -24,15 +25,6 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 LOADS = ("load", "no_load")
-SWING = 0.15
-"""The joint is moved this far each way by the experiment [rad]; thesis 3.2."""
-MARGIN = 0.3
-"""Distance of the joint under test from its limits: swing, start tolerance, overshoot [rad]."""
-OTHERS_MARGIN = 0.1
-"""Distance of the other joints from their limits [rad]; assumed."""
-FLOOR = 0.05
-"""Least height of the outer links of an upright arm over its base plane [m]; assumed."""
-_SAMPLES, _KEEP, _ROUNDS = 2048, 64, 14
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +44,8 @@ class Poses:
 class _Evaluator:
     """Loads and validity of many poses at once, on the rigid arm with contacts."""
 
-    def __init__(self, sticking: StickingModel) -> None:
+    def __init__(self, sticking: StickingModel, settings: PoseSettings) -> None:
+        self.settings = settings
         self.arm = sticking.arm
         model = sticking.model
         # contacts on: they tell self-collision
@@ -76,29 +69,40 @@ class _Evaluator:
             signed[start : start + len(part)] = self.sensor.read(ids)[0]
             ok = contacts[ids].reshape(len(part)) == 0
             if self.floor:
-                ok &= height[ids][:, 4:, 2].min(axis=1) > FLOOR
+                ok &= height[ids][:, 4:, 2].min(axis=1) > self.settings.floor
             valid[start : start + len(part)] = ok
         return signed, valid
 
 
-def find_poses(arm: Arm) -> Poses:
+def fingerprint(arm: Arm, settings: PoseSettings) -> str:
+    """Return a hash of everything that an arm's poses depend on."""
+    return store.digest(arm.fingerprint, settings)
+
+
+def find_poses(arm: Arm, settings: PoseSettings | None = None) -> Poses:
     """Return the load and no-load poses of an arm; the search has a fixed seed.
+
+    Args:
+        arm: the arm.
+        settings: constants of the search; None for those of ``settings.toml``.
 
     Raises:
         StictionError: no pose free of self-collision within the joint limits.
     """
-    found = store.recall("poses", arm.fingerprint)
+    s = settings or experiment_settings().poses
+    key = fingerprint(arm, s)
+    found = store.recall("poses", key)
     if not found:
         # friction plays no part here; the rigid model is only asked for gravity and contacts
         sticking = build(arm, load_friction("generic", arm.n).rigid())
-        evaluate = _Evaluator(sticking)
+        evaluate = _Evaluator(sticking, s)
         q, signed = np.empty((arm.n, 2, arm.n)), np.empty((arm.n, 2))
         for joint in range(arm.n):
             for k in range(2):
                 q[joint, k] = _search(evaluate, joint, largest=k == 0)
                 signed[joint, k] = evaluate(q[joint, k][None])[0][0, joint]
         found = {"q": q.tolist(), "signed": signed.tolist(), "bearing": sticking.bearing.tolist()}
-        store.keep("poses", arm.fingerprint, found)
+        store.keep("poses", key, found)
     signed = np.array(found["signed"])
     return Poses(
         q=np.array(found["q"]),
@@ -110,9 +114,9 @@ def find_poses(arm: Arm) -> Poses:
 
 def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
     """Random search, then shrinking random steps around the best poses."""
-    arm = evaluate.arm
+    arm, s = evaluate.arm, evaluate.settings
     rng = np.random.default_rng([joint, int(largest)])
-    margin = np.where(np.arange(arm.n) == joint, MARGIN, OTHERS_MARGIN)
+    margin = np.where(np.arange(arm.n) == joint, s.margin, s.others_margin)
     low, high = arm.limits.position[:, 0] + margin, arm.limits.position[:, 1] - margin
     span = high - low
     if (span <= 0).any():
@@ -126,7 +130,7 @@ def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
         """Minus the load, or the largest load within the swing, plus a pull to the rest pose."""
         values = np.zeros(len(q))
         ok = np.ones(len(q), dtype=bool)
-        for shift in (-SWING, 0.0, SWING):
+        for shift in (-s.swing, 0.0, s.swing):
             moved = q.copy()
             moved[:, joint] += shift
             signed, valid = evaluate(moved)
@@ -137,20 +141,20 @@ def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
             elif not largest:
                 values = np.maximum(values, load)
         away = np.sqrt((((q - arm.rest) / span) ** 2).mean(axis=1))
-        return np.where(ok, values + 0.02 * away, np.inf)
+        return np.where(ok, values + s.rest_pull * away, np.inf)
 
     q = np.concatenate(
-        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (_SAMPLES, arm.n))]
+        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (s.samples, arm.n))]
     )
     costs = cost(q)
-    scale = 0.2
-    for _ in range(_ROUNDS):
-        best = np.argsort(costs, kind="stable")[:_KEEP]
+    scale = s.first_step
+    for _ in range(s.rounds):
+        best = np.argsort(costs, kind="stable")[: s.kept]
         q, costs = q[best], costs[best]
-        step = rng.normal(size=(4 * _KEEP, arm.n)) * scale * span
+        step = rng.normal(size=(4 * s.kept, arm.n)) * scale * span
         new = np.clip(np.tile(q, (4, 1)) + step, low, high)
         q, costs = np.concatenate([q, new]), np.concatenate([costs, cost(new)])
-        scale *= 0.7
+        scale *= s.shrink
     winner = int(np.argmin(costs))
     if not np.isfinite(costs[winner]):
         raise StictionError(f"{arm.name}: no collision-free pose found for joint {joint + 1}")

@@ -10,8 +10,9 @@ import pytest
 
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
-from stiction_envs.experiments.sje.poses import MARGIN, SWING, find_poses
+from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
     Job,
@@ -49,7 +50,7 @@ def one(b: SingleJointExperiment, job: Job, iterations: int = 1) -> Measurement:
 @pytest.mark.parametrize("robot", BUILTIN)
 def test_poses_lie_within_limits(robot):
     """Every joint inside its limits, the tested one with room for the swing."""
-    arm = load_arm(robot)
+    arm, s = load_arm(robot), experiment_settings().poses
     q = find_poses(arm).q
     low, high = arm.limits.position.T
     assert q.shape == (7, 2, 7)
@@ -57,7 +58,7 @@ def test_poses_lie_within_limits(robot):
     for joint in range(7):
         tested = q[joint, :, joint]
         assert np.all(
-            (tested > low[joint] + MARGIN - 1e-9) & (tested < high[joint] - MARGIN + 1e-9)
+            (tested > low[joint] + s.margin - 1e-9) & (tested < high[joint] - s.margin + 1e-9)
         )
 
 
@@ -71,11 +72,11 @@ def contacts(arm: Arm, q: np.ndarray) -> int:
 
 @pytest.mark.parametrize("robot", BUILTIN)
 def test_poses_are_free_of_collision_over_the_swing(robot):
-    arm = load_arm(robot)
+    arm, s = load_arm(robot), experiment_settings().poses
     poses = find_poses(arm)
     for joint in range(7):
         for k in range(2):
-            for shift in (-SWING, 0.0, SWING):
+            for shift in (-s.swing, 0.0, s.swing):
                 q = poses.q[joint, k].copy()
                 q[joint] += shift
                 assert contacts(arm, q) == 0, f"joint {joint + 1}, {k}, {shift}"
