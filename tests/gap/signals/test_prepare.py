@@ -17,7 +17,7 @@ from stiction_envs.gap.signals.prepare import (
 )
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 
-MEASURED = Path(__file__).parents[3] / "shared" / "measured"
+MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 N = 3
 
 

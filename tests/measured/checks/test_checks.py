@@ -33,7 +33,7 @@ from stiction_envs.measured.checks.__main__ import main
 from stiction_envs.measured.checks.rules import setting_key
 
 THESIS = Path(measured.__file__).parent / "thesis"
-SHARED = Path(__file__).parents[3] / "shared" / "thesis" / "README.md"
+SHARED = Path(__file__).parents[4] / "shared" / "thesis" / "README.md"
 SEEDS = range(8)
 POSES = [(load, direction) for load in ("load", "no_load") for direction in "+-"]
 

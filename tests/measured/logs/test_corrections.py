@@ -12,7 +12,7 @@ from stiction_envs.measured.logs.corrections import longest_run
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
 
-MEASURED = Path(__file__).parents[3] / "shared" / "measured"
+MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 RATE = 1000.0
 N = 3
 

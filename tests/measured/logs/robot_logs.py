@@ -1,0 +1,155 @@
+"""Logs with the defects of real robots' logs, all at once: made by code, from no real log.
+
+What is wrong in each was found in logs of a Panda (a PC's clock, repeated rows, half-written
+samples, filtered speeds, angles as commanded) and of an iiwa (runs in one file, torques of the
+opposite sign that come late, filtered speeds).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from stiction_envs.gap.signals.dataset import inverse_dynamics
+from stiction_envs.robots import load_arm
+
+Array = NDArray[np.float64]
+
+
+def low_passed(x: Array, seconds: float, rate: float) -> Array:
+    """First-order low-pass along the rows."""
+    k = np.exp(-1 / rate / seconds)
+    return lfilter([1 - k], [1, -k], x, axis=0, zi=k * x[:1])[0]
+
+
+def write(path: Path, columns: dict[str, Array | list[str]]) -> Path:
+    """Write columns as CSV with six digits after the point; text as it is."""
+    cells = [
+        [f"{x:.6f}" for x in column] if isinstance(column, np.ndarray) else column
+        for column in columns.values()
+    ]
+    lines = [",".join(columns), *(",".join(row) for row in zip(*cells, strict=True))]
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    return path
+
+
+def numbered(**signals: Array) -> dict[str, Array]:
+    """Return ``q1``, ``q2`` … from arrays (T, n)."""
+    return {f"{name}{j + 1}": x[:, j] for name, x in signals.items() for j in range(x.shape[1])}
+
+
+# ---- all joints at once, 1 kHz -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """What `excitation` wrote: the file, and how many rows of each defect."""
+
+    path: Path
+    repeats: int
+    old_q: int
+    halves: int
+
+
+def fourier(t: Array, n: int, seed: int) -> tuple[Array, Array, Array]:
+    """Angles, speeds and accelerations (T, n) of five harmonics of 0.075 Hz about zero."""
+    rng = np.random.default_rng(seed)
+    w = 2 * np.pi * 0.075 * np.arange(1, 6)
+    size, phase = rng.normal(size=(5, n)), rng.uniform(0, 2 * np.pi, (5, n))
+    angle = t[:, None, None] * w[:, None] + phase
+    q = (size * np.sin(angle)).sum(axis=1)
+    dq = (size * w[:, None] * np.cos(angle)).sum(axis=1)
+    ddq = -(size * w[:, None] ** 2 * np.sin(angle)).sum(axis=1)
+    scale = 0.6 / np.abs(q).max(axis=0)
+    return q * scale, dq * scale, ddq * scale
+
+
+def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Shaken:
+    """A Panda that moves all joints, as a PC beside it logs: with every defect, or none."""
+    arm, rate = load_arm("panda"), 1000.0
+    rng = np.random.default_rng(11)
+    t = np.arange(round(seconds * rate)) / rate
+    q, dq, ddq = fourier(t, arm.n, 1)
+    q = q + arm.rest
+    tau = inverse_dynamics(arm.pinocchio(), q, dq, ddq) + 0.4 * np.tanh(dq / 0.01)
+    tau += 0.03 * rng.normal(size=q.shape)
+    dq_seen = dq + 1e-3 * rng.normal(size=q.shape)
+    if not defects:
+        seen = q + 1e-5 * rng.normal(size=q.shape)
+        return Shaken(write(path, {"t": t, **numbered(q=seen, dq=dq_seen, tau=tau)}), 0, 0, 0)
+    # the arm shakes at 18 to 30 Hz: speeds and torques show it, the angles are those commanded
+    hz, phase = rng.uniform(18, 30, 40), rng.uniform(0, 2 * np.pi, 40)
+    shake = np.sin(2 * np.pi * np.outer(t, hz) + phase).sum(axis=1)[:, None]
+    tau += 0.05 * shake
+    dq_seen = low_passed(dq_seen + 0.005 * shake, 0.005, rate)
+    # some samples are lost, some written twice; of 120 the angles are a sample old, for half of
+    # these a row with the new ones follows
+    rows = np.flatnonzero(rng.random(len(t)) > 0.02)
+    old, half = np.split(50 + 100 * rng.permutation(len(rows) // 100 - 1)[:120], 2)
+    twice = np.setdiff1d(
+        rng.choice(len(rows) - 2, 1000, replace=False), (old[:, None] + [-1, 0, 1])
+    )
+    twice = np.setdiff1d(twice, (half[:, None] + [-1, 0, 1]))
+    order = np.sort(np.r_[np.arange(len(rows)), half, twice])
+    first = np.searchsorted(order, np.r_[old, half])
+    angles = q[rows][order]
+    angles[first] = q[rows][order[first] - 1]
+    clock = t[rows][order] + 4e-4 * rng.random(len(order))
+    again = np.r_[False, order[1:] == order[:-1]]
+    clock[again] = clock[np.flatnonzero(again) - 1] + 1e-4
+    names = numbered(q=angles, dq=dq_seen[rows][order], tau=tau[rows][order])
+    return Shaken(write(path, {"t": clock, **names}), len(twice), len(old), len(half))
+
+
+# ---- one joint at a time, 200 Hz -----------------------------------------------------------
+
+
+def sweeps(
+    path: Path, joint: int, *, sign: float = -1.0, lag: float = 0.12, seconds: float = 8.0
+) -> Path:
+    """An iiwa 14 that turns one joint to and fro at eight speeds, a run each; the others hold.
+
+    Args:
+        path: file to write.
+        joint: which, 1-based.
+        sign: of the torques as they are logged.
+        lag: [s] by which the torques come later than the angles.
+        seconds: of each run.
+    """
+    arm, rate = load_arm("iiwa14"), 200.0
+    rng = np.random.default_rng(joint)
+    t = np.arange(round(seconds * rate)) / rate
+    parts, runs = [], []
+    for speed in np.linspace(0.1, 0.45, 8):
+        reach = min(0.7, speed * seconds / 4)
+        there = reach * np.abs((speed * t / reach) % 2 - 1)
+        swing = np.convolve(np.pad(there, 30, mode="edge"), np.ones(61) / 61, "valid")
+        q = np.zeros((len(t), arm.n))
+        q[:, joint - 1] = swing - reach / 2
+        dq = np.gradient(q, t, axis=0)
+        ddq = np.gradient(dq, t, axis=0)
+        tau = inverse_dynamics(arm.pinocchio(), q, dq, ddq) + np.tanh(dq / 0.01) + 0.5 * dq
+        tau = np.stack([np.interp(t - lag, t, x) for x in tau.T], axis=1)
+        tau = sign * (tau + 0.01 * rng.normal(size=q.shape))
+        dq = low_passed(dq, 0.02, rate)
+        q = q + 1e-6 * rng.normal(size=q.shape)
+        parts.append(np.column_stack([t, q, dq, tau]))
+        runs += [f"j{joint}_v{speed:.2f}"] * len(t)
+    t, q, dq, tau = np.split(np.concatenate(parts), np.cumsum([1, arm.n, arm.n]), axis=1)
+    segment = ["0"] * len(t)
+    names = numbered(q=q, dq=dq, tau=tau)
+    return write(path, {"run": runs, "segment": segment, "t": t[:, 0], **names})
+
+
+def static_poses(path: Path, count: int = 60) -> Path:
+    """Poses at rest of an iiwa 14 in three sessions, torques of the opposite sign."""
+    arm = load_arm("iiwa14")
+    low, high = arm.limits.position.T
+    q = low + (high - low) * np.random.default_rng(0).uniform(0.2, 0.8, (count, arm.n))
+    tau = -inverse_dynamics(arm.pinocchio(), q, 0 * q, 0 * q)
+    session = [f"day {1 + 3 * k // count}" for k in range(count)]
+    return write(path, {"session": session, **numbered(q=q, tau=tau)})
