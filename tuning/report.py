@@ -17,6 +17,7 @@ from stiction_envs.measured import (
     DitheredRow,
     thesis_base,
     thesis_dithered,
+    thesis_robots,
     thesis_table,
 )
 from stiction_envs.reporting.markdown import signed, table_text
@@ -57,14 +58,14 @@ def pair(
 def thesis_rows(tuner: ThesisTuner) -> list[DitheredRow]:
     """Return the measured dithered torques of the arm, none if the thesis has no such arm."""
     name = tuner.experiment.sticking.arm.name
-    return list(thesis_dithered(name)) if name in ("panda", "iiwa7") else []
+    return list(thesis_dithered(name)) if name in thesis_robots() else []
 
 
 def _measured_base(tuner: ThesisTuner, table: BaseTable | None) -> BaseTable | None:
     name = tuner.experiment.sticking.arm.name
     if table is not None:
         return table
-    return thesis_base(name) if name in ("panda", "iiwa7") else None
+    return thesis_base(name) if name in thesis_robots() else None
 
 
 def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
@@ -114,7 +115,7 @@ def _dithered(
 
 def _choices(choices: list[Choice], robot: str) -> str:
     by_joint: dict[int, dict[str, Any]] = {}
-    if robot == "panda":
+    if robot in thesis_robots("4.9"):
         by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
     header = ["joint", "f [Hz]", "scale", "intermediate: load +, −; no load +, − [N·m]"]
     header += ["final A [N·m]", "why"]

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.robots.registry import ARMS
+from stiction_envs.robots.tables import lookup
+
 Array = NDArray[np.float64]
 
 
@@ -22,9 +25,9 @@ def settings() -> dict[str, Any]:
 
 
 def frequencies_of(robot: str) -> tuple[float, ...]:
-    """Return the frequencies [Hz] the thesis tried on a robot."""
-    table = settings()["frequencies_hz"]
-    return tuple(table.get(robot, table["default"])["value"])
+    """Return the frequencies [Hz] to try on a robot: its TOML's, else `thesis.toml`'s."""
+    own = lookup(ARMS[robot].table, "tuning.frequencies_hz") if robot in ARMS else None
+    return tuple(settings()["frequencies_hz"]["value"] if own is None else own)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.measured import read_base
 
     # a file of one's own arm may call it differently
-    table = read_base(args.table, arm.name if arm.builtin else None, arm.n)
+    table = read_base(args.table, arm.name if arm.registered else None, arm.n)
     friction = common.read_friction(arm, args.friction)
     out = args.out or Path("runs") / f"calibrate-{arm.name}" / "friction.toml"
     _check_file(out, force=args.force)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from stiction_envs.friction.parameters import FrictionParameters
     from stiction_envs.robots import Arm
 
-ROBOT_HELP = "panda, iiwa7, iiwa14, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 
 
@@ -125,6 +124,13 @@ def add_command(
     return parser
 
 
+def robot_help() -> str:
+    """Return which robots there are."""
+    from stiction_envs.robots.registry import ARMS
+
+    return f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
+
+
 def add_log_options(parser: argparse.ArgumentParser, *, logs: str) -> None:
     """Add the joint logs, the robot they are of and how to read them; ``logs`` is nargs."""
     parser.add_argument(
@@ -134,7 +140,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str) -> None:
         metavar="LOG",
         help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
     )
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help=ROBOT_HELP)
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=robot_help())
     parser.add_argument(
         "--torque",
         choices=("motor", "link"),
@@ -151,7 +157,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str) -> None:
 
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add what says which arm is simulated."""
-    parser.add_argument("robot", metavar="ROBOT", help=ROBOT_HELP)
+    parser.add_argument("robot", metavar="ROBOT", help=robot_help())
     parser.add_argument(
         "--payload",
         nargs=4,
@@ -223,7 +229,7 @@ def friction_file(arm: Arm, given: Path | None) -> Path:
     from stiction_envs.friction.parameters import friction_path
 
     if given is None:
-        return friction_path(arm.name if arm.builtin else "generic")
+        return friction_path(arm.name if arm.registered else "generic")
     if given.suffix != ".toml":
         raise StictionError(f"friction file {given}: allowed is a path to a .toml")
     return given
@@ -238,11 +244,9 @@ def read_friction(arm: Arm, given: Path | None) -> FrictionParameters:
 
 def robot_file(arm: Arm, given: str) -> Path:
     """Return the file that describes the arm."""
-    from stiction_envs import robots
+    from stiction_envs.robots.registry import ARMS
 
-    if arm.builtin:
-        return Path(robots.__file__).parent / f"{arm.name}.xml"
-    return Path(given).expanduser()
+    return ARMS[arm.name].model if arm.registered else Path(given).expanduser()
 
 
 def input_files(arm: Arm, args: argparse.Namespace, **others: Path | None) -> dict[str, Path]:

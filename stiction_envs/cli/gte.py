@@ -141,7 +141,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             progress=lambda seconds: progress.add("gte", seconds, total),
         )
         measured = [(r, measure(r, bench.protocol, bench.motion)) for r in runs]
-    compared = course is None and arm.name == "panda"  # the thesis's arm of this experiment
+    from stiction_envs.measured import thesis_robots
+
+    compared = course is None and arm.name in thesis_robots("4.11")
     with common.working(), folder:
         _write(folder.path, bench, measured, compared)
     return _result(bench, measured, compared, folder.path, args)

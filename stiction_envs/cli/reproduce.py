@@ -89,12 +89,14 @@ def _inputs(targets: list[str]) -> dict[str, Path]:
     """Return the files the targets depend on: arms, their friction, settings, measured tables."""
     import stiction_envs
     from stiction_envs.friction.parameters import friction_path
+    from stiction_envs.measured import thesis_robots
+    from stiction_envs.robots import ARMS
 
     package = Path(stiction_envs.__file__).parent
     found: dict[str, Path] = {}
-    for robot in ("panda", "iiwa7"):
-        found[robot] = package / "robots" / f"{robot}.xml"
-        found[f"{robot}_table"] = package / "robots" / f"{robot}.toml"
+    for robot in thesis_robots():
+        found[robot] = ARMS[robot].model
+        found[f"{robot}_table"] = ARMS[robot].toml
         found[f"{robot}_friction"] = friction_path(robot)
     found["protocol"] = package / "experiments" / "sje" / "sje.toml"
     if "gte" in targets:
@@ -141,7 +143,7 @@ def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from stiction_envs import __version__
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.robots import load_arm
-    from stiction_envs.thesis.tables import reproduce
+    from stiction_envs.thesis.tables import TUNED, reproduce
     from stiction_envs.thesis.tables_page import write_tables
     from tuning.labbook import LabBook
     from tuning.rules import final_amplitude
@@ -163,7 +165,7 @@ def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 progress=lambda seconds: progress.add(robot, seconds, total),
             )
 
-    rates = load_arm("panda").limits.torque_rate
+    rates = load_arm(TUNED).limits.torque_rate
     found = reproduce(measure, rule=final_amplitude, torque_rate=rates)
     with Progress("figures") as progress:
         scores = write_tables(folder, found, progress=progress.set)
@@ -182,10 +184,10 @@ def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
 def _simulated_gte(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Simulate Table 4.11 and the figures of the Generated Trajectory Experiment."""
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-    from stiction_envs.thesis.gte import run_thesis_cases, thesis_cases, write_gte
+    from stiction_envs.thesis.gte import ROBOT, run_thesis_cases, thesis_cases, write_gte
 
     bench = GeneratedTrajectoryExperiment.of(
-        "panda", scatter=not args.no_scatter, seed=args.seed, nthread=args.threads
+        ROBOT, scatter=not args.no_scatter, seed=args.seed, nthread=args.threads
     )
     repeats = args.iterations or bench.protocol.iterations
     seconds = [

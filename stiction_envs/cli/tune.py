@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.table is not None:
         from stiction_envs.measured import read_base
 
-        table = read_base(args.table, arm.name if arm.builtin else None, arm.n)
+        table = read_base(args.table, arm.name if arm.registered else None, arm.n)
     warned = _check_frequencies(args.frequencies or (), arm.controller_rate_hz)
     inputs = common.input_files(arm, args, table=args.table)
     folder = OutputFolder(

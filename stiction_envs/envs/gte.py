@@ -115,7 +115,7 @@ class GTEEnv(ArmEnv):
     iteration k (from 0) of `stiction gte --seed` `scatter_seed` does.
 
     ## Arguments
-    * `robot`: `panda` (default of `PandaGTE-v0`), `iiwa7` (default of `IiwaGTE-v0`), `iiwa14`, or a
+    * `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
       path to an own MJCF or URDF with 2 to 9 joints.
     * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
     * `tilt`: roll and pitch of the base [rad]. Default (0, 0).

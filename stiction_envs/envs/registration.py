@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import gymnasium
 
+from stiction_envs.robots.registry import ArmFiles, on_arm
+
 _SJE = ("stiction_envs.envs.sje:SJEEnv", "stiction_envs.envs.sje:SJEVectorEnv")
 _GTE = ("stiction_envs.envs.gte:GTEEnv", "stiction_envs.envs.gte:GTEVectorEnv")
-ENVIRONMENTS: dict[str, tuple[tuple[str, str], str]] = {
-    "PandaSJE-v0": (_SJE, "panda"),
-    "IiwaSJE-v0": (_SJE, "iiwa7"),
-    "PandaGTE-v0": (_GTE, "panda"),
-    "IiwaGTE-v0": (_GTE, "iiwa7"),
-}
-"""Identifier: entry points of the single and the vector environment, default robot."""
+KINDS = {"SJE-v0": _SJE, "GTE-v0": _GTE}
+"""End of an identifier: entry points of the single and the vector environment."""
 
 
 def register_all() -> None:
-    """Register every environment that Gymnasium does not know yet.
+    """Register the environments of every arm whose TOML names one, known now or later.
+
+    An arm with ``environment = "Panda"`` has ``PandaSJE-v0`` and ``PandaGTE-v0``.
+    """
+    on_arm(register_arm)
+
+
+def register_arm(arm: ArmFiles) -> None:
+    """Register the environments of an arm that Gymnasium does not know yet.
 
     No `max_episode_steps`: the environments truncate by themselves, alone and in a batch.
     """
-    for name, ((single, vector), robot) in ENVIRONMENTS.items():
-        if name not in gymnasium.registry:
+    if arm.environment is None:
+        return
+    for kind, (single, vector) in KINDS.items():
+        if (name := f"{arm.environment}{kind}") not in gymnasium.registry:
             gymnasium.register(
-                name, entry_point=single, vector_entry_point=vector, kwargs={"robot": robot}
+                name, entry_point=single, vector_entry_point=vector, kwargs={"robot": arm.name}
             )

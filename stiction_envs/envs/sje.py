@@ -94,7 +94,7 @@ class SJEEnv(ArmEnv):
     is not given is drawn from the seed.
 
     ## Arguments
-    * `robot`: `panda` (default of `PandaSJE-v0`), `iiwa7` (default of `IiwaSJE-v0`), `iiwa14`, or a
+    * `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
       path to an own MJCF or URDF with 2 to 9 joints.
     * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
     * `tilt`: roll and pitch of the base [rad]. Default (0, 0).

@@ -31,7 +31,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
 from stiction_envs.plant import rollout
-from stiction_envs.robots import BUILTIN, load_arm
+from stiction_envs.robots import ARMS, load_arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -326,14 +326,15 @@ def _compiled(model: str | Path | mujoco.MjModel | StickingModel) -> mujoco.MjMo
     if isinstance(model, mujoco.MjModel):
         return model
     text = str(model)
-    if text in BUILTIN:
+    if text in ARMS:
         return build(load_arm(text)).model
     try:
         if "<" in text:
             return mujoco.MjModel.from_xml_string(text)
         if not Path(text).is_file():
             raise StictionError(
-                f"{text}: no such file, and no robot of that name ({', '.join(BUILTIN)})"
+                f"{text}: no such file, and no robot of that name: expected one of "
+                f"{', '.join(ARMS)}, or a path"
             )
         return mujoco.MjModel.from_xml_path(text)
     except ValueError as error:
@@ -402,7 +403,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m stiction_envs.experiments.conformance",
         description="Does every joint of a MuJoCo model stick under 90 % of its stiction?",
     )
-    parser.add_argument("model", help=f"{', '.join(BUILTIN)}, or the path of an MJCF")
+    parser.add_argument("model", help=f"{', '.join(ARMS)}, or the path of an MJCF")
     parser.add_argument(
         "--stiction", type=float, nargs="+", metavar="NM", help="of every hinge [N·m], 0 to skip"
     )

@@ -135,7 +135,7 @@ def build(
     if not 0 < timestep <= 1e-3:
         raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
-        parameters = load_friction(arm.name if arm.builtin else "generic", arm.n)
+        parameters = load_friction(arm.name if arm.registered else "generic", arm.n)
     if parameters.n != arm.n:
         raise StictionError(f"friction of {parameters.n} joints, but {arm.name} has {arm.n}")
     elastic = parameters.elastic

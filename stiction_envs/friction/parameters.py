@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.toml import toml_text
+from stiction_envs.robots.registry import ARMS
 
 Array = NDArray[np.float64]
-HERE = Path(__file__).parent
+GENERIC = Path(__file__).with_name("generic.toml")
+"""Friction of an arm about which nothing is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,11 +251,10 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
 def friction_path(robot: str | Path) -> Path:
     """Return the TOML of a robot's name, or the path itself; `generic.toml` for unknown arms."""
     path = Path(robot)
-    if path.suffix != ".toml":
-        path = HERE / f"{path.stem}.toml"
-        if not path.exists():
-            path = HERE / "generic.toml"
-    return path
+    if path.suffix == ".toml":
+        return path
+    known = ARMS.get(path.stem)
+    return known.friction if known is not None and known.friction.exists() else GENERIC
 
 
 def friction_text(robot: str | Path) -> dict[str, Any]:
@@ -280,7 +281,7 @@ def load_friction(robot: str | Path, n: int = 7) -> FrictionParameters:
         StictionError: unreadable file, missing table, wrong shape, value out of bounds.
     """
     path, table = friction_path(robot), friction_text(robot)
-    if path == HERE / "generic.toml":
+    if path == GENERIC:
         for entry in table.values():
             if isinstance(entry.get("value"), list):
                 entry["value"] = entry["value"][:n]

@@ -110,7 +110,7 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
     if nominal == "rigid":
         return Nominal()
     if nominal == "shipped":
-        return Nominal(friction=load_friction(arm.name if arm.builtin else "generic", arm.n))
+        return Nominal(friction=load_friction(arm.name if arm.registered else "generic", arm.n))
     path = Path(nominal)
     if path.suffix != ".toml":
         raise StictionError(f"nominal {nominal}: allowed are rigid, shipped and a path to a .toml")

@@ -7,16 +7,14 @@ Pairs that touch at rest (a foot on the floor, neighbours) are left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.identification.excitation_motion import ExcitationSettings, State
-from stiction_envs.robots import Arm
-from stiction_envs.robots.tables import lookup, per_joint, read_toml
+from stiction_envs.robots import ARMS, Arm
+from stiction_envs.robots.tables import lookup, per_joint
 
 Array = NDArray[np.float64]
 FLANGE_BALL = 0.05
@@ -41,9 +39,8 @@ class Bounds:
 
 def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
     """Return (n,) limits [rad/s²], and whether they are the robot's or assumed."""
-    if arm.builtin:
-        path = Path(str(files("stiction_envs.robots").joinpath(f"{arm.name}.toml")))
-        found = lookup(read_toml(path), "limits.acceleration")
+    if arm.registered:
+        found = lookup(ARMS[arm.name].table, "limits.acceleration")
         if found is not None:
             return per_joint(found, (arm.n,), f"{arm.name}.toml, limits.acceleration"), True
     return np.full(arm.n, free), False

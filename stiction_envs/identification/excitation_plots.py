@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT
+from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.identification.excitation import Excitation
 from stiction_envs.reporting.png import save_full
-from stiction_envs.robots import Arm
+from stiction_envs.robots import Arm, arm_title
 
 RATE = 50.0
 """Of the drawn lines [Hz]."""
@@ -47,7 +47,7 @@ def plot_excitation(motion: Excitation, arm: Arm, path: str | os.PathLike[str]) 
     speed.set_ylim(-1.1, 1.1)
     angle.legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     _conditions(bars, motion)
-    title = ROBOTS.get(motion.robot, motion.robot)
+    title = arm_title(motion.robot)
     figure.suptitle(f"{title}: excitation, {motion.duration:.3g} s, κ = {motion.condition:.3g}")
     save_full(figure, path)
 

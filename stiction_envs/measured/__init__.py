@@ -25,6 +25,7 @@ from stiction_envs.measured.tables import (
     write_amplitudes,
     write_sje,
 )
+from stiction_envs.measured.thesis_robots import ThesisRobot, thesis_robots
 from stiction_envs.measured.thesis_tables import (
     THESIS_TABLES,
     DitheredRow,
@@ -43,6 +44,7 @@ __all__ = [
     "Defect",
     "DitheredRow",
     "SJERow",
+    "ThesisRobot",
     "check_amplitudes",
     "check_differences",
     "check_files",
@@ -62,6 +64,7 @@ __all__ = [
     "read_sje",
     "thesis_base",
     "thesis_dithered",
+    "thesis_robots",
     "thesis_table",
     "write_amplitudes",
     "write_sje",

@@ -20,6 +20,7 @@ from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
+from stiction_envs.measured.thesis_robots import our_name
 
 Path = str | os.PathLike[str]
 _Row = TypeVar("_Row")
@@ -248,11 +249,6 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
             f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: expected all, once"
         )
     return BaseTable(robot, tau)
-
-
-def our_name(robot: str) -> str:
-    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800."""
-    return "iiwa7" if robot == "iiwa" else robot
 
 
 def _some(path: Path, rows: Iterable[_Row]) -> list[_Row]:

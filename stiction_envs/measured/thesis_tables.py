@@ -16,7 +16,8 @@ from typing import Any
 
 from stiction_envs.errors import unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines
-from stiction_envs.measured.tables import BaseTable, our_name, read_base
+from stiction_envs.measured.tables import BaseTable, read_base
+from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
 _MAIN = tuple(f"4.{i}" for i in range(1, 12))
 THESIS_TABLES = (*_MAIN, "A.1")
@@ -77,7 +78,7 @@ def thesis_base(robot: str) -> BaseTable:
 def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
     """Every dithered breakaway torque: ``panda`` 4.6, 4.7, 4.8 and 4.10, ``iiwa7`` 4.5."""
     robot = _measured(robot)
-    if robot == "iiwa7":
+    if robot in thesis_robots("4.5"):
         return [_scaled(row, row["tau_base_Nm"], "4.5") for row in thesis_table("4.5")]
     first = thesis_table("4.6")
     bases = {_key(row): row["tau_base_Nm"] for row in first}
@@ -133,8 +134,8 @@ def _key(row: dict[str, Any]) -> tuple[str, int, str, str]:
 
 def _measured(robot: str) -> str:
     """The robot by our name, if the thesis has measured it."""
-    if our_name(robot) not in ("panda", "iiwa7"):
-        raise unknown("robot of the thesis", robot, ("panda", "iiwa7"))
+    if our_name(robot) not in thesis_robots():
+        raise unknown("robot of the thesis", robot, thesis_robots())
     return our_name(robot)
 
 

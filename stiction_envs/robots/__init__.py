@@ -1,6 +1,26 @@
 """Robot arms as data: one rigid MJCF and one TOML with limits and sources for each."""
 
-from stiction_envs.robots.arm import BUILTIN, Arm, load_arm
-from stiction_envs.robots.tables import Limits
+from __future__ import annotations
 
-__all__ = ["BUILTIN", "Arm", "Limits", "load_arm"]
+from typing import TYPE_CHECKING, Any
+
+from stiction_envs.robots.registry import ARMS, BUILTIN, arm_title, register_arm_folder
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.arm import Arm, load_arm
+    from stiction_envs.robots.tables import Limits
+
+__all__ = ["ARMS", "BUILTIN", "Arm", "Limits", "arm_title", "load_arm", "register_arm_folder"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what needs MuJoCo when it is first asked for: arms are listed without it."""
+    if name in ("Arm", "load_arm"):
+        from stiction_envs.robots import arm
+
+        return getattr(arm, name)
+    if name == "Limits":
+        from stiction_envs.robots.tables import Limits
+
+        return Limits
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,7 +6,6 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,17 +13,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.own import read_own
-from stiction_envs.robots.tables import Limits, generic, lookup, per_joint, read_toml
+from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles
+from stiction_envs.robots.tables import Limits, generic, lookup, on_floor, per_joint
 
 if TYPE_CHECKING:
     import pinocchio as pin
-
-BUILTIN = ("panda", "iiwa7", "iiwa14")
-"""Arms that come with the package."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +32,7 @@ class Arm:
     """
 
     name: str
-    """Builtin name, or the stem of the user's file."""
+    """Registered name, or the stem of the user's file."""
     xml: str
     """MJCF of the rigid arm with tilt and payload; asset paths, if any, are absolute."""
     joint_names: tuple[str, ...]
@@ -56,8 +53,10 @@ class Arm:
     """Mass [kg] and centre of mass x, y, z [m] in the flange frame, or None."""
     tilt: tuple[float, float]
     """Roll, then pitch, of the base about the world's x and y, rad."""
-    builtin: bool
-    """True for an arm of the package, False for a user's file."""
+    on_floor: bool
+    """Whether the base stands on a floor, at z = 0 of the untilted world."""
+    registered: bool
+    """True for an arm of `registry.ARMS`, False for a user's file."""
 
     @property
     def n(self) -> int:
@@ -116,11 +115,11 @@ def load_arm(
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] = (0.0, 0.0),
 ) -> Arm:
-    """Load a builtin arm or a user's MJCF or URDF.
+    """Load an arm by its name, or a user's MJCF or URDF.
 
     Args:
-        robot: ``panda``, ``iiwa7``, ``iiwa14``, or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
-            with one serial chain of 2 to 9 hinges. A TOML with the same stem beside it may give
+        robot: a name in `registry.ARMS`, or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
+            with one serial chain of 2 to 9 hinges. A TOML of the same stem may give
             limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
             is assumed (``generic.toml``).
         payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
@@ -134,7 +133,8 @@ def load_arm(
     """
     load = _payload(payload)
     lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
-    fields = _builtin(str(robot)) if str(robot) in BUILTIN else _own(robot)
+    known = ARMS.get(str(robot))
+    fields = _own(robot) if known is None else _registered(known)
 
     root = ET.fromstring(fields["xml"])
     if any(lean):
@@ -167,40 +167,46 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
     return mass, x, y, z
 
 
-def _builtin(name: str) -> dict[str, Any]:
-    """Everything of an :class:`Arm` but payload and tilt, from the package's files."""
-    room = files("stiction_envs.robots")
-    xml = room.joinpath(f"{name}.xml").read_text("utf-8")
-    table = read_toml(Path(str(room.joinpath(f"{name}.toml"))))
-    joints = list(ET.fromstring(xml).iter("joint"))
+def _registered(files: ArmFiles) -> dict[str, Any]:
+    """Everything of an :class:`Arm` but payload and tilt, from the files of a known arm."""
+    fields = _shipped(files) if files.shipped else read_own(files.model)
+    return {**fields, "registered": True}
+
+
+def _shipped(files: ArmFiles) -> dict[str, Any]:
+    """From the package's files, whose MJCF is bare and taken as it stands, bit for bit."""
+    xml = files.model.read_text("utf-8")
+    links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
+    joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
     n = len(joints)
+
+    def numbers(key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        where, value = f"{files.toml.name}, {key}", lookup(files.table, key)
+        if value is None:
+            raise StictionError(f"{where}: missing: expected numbers of shape {shape}")
+        return per_joint(value, shape, where)
+
     shapes = {"position": (n, 2), "velocity": (n,), "torque": (n,), "torque_rate": (n,)}
-    limits = {
-        key: per_joint(lookup(table, f"limits.{key}"), shape, f"{name}.toml, limits.{key}")
-        for key, shape in shapes.items()
-    }
+    limits = {key: numbers(f"limits.{key}", shape) for key, shape in shapes.items()}
     return {
-        "name": name,
+        "name": files.name,
         "xml": xml,
-        "joint_names": tuple(f"joint{i + 1}" for i in range(n)),
-        "link_names": tuple(f"link{i + 1}" for i in range(n)),
-        "end_effector": table["end_effector"],
+        "joint_names": tuple(joints),
+        "link_names": tuple(str(link.get("name")) for link in links),
+        "end_effector": files.table["end_effector"],
         "limits": Limits(**limits),
-        "rest": per_joint(lookup(table, "rest"), (n,), f"{name}.toml, rest"),
-        "controller_rate_hz": lookup(table, "interface.controller_rate_hz"),
-        "lowpass_hz": lookup(table, "interface.lowpass_hz"),
-        "builtin": True,
+        "rest": numbers("rest", (n,)),
+        "controller_rate_hz": lookup(files.table, "interface.controller_rate_hz"),
+        "lowpass_hz": lookup(files.table, "interface.lowpass_hz"),
+        "on_floor": on_floor(files.table, files.toml.name),
     }
 
 
 def _own(robot: str | Path) -> dict[str, Any]:
     """Everything of an :class:`Arm` but payload and tilt, from a user's file."""
     path = Path(robot).expanduser()
-    if path.suffix.lower() not in (".xml", ".mjcf", ".urdf"):
-        raise StictionError(
-            f"unknown robot {str(robot)!r}: allowed are {', '.join(BUILTIN)}, "
-            "or a path to an .xml, .mjcf or .urdf"
-        )
+    if path.suffix.lower() not in MODEL_FILES:
+        raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")
-    return {**read_own(path), "builtin": False}
+    return {**read_own(path), "registered": False}

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
-from stiction_envs.robots.tables import Limits, generic, lookup, per_joint, read_toml
+from stiction_envs.robots.tables import (
+    Limits,
+    generic,
+    lookup,
+    on_floor,
+    per_joint,
+    read_toml,
+)
 
 JOINTS = (2, 9)
 """Smallest and largest number of hinges of an arm."""
@@ -32,7 +39,7 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_own(path: Path) -> dict[str, Any]:
-    """Fields of an ``Arm`` (all but payload, tilt and builtin) from a user's file.
+    """Fields of an ``Arm`` (all but payload, tilt and registered) from a user's file.
 
     Args:
         path: an existing MJCF or URDF. A TOML of the same stem beside it may give
@@ -49,12 +56,12 @@ def read_own(path: Path) -> dict[str, Any]:
     links = tuple(model.body(int(model.jnt_bodyid[j])).name for j in chain)
     n = len(joints)
 
-    beside = path.with_suffix(".toml")
-    table = read_toml(beside) if beside.is_file() else {}
+    table_file = path.with_suffix(".toml")
+    table = read_toml(table_file) if table_file.is_file() else {}
 
     def pick(key: str, own: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
         given = lookup(table, key)
-        return per_joint(own if given is None else given, shape, f"{beside}, {key}")
+        return per_joint(own if given is None else given, shape, f"{table_file}, {key}")
 
     limits = Limits(
         position=pick("limits.position", _positions(model, chain), (n, 2)),
@@ -76,6 +83,7 @@ def read_own(path: Path) -> dict[str, Any]:
         "end_effector": end_effector,
         "limits": limits,
         "rest": rest,
+        "on_floor": on_floor(table, str(table_file)),
         **interface,
     }
 

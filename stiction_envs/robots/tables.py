@@ -1,4 +1,4 @@
-"""Read the TOML beside an arm: limits, interface, rest pose, each with its source."""
+"""Read the TOML of an arm: limits, interface, rest pose, each with its source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
+
+MOUNTINGS = ("floor", "free")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +65,18 @@ def lookup(table: Mapping[str, Any], key: str) -> Any:
             return None
         node = node[part]
     return node.get("value") if isinstance(node, Mapping) else None
+
+
+def on_floor(table: Mapping[str, Any], where: str) -> bool:
+    """Whether ``mounting`` says that the arm stands on a floor at its world's z = 0.
+
+    Raises:
+        StictionError: another word than ``floor`` and ``free``, the default.
+    """
+    mounting = table.get("mounting", "free")
+    if mounting not in MOUNTINGS:
+        raise StictionError(f"{where}: {unknown('mounting', mounting, MOUNTINGS)}")
+    return bool(mounting == "floor")
 
 
 def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:

@@ -27,9 +27,11 @@ from stiction_envs.experiments.gte.rows import (
     unit,
 )
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.thesis_robots import thesis_robots
 from stiction_envs.reporting.markdown import percent, table_text
 from stiction_envs.reporting.templates import write_page
 
+(ROBOT,) = thesis_robots("4.11")
 Measured = tuple[Run, Measures]
 Pair = tuple[Measured, Measured]
 """The run without dither and the one with it."""
@@ -174,7 +176,7 @@ def write_gte(
     write_lines(
         folder / "table_4_11.csv", [f.name for f in fields(WindowSum)], [astuple(r) for r in rows]
     )
-    gte_plots.plot_window_sums(pairs, folder / "table_4_11.png", robot="panda")
+    gte_plots.plot_window_sums(pairs, folder / "table_4_11.png", robot=ROBOT)
     (folder / "plots").mkdir(exist_ok=True)
     shown: dict[str, list[str]] = {}
     for k, pair in enumerate(pairs):
@@ -187,7 +189,7 @@ def write_gte(
             ("error_orientation", gte_plots.plot_errors, {"orientation": True}),
         ):
             file = f"plots/{name}_{kind}.png"
-            draw(runs, folder / file, robot="panda", **options)
+            draw(runs, folder / file, robot=ROBOT, **options)
             shown.setdefault(FIGURES[runs[0].case.trajectory, kind], []).append(file)
         if progress is not None:
             progress("figures", k + 1, len(pairs))

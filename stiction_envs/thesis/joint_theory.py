@@ -16,12 +16,12 @@ from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.friction import averaging
 from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.parameters import FrictionParameters, bristle_damping, load_friction
-from stiction_envs.measured import BaseTable, thesis_base
+from stiction_envs.measured import BaseTable, thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 from stiction_envs.thesis.fit import settings
 
 Array = NDArray[np.float64]
-ROBOT = "panda"
+(ROBOT,) = thesis_robots("4.6")
 SCAN_HZ = (5.0, 120.0)
 """Where resonances are looked for [Hz]: a third of the thesis's lowest to 1.5 of its highest."""
 

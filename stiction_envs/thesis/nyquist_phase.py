@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.experiments.sje.rig import Rig
-from stiction_envs.measured import DitheredRow, thesis_dithered
+from stiction_envs.measured import DitheredRow, thesis_dithered, thesis_robots
 
 Array = NDArray[np.float64]
+(ROBOT,) = thesis_robots("4.5")
 PHASES = 7
 """Phases from 0 to a quarter turn; the other quarters give the same ±A sin φ."""
 
@@ -90,7 +91,7 @@ class PhaseStudy:
 
 
 def study_phase(
-    robot: str = "iiwa7",
+    robot: str = ROBOT,
     *,
     rows: Sequence[DitheredRow] | None = None,
     nthread: int = 0,

@@ -18,13 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
-from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered, thesis_table
+from stiction_envs.measured import (
+    DitheredRow,
+    thesis_base,
+    thesis_dithered,
+    thesis_robots,
+    thesis_table,
+)
 
 Array = NDArray[np.float64]
 Measured = Mapping[Job, Measurement]
 Measure = Callable[[str, list[Job]], Measured]
 Rule = Callable[..., tuple[float, str]]
-ROBOTS = ("panda", "iiwa7")
+ROBOTS = tuple(thesis_robots())
+(TUNED,) = thesis_robots("4.9")
+"""The arm whose dither the thesis tuned."""
 SCALES = (0.8, 1.0, 1.2)
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of Tables 4.6 to 4.8, over the base torque and in Hz."""
@@ -121,7 +129,7 @@ def jobs_of(robot: str) -> list[Job]:
     """
     base = [Job(c) for c in configurations(7)]
     dithered = [_job(r) for r in thesis_dithered(robot)]
-    if robot == "panda":  # so that the rules of Table 4.9 can choose among all of them
+    if robot in thesis_robots("4.9"):  # so that the rules of Table 4.9 can choose among all of them
         dithered += _grid().values()
     return list(dict.fromkeys([*base, *dithered]))
 
@@ -130,7 +138,7 @@ def _grid() -> dict[tuple[Configuration, float, float], Job]:
     """Return the jobs of Tables 4.6 to 4.8 by configuration, frequency [Hz] and scale."""
     first = {
         Configuration(r.joint, r.load, r.direction): abs(r.tau_base_nm)
-        for r in thesis_dithered("panda")
+        for r in thesis_dithered(TUNED)
         if r.table == "4.6"
     }
     return {
@@ -165,7 +173,7 @@ def reproduce(
     chosen: list[ChosenRow] = []
     if rule is not None:
         rate = np.full(7, np.inf) if torque_rate is None else torque_rate
-        chosen = [_choose(j, measured["panda"], rule, float(rate[j - 1])) for j in range(1, 8)]
+        chosen = [_choose(j, measured[TUNED], rule, float(rate[j - 1])) for j in range(1, 8)]
     return Reproduced(rows=tuple(rows), chosen=tuple(chosen), measured=measured)
 
 
@@ -209,7 +217,7 @@ def _choose(joint: int, measured: Measured, rule: Rule, torque_rate: float) -> C
 
     frequency = min(FREQUENCIES, key=lambda f: mean(f, 1.0))
     scale = min(SCALES, key=lambda s: mean(frequency, s))
-    base = thesis_base("panda")
+    base = thesis_base(TUNED)
     amplitude, reason = rule(
         scale * np.abs(base.tau[joint - 1]),
         float(base.friction[joint - 1].min()),

@@ -21,20 +21,20 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
-from stiction_envs.measured import thesis_dithered
+from stiction_envs.measured import thesis_dithered, thesis_robots
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import write_page
 from stiction_envs.thesis.tables import (
     TITLES,
+    TUNED,
     Reproduced,
     TableRow,
     scores,
 )
 
 Progress = Callable[[str, float, float], None]
-NAMES = {"panda": "Panda", "iiwa7": "iiwa"}
 POSES = {"load": "load", "no_load": "no load"}
 COLOURS = {
     "4.3": "#1f5fa8",
@@ -121,7 +121,7 @@ def _tables(found: Reproduced) -> Iterator[dict[str, Any]]:
 def _base(rows: Sequence[TableRow]) -> str:
     body = [
         [
-            _name(r.configuration, NAMES[r.robot]),
+            _name(r.configuration, thesis_robots()[r.robot].title),
             f"{_torque(r.simulated_nm, 4)}" + _spread(r),
             _torque(r.measured_nm, 4),
             f"{_torque(r.difference, 2)} %",
@@ -171,9 +171,9 @@ def _chosen(found: Reproduced) -> str:
 def _scatter(rows: Sequence[TableRow], path: Path) -> None:
     figure = Figure(figsize=(11.5, 5.4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for robot, marker in (("panda", "o"), ("iiwa7", "s")):
+    for (robot, printed), marker in zip(thesis_robots().items(), ("o", "s"), strict=True):
         mine = [r for r in rows if r.table == "4.3" and r.robot == robot]
-        _points(left, [(r.measured_nm, r.simulated_nm) for r in mine], marker, NAMES[robot])
+        _points(left, [(r.measured_nm, r.simulated_nm) for r in mine], marker, printed.title)
     left.set_title("base torques (Table 4.3)")
     left.set_xlabel("measured [N·m]")
     left.set_ylabel("simulated [N·m]")
@@ -220,7 +220,7 @@ def _appendices(folder: Path, found: Reproduced, progress: Progress | None) -> l
         Configuration(r.joint, r.load, r.direction): Job(
             Configuration(r.joint, r.load, r.direction), r.frequency_hz, r.amplitude_nm
         )
-        for r in thesis_dithered("panda")
+        for r in thesis_dithered(TUNED)
         if r.amplitude_set == "final"
     }
     tasks: list[tuple[str, str, list[Measurement]]] = []
@@ -230,7 +230,7 @@ def _appendices(folder: Path, found: Reproduced, progress: Progress | None) -> l
                 cs = [c for c in configurations(7, [joint]) if c.load == load]
                 name = f"{robot}_joint{joint}_{load}"
                 tasks.append((f"{name}_base.png", robot, [measured[Job(c)] for c in cs]))
-                if robot == "panda":
+                if robot == TUNED:
                     dithered = [measured[final[c]] for c in cs]
                     tasks.append((f"{name}_final.png", robot, dithered))
     (folder / "plots").mkdir(exist_ok=True)
@@ -257,19 +257,19 @@ def _with_and_without(
     folder: Path, measured: Mapping[str, Mapping[Job, Measurement]], final: Mapping[Any, Job]
 ) -> list[str]:
     """Draw the joint that dither helps most, with and without it, on one axis."""
-    panda = measured["panda"]
-    change = {c: abs(panda[j].mean) / abs(panda[Job(c)].mean) for c, j in final.items()}
+    tuned = measured[TUNED]
+    change = {c: abs(tuned[j].mean) / abs(tuned[Job(c)].mean) for c, j in final.items()}
     good = {c: x for c, x in change.items() if math.isfinite(x)}
     if not good:
         return []
     best = min(good, key=good.__getitem__)
-    protocol = load_protocol("panda")
+    protocol = load_protocol(TUNED)
     plots.plot_with_and_without(
-        panda[Job(best)],
-        panda[final[best]],
-        folder / "plots" / "panda_best.png",
-        robot="panda",
+        tuned[Job(best)],
+        tuned[final[best]],
+        folder / "plots" / f"{TUNED}_best.png",
+        robot=TUNED,
         threshold=protocol.threshold,
         ramp_rate=protocol.ramp_rate,
     )
-    return ["plots/panda_best.png"]
+    return [f"plots/{TUNED}_best.png"]

@@ -14,12 +14,12 @@ from stiction_envs.experiments.sje.protocol import Job
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.tables.cells import Cell
-from stiction_envs.measured import thesis_base
+from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 from stiction_envs.thesis.fit import settings
 
 Array = NDArray[np.float64]
-ROBOT = "panda"
+(ROBOT,) = thesis_robots("4.6")
 ITERATIONS = 2
 """Iterations per cell, without scatter: the second is free of how the first began."""
 

@@ -173,7 +173,7 @@ BAD_AMPLITUDES = {
     "unknown column": ("joint,frequency_hz,amplitude_nm,f\n1,2,3,4\n", "column 'f'.*waveform,off"),
     "repeated column": ("joint,joint,frequency_hz,amplitude_nm\n1,1,2,3\n", "repeated column"),
     "semicolons": ("joint;frequency_hz;amplitude_nm\n1;2;3\n", "missing column 'joint'"),
-    "text": (HEAD + "1,15,0.5\n2,fast,0.5\n", "line 3: frequency_hz is 'fast'.*numbers"),
+    "text": (HEAD + "1,15,0.5\n2,fast,0.5\n", "line 3: frequency_hz is 'fast'.*number"),
     "empty number": (HEAD + "1,,0.5\n", "line 2: frequency_hz is ''"),
     "underscore": (HEAD + "1,1_5,0.5\n", "frequency_hz is '1_5'"),
     "nan": (HEAD + "1,15,nan\n", "amplitude_nm is 'nan'.*finite"),
@@ -220,7 +220,7 @@ def test_bad_amplitudes(tmp_path, text, message):
 def test_not_a_file(tmp_path):
     for path in (tmp_path, tmp_path / "none.csv"):
         for read in (read_sje, read_base, lambda p: read_amplitudes(p, n_joints=7)):
-            with pytest.raises(StictionError, match=r"directory.*allowed"):
+            with pytest.raises(StictionError, match=r"directory.*expected"):
                 read(path)
 
 

@@ -106,7 +106,8 @@ def test_builtin_arm_is_bare_and_complete(name):
         assert not passive.any()
     assert not model.jnt_stiffness.any()
     np.testing.assert_array_equal(model.opt.gravity, [0, 0, -9.81])
-    assert arm.builtin
+    assert arm.registered
+    assert arm.on_floor
     assert arm.payload is None
     assert arm.tilt == (0.0, 0.0)
 

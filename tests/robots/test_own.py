@@ -48,7 +48,7 @@ def _one_clear_line(error: StictionError, where: str) -> None:
 def test_own_mjcf_becomes_a_rigid_arm(own: Path):
     arm = load_arm(own / "three.xml")
     before, after = mujoco.MjModel.from_xml_path(str(own / "three.xml")), arm.model()
-    assert (arm.name, arm.builtin, arm.n) == ("three", False, 3)
+    assert (arm.name, arm.registered, arm.n) == ("three", False, 3)
     assert arm.joint_names == ("a", "b", "c")
     assert arm.link_names == ("one", "link3", "three")
     assert arm.end_effector == "attachment_site"

@@ -29,7 +29,6 @@ from stiction_envs.experiments.gte.protocol import (
     Run,
     load_gte_protocol,
     named_path,
-    start_pose,
 )
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
@@ -108,7 +107,7 @@ class GeneratedTrajectoryExperiment:
             settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
         if belief is not None and belief.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
-        begin = start_pose(arm) if start is None else np.asarray(start, dtype=float)
+        begin = np.array(arm.rest) if start is None else np.asarray(start, dtype=float)
         low, high = arm.limits.position.T
         if begin.shape != (arm.n,) or not np.all((begin > low) & (begin < high)):
             raise StictionError(f"start {begin}: allowed are {arm.n} angles within the limits")

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
 from stiction_envs.experiments.gte.rows import thesis_window_sums, unit
-from stiction_envs.experiments.sje.plots import ROBOTS, WITH, WITHOUT
+from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
+from stiction_envs.robots import arm_title
 
 Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
@@ -49,7 +50,7 @@ def case_text(case: Case) -> str:
 def _title(run: Run, robot: str, what: str) -> str:
     rounds = len(run.accepted)
     count = f"{rounds} iterations" if rounds > 1 else "one iteration"
-    return f"{ROBOTS.get(robot, robot)}, {case_text(run.case)}: {what} ({count})"
+    return f"{arm_title(robot)}, {case_text(run.case)}: {what} ({count})"
 
 
 # ---- paths ---------------------------------------------------------------------------------------
@@ -245,7 +246,7 @@ def plot_window_sums(
         axes.set_visible(False)
     figure.legend(handles=_arrow_legend(), loc="outside lower center", ncols=4, frameon=False)
     figure.suptitle(
-        f"{ROBOTS.get(robot, robot)}: Table 4.11, from without dither (ring) to with it (dot)",
+        f"{arm_title(robot)}: Table 4.11, from without dither (ring) to with it (dot)",
         fontsize=11,
     )
     save_full(figure, path)

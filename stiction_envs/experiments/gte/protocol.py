@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from stiction_envs.control.trajectory import Path, pentagon, triangle
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured import AmplitudeRow
-from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -69,12 +68,6 @@ def _table() -> dict[str, dict[str, dict[str, object]]]:
 def load_gte_protocol() -> GTEProtocol:
     """Return the protocol of `gte.toml`."""
     return GTEProtocol(**{k: v["value"] for k, v in _table()["default"].items()})  # type: ignore[arg-type]
-
-
-def start_pose(arm: Arm) -> Array:
-    """Return (n,) joint angles at the start [rad]; the rest pose of an arm `gte.toml` lacks."""
-    entry = _table().get(arm.name) if arm.builtin else None
-    return np.array(arm.rest if entry is None else entry["start"]["value"], dtype=float)
 
 
 def named_path(name: str) -> Path:

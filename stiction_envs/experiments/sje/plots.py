@@ -22,10 +22,10 @@ from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.png import save_full
+from stiction_envs.robots.registry import arm_title
 
 Array = NDArray[np.float64]
 POSES = {"load": "load pose", "no_load": "no-load pose"}
-ROBOTS = {"panda": "Panda", "iiwa7": "LBR iiwa 7 R800", "iiwa14": "LBR iiwa 14 R820"}
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
 SIGNS = {"+": "+", "-": "−"}
 WITHOUT, WITH = "0.45", "#d1701a"
@@ -138,7 +138,7 @@ def plot_sje(
     c = ordered[0].job.configuration
     kinds = dict.fromkeys(dither_text(m.job) for m in ordered)
     figure.suptitle(
-        f"{ROBOTS.get(robot, robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
+        f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
         fontsize=12,
     )
     save_full(figure, path)
@@ -271,7 +271,7 @@ def plot_with_and_without(
     axes.set_xlabel("commanded torque, dither excluded [N·m]")
     axes.set_ylabel("joint displacement [rad]")
     axes.set_title(
-        f"{ROBOTS.get(robot, robot)}, joint {c.joint}, {POSES[c.load]}, direction "
+        f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}, direction "
         f"{SIGNS[c.direction]}: torque that moves the joint",
         fontsize=12,
     )

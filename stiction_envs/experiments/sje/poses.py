@@ -53,7 +53,7 @@ class _Evaluator:
         self.batch = Batch(model, 1024)
         self.sticking = sticking
         self.sensor = LoadSensor(sticking, self.batch)
-        self.floor = self.arm.builtin and self.arm.tilt == (0.0, 0.0)
+        self.floor = self.arm.on_floor and self.arm.tilt == (0.0, 0.0)
 
     def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return signed loads (M, n) [N·m] and validity (M,) of poses q (M, n) [rad]."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.robots.registry import ARMS, ArmFiles
 
 Array = NDArray[np.float64]
 LOADS = ("load", "no_load")
@@ -70,11 +71,24 @@ class Protocol:
         return dataclasses.replace(self, **changes)
 
 
-@functools.lru_cache
 def load_protocol(robot: str) -> Protocol:
-    """Return the protocol of a robot; one that `sje.toml` does not name gets the default."""
-    table = tomllib.loads((Path(__file__).parent / "sje.toml").read_text(encoding="utf-8"))
-    entries = {**table["default"], **table.get(robot, {})}
+    """Return the protocol of a robot: `sje.toml`, and what a known arm's TOML says otherwise.
+
+    Raises:
+        StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
+    """
+    return _protocol(ARMS.get(robot))
+
+
+@functools.lru_cache
+def _protocol(arm: ArmFiles | None) -> Protocol:
+    entries = tomllib.loads((Path(__file__).parent / "sje.toml").read_text(encoding="utf-8"))
+    entries = entries["default"]
+    if arm is not None:
+        own = arm.table.get("experiments", {}).get("sje", {})
+        for name in set(own) - set(entries):
+            raise StictionError(f"{arm.toml}: {unknown('[experiments.sje]', name, entries)}")
+        entries = {**entries, **own}
     return Protocol(**{k: float(v["value"]) for k, v in entries.items()})
 
 

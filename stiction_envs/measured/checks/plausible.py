@@ -17,7 +17,7 @@ from stiction_envs.measured.checks.rules import (
     setting_key,
 )
 from stiction_envs.measured.settings import TableCheckSettings, measured_settings
-from stiction_envs.measured.tables import our_name
+from stiction_envs.measured.thesis_robots import our_name
 
 
 def check_sje(

@@ -17,7 +17,7 @@ from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.settings import TableCheckSettings, measured_settings
-from stiction_envs.measured.tables import our_name
+from stiction_envs.measured.thesis_robots import our_name
 
 Row = Mapping[str, Any]
 Bases = Mapping[tuple[str, int, str, str], str]

@@ -27,6 +27,7 @@ from stiction_envs.measured.checks.rules import (
 from stiction_envs.measured.csv_text import read_header, read_lines
 from stiction_envs.measured.settings import TableCheckSettings, measured_settings
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS
+from stiction_envs.measured.thesis_robots import thesis_robots
 from stiction_envs.measured.thesis_tables import THESIS_TABLES
 
 _KEY = ("robot", "joint", "load", "direction")
@@ -52,12 +53,6 @@ FORMS: dict[str, tuple[str, ...]] = {
 _NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
 _TEXT = {"robot", "subtable", "axis", "unit_printed", "quantity", "unit", "amplitude_set"}
 
-IIWA7_KG = 23.9
-"""Weight of the LBR iiwa 7 R800, vendor's data sheet."""
-
-IIWA7_START_KG = {1: 3.4525, 2: 3.4821}
-"""Masses in the URDF from which the thesis started its fit, kg by link."""
-
 
 def check_thesis() -> list[Defect]:
     """Everything wrong in print in the thesis's tables, misprints and remarks."""
@@ -68,7 +63,10 @@ def check_thesis() -> list[Defect]:
         )
         with as_file(file) as path:
             tables[name] = read_rows(path)
-    return check_tables(tables, total_kg={"iiwa7": IIWA7_KG}, start_kg={"iiwa7": IIWA7_START_KG})
+    robots = thesis_robots()
+    total = {name: r.weight_kg for name, r in robots.items() if r.weight_kg is not None}
+    start = {name: r.start_kg for name, r in robots.items() if r.start_kg}
+    return check_tables(tables, total_kg=total, start_kg=start)
 
 
 def check_files(

@@ -20,7 +20,6 @@ from stiction_envs.experiments.gte.protocol import (
     GTEProtocol,
     Run,
     load_gte_protocol,
-    start_pose,
 )
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
@@ -404,7 +403,7 @@ def test_slow_controller_takes_what_fell_due_between_its_cycles():
 def test_start_lies_within_limits(robot):
     arm = load_arm(robot)
     low, high = arm.limits.position.T
-    start = start_pose(arm)
+    start = arm.rest
     assert np.all((start > low + 0.15) & (start < high - 0.15))
 
 

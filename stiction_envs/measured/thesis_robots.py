@@ -1,0 +1,52 @@
+"""The thesis's two arms: what they are called in print, and which tables are of which."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThesisRobot:
+    """An arm that the thesis measured."""
+
+    name: str
+    """Ours."""
+    printed: str
+    """In the thesis's tables."""
+    title: str
+    """In headings about the thesis."""
+    tables: tuple[str, ...]
+    """Numbers of the tables that have it."""
+    weight_kg: float | None = None
+    """Weight in the vendor's data sheet [kg], where the thesis prints masses."""
+    start_kg: Mapping[int, float] = field(default_factory=dict)
+    """Masses in the URDF from which the thesis started its fit [kg] by link."""
+
+
+_ROBOTS = (
+    ThesisRobot(
+        name="panda",
+        printed="panda",
+        title="Panda",
+        tables=("4.2", "4.3", "4.4", "4.6", "4.7", "4.8", "4.9", "4.10", "4.11", "A.1"),
+    ),
+    ThesisRobot(
+        name="iiwa7",
+        printed="iiwa",
+        title="iiwa",
+        tables=("4.1", "4.3", "4.5"),
+        weight_kg=23.9,
+        start_kg={1: 3.4525, 2: 3.4821},
+    ),
+)
+
+
+def thesis_robots(table: str | None = None) -> dict[str, ThesisRobot]:
+    """Return the arms of the thesis by our name, or only those that one of its tables has."""
+    return {r.name: r for r in _ROBOTS if table is None or table in r.tables}
+
+
+def our_name(robot: str) -> str:
+    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
+    return next((r.name for r in _ROBOTS if r.printed == robot), robot)

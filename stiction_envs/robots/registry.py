@@ -1,0 +1,133 @@
+"""Arms known by name, and the files that say everything about each.
+
+An arm is data in a folder: ``robots/NAME.xml`` (MJCF; outside the package a URDF too),
+``robots/NAME.toml`` (title, sources, limits, interface, and what other rooms ask about it) and,
+where its friction is known, ``friction/NAME.toml``. The package is such a folder; any other may be
+one, see :func:`register_arm_folder`. Light on purpose: nothing here imports MuJoCo.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots.tables import read_toml
+
+PACKAGE = Path(__file__).resolve().parents[1]
+MODEL_FILES = (".xml", ".mjcf", ".urdf")
+"""Endings of files that describe an arm."""
+
+
+@dataclass(frozen=True)
+class ArmFiles:
+    """Where one arm is described, and what its TOML says."""
+
+    name: str
+    model: Path
+    """MJCF or URDF."""
+
+    @property
+    def toml(self) -> Path:
+        """Limits, rest pose, interface, sources."""
+        return self.model.with_suffix(".toml")
+
+    @property
+    def friction(self) -> Path:
+        """Friction parameters; the file need not exist."""
+        return self.model.parents[1] / "friction" / f"{self.name}.toml"
+
+    @property
+    def shipped(self) -> bool:
+        """Whether the arm comes with the package."""
+        return self.model.parents[1] == PACKAGE
+
+    @cached_property
+    def table(self) -> dict[str, Any]:
+        """The parsed TOML."""
+        return read_toml(self.toml)
+
+    @property
+    def title(self) -> str:
+        """For headings: the TOML's ``short_title``, else its ``title``, else the name."""
+        return str(self.table.get("short_title") or self.table.get("title") or self.name)
+
+    @property
+    def environment(self) -> str | None:
+        """What its environments are called: ``Panda`` for ``PandaSJE-v0``; None for none."""
+        name = self.table.get("environment")
+        if name is not None and not (isinstance(name, str) and re.fullmatch(r"\w+", name)):
+            raise StictionError(f"{self.toml}: environment {name!r}: expected letters and digits")
+        return name
+
+
+_arms: dict[str, ArmFiles] = {}
+_listeners: list[Callable[[ArmFiles], None]] = []
+ARMS: Mapping[str, ArmFiles] = MappingProxyType(_arms)
+"""Arms by name."""
+
+
+def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
+    """Make the arms of a folder known by name, for as long as the process runs.
+
+    Each works as one of the package: ``load_arm(NAME)``, ``stiction sje NAME`` and, where its TOML
+    has ``environment``, ``<environment>SJE-v0`` and ``<environment>GTE-v0``.
+
+    Args:
+        folder: holds ``robots/NAME.xml`` with ``robots/NAME.toml``, and ``friction/NAME.toml`` or
+            else the friction of ``generic.toml``.
+
+    Returns:
+        Their names, sorted.
+
+    Raises:
+        StictionError: no arm there, a TOML that is none, or a name that is taken.
+    """
+    room = Path(folder).expanduser().resolve() / "robots"
+    files = sorted(p for p in room.glob("*") if p.suffix.lower() in MODEL_FILES)
+    found = [ArmFiles(p.stem, p) for p in files if p.with_suffix(".toml").is_file()]
+    if not found:
+        raise StictionError(f"{room}: no arm: expected NAME.xml and NAME.toml")
+    new: dict[str, ArmFiles] = {}
+    for arm in found:
+        if ARMS.get(arm.name) == arm:
+            continue  # a folder may be registered twice
+        if arm.name in {**ARMS, **new} or not re.fullmatch(r"[\w-]+", arm.name):
+            raise StictionError(
+                f"{arm.model}: arm {arm.name!r}: expected letters, digits, - and _, and a name "
+                f"other than {', '.join([*ARMS, *new])}"
+            )
+        taken = [a.environment for a in [*ARMS.values(), *new.values()] if a.environment]
+        if arm.environment in taken:
+            raise StictionError(
+                f"{arm.toml}: environment {arm.environment!r}: expected a name other than "
+                f"{', '.join(taken)}"
+            )
+        new[arm.name] = arm
+    _arms.update(new)
+    for arm in new.values():
+        for listener in _listeners:
+            listener(arm)
+    return tuple(arm.name for arm in found)
+
+
+def on_arm(listener: Callable[[ArmFiles], None]) -> None:
+    """Call ``listener`` for every arm known now, and for each that is registered later."""
+    for arm in ARMS.values():
+        listener(arm)
+    if listener not in _listeners:
+        _listeners.append(listener)
+
+
+def arm_title(name: str) -> str:
+    """Title of a known arm; the name itself of a user's file."""
+    return ARMS[name].title if name in ARMS else name
+
+
+BUILTIN = register_arm_folder(PACKAGE)
+"""Arms that come with the package."""
