@@ -1,6 +1,6 @@
-"""Climb the ladder and write its page beside this file: `python -m benchmarks.thesis_ladder`.
+"""Fit the nested models and write their page here: `python -m benchmarks.thesis_ladder`.
 
-The same as `stiction reproduce gap`. Rungs are written to `ladder.json` as they are done: run it
+The same as `stiction reproduce gap`. Models are written to `ladder.json` as they are done: run it
 again after an interruption and it goes on.
 """
 
@@ -12,10 +12,9 @@ import time
 from pathlib import Path
 
 from stiction_envs.cli.progress import Progress
-from stiction_envs.thesis.nested_models import SEEDS, Ladder
+from stiction_envs.thesis.nested_models import SEEDS, NestedModels
 from stiction_envs.thesis.nyquist_phase import study_phase
-from stiction_envs.thesis.page import ladder_table, write_page
-from stiction_envs.thesis.scores import Findings
+from stiction_envs.thesis.page import write_page
 
 HERE = Path(__file__).parent
 
@@ -28,13 +27,13 @@ def main() -> int:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    ladder = Ladder(args.out, seeds=range(args.seeds), processes=args.processes)
+    nested = NestedModels(args.out, seeds=range(args.seeds), processes=args.processes)
     with Progress("steps") as progress:
-        for _ in ladder.climb(progress.set):
+        for _ in nested.fit(progress.set):
             pass
         study = study_phase(nthread=args.processes)
-        write_page(args.out, ladder.rungs, study=study, progress=progress.set)
-    print("\n".join(ladder_table(Findings(ladder.rungs, ladder.cells))))
+        write_page(args.out, nested.models, study=study, progress=progress.set)
+    print((args.out / "ladder.md").read_text(encoding="utf-8"))
     print(f"{time.monotonic() - start:.0f} s; page: {args.out / 'gap.md'}")
     return 0
 

@@ -1,6 +1,6 @@
-"""Write the ladder's last model as the Panda's friction: `python -m benchmarks.thesis_ladder.ship`.
+"""Write the last nested model as the Panda's friction: `python -m benchmarks.thesis_ladder.ship`.
 
-Takes the parameters of rung ``arm`` from `ladder.json`, calibrates the levels to Table 4.3 and
+Takes the parameters of model ``arm`` from `ladder.json`, calibrates the levels to Table 4.3 and
 writes `stiction_envs/friction/panda.toml`, about half a minute.
 """
 
@@ -17,7 +17,7 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import friction_path
 from stiction_envs.measured import thesis_base
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.thesis.nested_models import Ladder
+from stiction_envs.thesis.nested_models import NestedModels
 from stiction_envs.thesis.whole_arm import ROBOT, start_friction, with_parameters
 
 HERE = Path(__file__).parent
@@ -32,22 +32,22 @@ FITTED = (
 
 
 def main() -> int:
-    ladder = Ladder(HERE)
-    if "arm" not in ladder.rungs:
-        print("error: climb the ladder first: python -m benchmarks.thesis_ladder", file=sys.stderr)
+    nested = NestedModels(HERE)
+    if "arm" not in nested.models:
+        print("error: fit the models first: python -m benchmarks.thesis_ladder", file=sys.stderr)
         return 2
-    rung = ladder.rungs["arm"]
-    found = {int(j): f[0]["parameters"] for j, f in rung.found.items()}
+    model = nested.models["arm"]
+    found = {int(j): f[0]["parameters"] for j, f in model.found.items()}
     friction = with_parameters(start_friction(), found)
     start = SingleJointExperiment.of(ROBOT, friction=friction, scatter=False)
     result = calibrate(thesis_base(ROBOT), start)
     text = calibrated_toml(result, ROBOT, TABLE.name, TABLE.read_bytes())
-    write_text_atomic(friction_path(ROBOT), with_sources(text, result, rung))
+    write_text_atomic(friction_path(ROBOT), with_sources(text, result, model))
     print(f"largest error of a base torque of Table 4.3: {100 * result.error:.3f} %")
     return 0
 
 
-def with_sources(text: str, result: Calibration, rung: object) -> str:
+def with_sources(text: str, result: Calibration, model: object) -> str:
     """Name the fit as the source of what it found."""
     source = (
         "fitted to thesis Tables 4.3 and 4.6 by benchmarks.thesis_ladder, checked on 4.7, 4.8 "
@@ -63,12 +63,12 @@ def with_sources(text: str, result: Calibration, rung: object) -> str:
         lines.append(line)
         if line == "[provenance]":
             digest = hashlib.sha256((HERE / "ladder.json").read_bytes()).hexdigest()
-            losses = ", ".join(f"{f[0]['seed']}" for f in rung.found.values())  # type: ignore[attr-defined]
+            losses = ", ".join(f"{f[0]['seed']}" for f in model.found.values())  # type: ignore[attr-defined]
             lines += [
-                'fit = "stiction_envs.thesis.nested_models, rung arm; Tables 4.3 and 4.6 only"',
+                'fit = "stiction_envs.thesis.nested_models, model arm; Tables 4.3 and 4.6 only"',
                 f'fit_ladder_sha256 = "{digest}"',
                 f'fit_seeds_by_joint = "{losses}"',
-                f'fit_ramp_rate = "{rung.fixed["ramp_rate"]!r} N·m/s"',  # type: ignore[attr-defined]
+                f'fit_ramp_rate = "{model.fixed["ramp_rate"]!r} N·m/s"',  # type: ignore[attr-defined]
             ]
     assert np.isfinite(result.error)
     return "\n".join(lines) + "\n"

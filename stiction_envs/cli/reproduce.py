@@ -118,22 +118,22 @@ def _tables(package: Path, target: str) -> dict[str, Path]:
 
 
 def _gap(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Climb the ladder, or go on with it; write its page."""
-    from stiction_envs.thesis.nested_models import Ladder
+    """Fit the nested models, or go on with them; write their page."""
+    from stiction_envs.thesis.nested_models import NestedModels
     from stiction_envs.thesis.nyquist_phase import study_phase
     from stiction_envs.thesis.page import write_page
 
     seeds = range(args.seed, args.seed + args.seeds)
-    ladder = Ladder(folder, seeds=seeds, processes=args.threads)
+    nested = NestedModels(folder, seeds=seeds, processes=args.threads)
     with Progress("steps") as progress:
-        for _ in ladder.climb(progress.set):
+        for _ in nested.fit(progress.set):
             pass
     with Progress() as progress:
         study = study_phase(
             nthread=args.threads, progress=lambda s: progress.add("iiwa's phase", s, PHASE_SECONDS)
         )
     with Progress("figures") as progress:
-        return write_page(folder, ladder.rungs, study=study, progress=progress.set)
+        return write_page(folder, nested.models, study=study, progress=progress.set)
 
 
 def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def _show_gap(found: dict[str, Any]) -> list[str]:
         f"{'held-out error [% of base torque]':<38}{'mean':>6}{'95 %':>15}{'median':>8}"
         f"{'worst joint':>13}"
     ]
-    for r in found["rungs"]:
+    for r in found["models"]:
         low, high = r["ci95"]
         joint, worst = max(r["by_joint"].items(), key=lambda item: item[1])
         interval = f"[{low:.1f}, {high:.1f}]"

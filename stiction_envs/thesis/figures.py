@@ -1,4 +1,4 @@
-"""Pictures of the page: the ladder, each joint, what is left, the iiwa's phase."""
+"""Pictures of the page: all models, each joint, what is left, the iiwa's phase."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
 from stiction_envs.reporting.png import save_full
 from stiction_envs.thesis.nyquist_phase import PhaseStudy
-from stiction_envs.thesis.scores import ARM, FREQUENCIES, JOINTS, TARGETS, Findings
+from stiction_envs.thesis.scores import ARM, FREQUENCIES, JOINTS, TARGETS, ModelScores
 
 Array = NDArray[np.float64]
 SHOWN = ("inertia", "presliding", "elasticity", "offset", "drift", ARM)
-"""Rungs drawn over each other, where there are any."""
+"""Models drawn over each other, where there are any."""
 THEORY = {
     "creep": ("theory: bristles shaken, the joint creeps", (0, (4, 2))),
     "slip": ("theory: bristles as a spring, first slip", (0, (1, 1.5))),
@@ -38,24 +38,24 @@ MEASURED, THEORY_COLOUR, BROKEN = "#c2410c", "0.45", "x"
 TICKS = sorted(FREQUENCIES)
 
 
-def ladder(findings: Findings, path: Path) -> None:
-    """Draw mean, interval and median held-out error of every rung.
+def models(scores: ModelScores, path: Path) -> None:
+    """Draw mean, interval and median held-out error of every model.
 
     Args:
-        findings: the rungs.
+        scores: the models.
         path: PNG to write.
     """
-    scores = list(findings.scores.values())
-    figure = Figure(figsize=(9, 0.36 * len(scores) + 1.9), layout="constrained")
+    drawn = list(scores.scores.values())
+    figure = Figure(figsize=(9, 0.36 * len(drawn) + 1.9), layout="constrained")
     axes = figure.subplots()
-    y = np.arange(len(scores))[::-1]
-    mean = np.array([s.mean for s in scores])
-    spread = np.abs(np.array([[s.low, s.high] for s in scores]).T - mean)
+    y = np.arange(len(drawn))[::-1]
+    mean = np.array([s.mean for s in drawn])
+    spread = np.abs(np.array([[s.low, s.high] for s in drawn]).T - mean)
     axes.errorbar(mean, y, xerr=spread, fmt="o", color="#1f5fa8", capsize=3, label="mean, 95 %")
-    axes.plot([s.median for s in scores], y, "|", ms=13, mew=2, color="#d1701a", label="median")
-    axes.axvline(findings.floor[0], color="0.4", ls="--", lw=1, label="the thesis's repeats, mean")
+    axes.plot([s.median for s in drawn], y, "|", ms=13, mew=2, color="#d1701a", label="median")
+    axes.axvline(scores.floor[0], color="0.4", ls="--", lw=1, label="the thesis's repeats, mean")
     axes.axvline(TARGETS["mean"], color="0.4", ls=":", lw=1, label="target, mean")
-    axes.set_yticks(y, [s.name for s in scores])
+    axes.set_yticks(y, [s.name for s in drawn])
     axes.set_xscale("log")
     ticks = [2, 3, 5, 10, 20, 50, 100]
     axes.set_xticks(ticks, [str(t) for t in ticks])
@@ -71,26 +71,26 @@ def ladder(findings: Findings, path: Path) -> None:
 # ---- one joint -----------------------------------------------------------------------------------
 
 
-def joint(findings: Findings, number: int, path: Path) -> None:
-    """Draw a joint's change of torque against frequency and amplitude, rung by rung.
+def joint(scores: ModelScores, number: int, path: Path) -> None:
+    """Draw a joint's change of torque against frequency and amplitude, model after model.
 
     A column per pose and direction; above against frequency at scale 1.0, below against amplitude
     at the frequency the thesis chose for the joint.
 
     Args:
-        findings: the rungs.
+        scores: the models.
         number: the joint, from 1.
         path: PNG to write.
     """
     figure = Figure(figsize=(13.5, 8.0), layout="constrained")
     grid = figure.subplots(2, 4, sharey="row")
-    shown = [k for k in SHOWN if k in findings.rungs] or [findings.last]
+    shown = [k for k in SHOWN if k in scores.models] or [scores.last]
     colours = colormaps["viridis"](np.linspace(0.88, 0.05, len(shown)))
-    chosen = _chosen_frequency(findings, number)
+    chosen = _chosen_frequency(scores, number)
     for column, where in enumerate(configurations(7, [number])):
         above, below = grid[0, column], grid[1, column]
         sign = plots.SIGNS[where.direction]
-        base = next(c.row.tau_base_nm for c in findings.cells if c.configuration == where)
+        base = next(c.row.tau_base_nm for c in scores.cells if c.configuration == where)
         above.set_title(
             f"{plots.POSES[where.load]}, {sign}   (base {base:+.2f} N·m)".replace("-", "−").replace(
                 "no−load", "no-load"
@@ -98,10 +98,10 @@ def joint(findings: Findings, number: int, path: Path) -> None:
             fontsize=10,
         )
         for axes, against in ((above, "frequency"), (below, "amplitude")):
-            _theory(axes, findings, where, against, chosen)
+            _theory(axes, scores, where, against, chosen)
             for key, colour in zip(shown, colours, strict=True):
-                _rung(axes, findings, where, key, against, chosen, colour, last=key == shown[-1])
-            _points(axes, findings, where, against, chosen)
+                _model(axes, scores, where, key, against, chosen, colour, last=key == shown[-1])
+            _points(axes, scores, where, against, chosen)
             axes.axhline(0, color="0.3", lw=0.8, zorder=1)
             axes.grid(alpha=0.25, lw=0.6)
             axes.spines[["top", "right"]].set_visible(False)
@@ -115,9 +115,9 @@ def joint(findings: Findings, number: int, path: Path) -> None:
     for axes in grid[:, 0]:
         axes.set_ylabel("change of the torque\nthat moves the joint [% of base]")
     for axes, against in zip(grid[:, 0], ("frequency", "amplitude"), strict=True):
-        axes.set_ylim(*_limits(findings, number, shown, against, chosen))
+        axes.set_ylim(*_limits(scores, number, shown, against, chosen))
     handles = [
-        Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=findings.rungs[k].name)
+        Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=scores.models[k].name)
         for k, c in zip(shown, colours, strict=True)
     ]
     handles += [
@@ -129,25 +129,25 @@ def joint(findings: Findings, number: int, path: Path) -> None:
         Line2D([], [], marker=m, ls="", ms=6, label=text, **_face(name == "4.6"))
         for name, (m, text) in TABLES.items()
     ]
-    band = findings.rungs.get("band")
+    band = scores.models.get("band")
     text = "" if band is None else f"\n{band.name} is off the scale: −100 % at scale 1.0"
     figure.suptitle(f"Joint {number}: measured and predicted change{text}", fontsize=12)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
     save_full(figure, path)
 
 
-def _chosen_frequency(findings: Findings, number: int) -> float:
+def _chosen_frequency(scores: ModelScores, number: int) -> float:
     """Return the frequency of the joint in Table 4.10 [Hz]."""
-    mask = (findings.joint == number) & np.char.startswith(findings.table.astype(str), "4.10")
-    return float(findings.frequency[mask][0])
+    mask = (scores.joint == number) & np.char.startswith(scores.table.astype(str), "4.10")
+    return float(scores.frequency[mask][0])
 
 
 def _select(
-    findings: Findings, where: Configuration, against: str, chosen: float
+    scores: ModelScores, where: Configuration, against: str, chosen: float
 ) -> list[tuple[float, int]]:
     """Return (x, cell) of the cells in a panel, sorted."""
     out = []
-    for i, c in enumerate(findings.cells):
+    for i, c in enumerate(scores.cells):
         if c.configuration != where:
             continue
         if against == "amplitude" and c.row.frequency_hz == chosen:
@@ -162,10 +162,10 @@ def _face(fitted: bool) -> dict[str, Any]:
 
 
 def _points(
-    axes: Axes, findings: Findings, where: Configuration, against: str, chosen: float
+    axes: Axes, scores: ModelScores, where: Configuration, against: str, chosen: float
 ) -> None:
-    for x, i in _select(findings, where, against, chosen):
-        c = findings.cells[i]
+    for x, i in _select(scores, where, against, chosen):
+        c = scores.cells[i]
         marker = TABLES[c.column][0]
         y = 100 * c.change
         if c.row.outlier:
@@ -181,9 +181,9 @@ def _points(
         axes.plot(x, y, marker, ms=5.5, zorder=6, **_face(not c.held_out))
 
 
-def _rung(
+def _model(
     axes: Axes,
-    findings: Findings,
+    scores: ModelScores,
     where: Configuration,
     key: str,
     against: str,
@@ -193,9 +193,9 @@ def _rung(
     last: bool,
 ) -> None:
     points = [
-        (x, 100 * findings.predicted[key][i])
-        for x, i in _select(findings, where, against, chosen)
-        if against == "amplitude" or not findings.cells[i].held_out
+        (x, 100 * scores.predicted[key][i])
+        for x, i in _select(scores, where, against, chosen)
+        if against == "amplitude" or not scores.cells[i].held_out
     ]
     if points:
         x, y = zip(*points, strict=True)
@@ -203,19 +203,19 @@ def _rung(
 
 
 def _theory(
-    axes: Axes, findings: Findings, where: Configuration, against: str, chosen: float
+    axes: Axes, scores: ModelScores, where: Configuration, against: str, chosen: float
 ) -> None:
-    theory = findings.theory(where.joint)
+    theory = scores.theory(where.joint)
     base = next(
         abs(c.row.tau_base_nm)
-        for c in findings.cells
+        for c in scores.cells
         if c.configuration == where and c.row.table == "4.6"
     )
     if against == "frequency":
         x = np.geomspace(13, 95, 160)
         f, a = x, np.full_like(x, base)
     else:
-        most = max(x for x, _ in _select(findings, where, against, chosen))
+        most = max(x for x, _ in _select(scores, where, against, chosen))
         x = np.linspace(0, 1.08 * most, 160)
         f, a = np.full_like(x, chosen), x
     free, sliding = (100 * theory.change(kind, where, f, a) for kind in ("free", "sliding"))
@@ -228,16 +228,16 @@ def _theory(
 
 
 def _limits(
-    findings: Findings, number: int, shown: Sequence[str], against: str, chosen: float
+    scores: ModelScores, number: int, shown: Sequence[str], against: str, chosen: float
 ) -> tuple[float, float]:
-    """Return limits [%] of a row: all its sound cells, and all drawn rungs but the first."""
+    """Return limits [%] of a row: all its sound cells, and all drawn models but the first."""
     drawn = [
         i
         for where in configurations(7, [number])
-        for _, i in _select(findings, where, against, chosen)
+        for _, i in _select(scores, where, against, chosen)
     ]
-    mine = np.isin(np.arange(len(findings.cells)), drawn) & findings.sound
-    values = [findings.measured[mine], *(findings.predicted[k][mine] for k in shown[1:] or shown)]
+    mine = np.isin(np.arange(len(scores.cells)), drawn) & scores.sound
+    values = [scores.measured[mine], *(scores.predicted[k][mine] for k in shown[1:] or shown)]
     low, high = 100 * np.min(np.concatenate(values)), 100 * np.max(np.concatenate(values))
     margin = 0.08 * (high - low) + 2
     return float(low - margin), float(max(high, 0) + margin)
@@ -246,24 +246,24 @@ def _limits(
 # ---- what is left --------------------------------------------------------------------------------
 
 
-def residuals(findings: Findings, path: Path) -> None:
-    """Draw the held-out residuals of the last rung by joint, pose, direction and table.
+def residuals(scores: ModelScores, path: Path) -> None:
+    """Draw the held-out residuals of the last model by joint, pose, direction and table.
 
     Args:
-        findings: the rungs.
+        scores: the models.
         path: PNG to write.
     """
     figure = Figure(figsize=(12, 4.8), layout="constrained")
     axes = figure.subplots()
-    residual = findings.residual()
+    residual = scores.residual()
     places = configurations(7)
     tables = [t for t in TABLES if t != "4.6"]
     colours = dict(zip(tables, ("#1f5fa8", "#2a9d8f", "#8f6bb3", "#d1701a"), strict=True))
     shift = dict(zip(tables, (-0.24, -0.08, 0.08, 0.24), strict=True))
     for k, where in enumerate(places):
-        mask = findings.of(where) & findings.held_out
+        mask = scores.of(where) & scores.held_out
         for table in tables:
-            mine = mask & (findings.table == table)
+            mine = mask & (scores.table == table)
             x = np.full(int(mine.sum()), k + shift[table])
             axes.plot(x, residual[mine], TABLES[table][0], ms=4.5, color=colours[table], zorder=3)
         mean = float(residual[mask].mean())
@@ -272,7 +272,7 @@ def residuals(findings: Findings, path: Path) -> None:
         if number % 2:
             axes.axvspan(4 * number - 4.5, 4 * number - 0.5, color="0.95", zorder=0)
         axes.annotate(
-            f"joint {number}\nmean |error| {findings.scores[findings.last].by_joint[number]:.1f} %",
+            f"joint {number}\nmean |error| {scores.scores[scores.last].by_joint[number]:.1f} %",
             (4 * number - 2.5, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, -3),
@@ -281,7 +281,7 @@ def residuals(findings: Findings, path: Path) -> None:
             va="top",
             fontsize=8.5,
         )
-    floor = findings.floor[0]
+    floor = scores.floor[0]
     axes.axhspan(-floor, floor, color="#f3d9a4", alpha=0.55, zorder=1)
     axes.axhline(0, color="0.3", lw=0.8, zorder=2)
     names = [f"{'L' if w.load == 'load' else 'N'}{plots.SIGNS[w.direction]}" for w in places]
@@ -291,7 +291,7 @@ def residuals(findings: Findings, path: Path) -> None:
     axes.set_ylim(low, high + 0.16 * (high - low))
     axes.set_xlabel("pose (L load, N no load) and direction of the ramp")
     axes.set_ylabel("predicted − measured [% of base]")
-    axes.set_title(f"What is left on the held-out cells: {findings.rungs[findings.last].name}")
+    axes.set_title(f"What is left on the held-out cells: {scores.models[scores.last].name}")
     handles: list[Any] = [
         Line2D([], [], marker=TABLES[t][0], ls="", color=colours[t], label=f"Table {t}")
         for t in tables

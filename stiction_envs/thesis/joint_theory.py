@@ -56,7 +56,7 @@ def poses_of(robot: str) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class JointTheory:
-    """One joint of the Panda with the parameters of a rung."""
+    """One joint of the Panda with the parameters of a model."""
 
     joint: int
     """From 1."""

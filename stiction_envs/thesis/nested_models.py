@@ -1,6 +1,6 @@
-"""The ladder: the thesis's dithered torques against one physical statement after the other.
+"""Nested models: the thesis's dithered torques against one physical statement after the other.
 
-Every rung is fitted to Tables 4.3 and 4.6 only and scored on 4.7, 4.8 and 4.10. Rungs are written
+Every model is fitted to Tables 4.3 and 4.6 only and scored on 4.7, 4.8 and 4.10. Models are written
 down as they are done, so that an interrupted run goes on where it was.
 """
 
@@ -34,14 +34,14 @@ ORDER = (2, 4, 3, 1, 5, 7, 6)
 """Joints with the longest ramps first."""
 SEEDS = (0, 1, 2, 3, 4)
 ONE_SEED = (0,)
-"""For rungs on the way: a search from the rung before."""
+"""For models on the way: a search from the model before."""
 GENERATIONS = 30
 ROUNDS = 3
 """Rounds of correcting the lone joint by the whole arm."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rung:
+class NestedModel:
     """One statement and what it predicts."""
 
     key: str
@@ -72,7 +72,7 @@ PHYSICAL = (
 
 
 def effects_up_to(key: str) -> Effects:
-    """Return the effects of a physical rung and all before it."""
+    """Return the effects of a physical model and all before it."""
     values = asdict(_OFF)
     for name, *_ in PHYSICAL:
         values[name] = True
@@ -82,7 +82,7 @@ def effects_up_to(key: str) -> Effects:
     return Effects(**values)
 
 
-# ---- rungs without physics -----------------------------------------------------------------------
+# ---- models without physics ---------------------------------------------------------------------
 
 
 def nothing(chosen: Sequence[Cell]) -> Array:
@@ -101,7 +101,7 @@ def band(chosen: Sequence[Cell]) -> Array:
     return np.array([max(-1.0, -c.row.amplitude_nm / abs(c.row.tau_base_nm)) for c in chosen])
 
 
-# ---- rungs with physics --------------------------------------------------------------------------
+# ---- models with physics ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -132,36 +132,36 @@ def _work(task: _Task) -> tuple[list[Found], Array]:
     return found, full.predict([{**task.fixed, **found[0].parameters}])[0]
 
 
-class Ladder:
-    """Climbs the rungs, writing each into `ladder.json` of a folder."""
+class NestedModels:
+    """Fits the models, writing each into `ladder.json` of a folder."""
 
     def __init__(self, folder: Path, *, seeds: Sequence[int] = SEEDS, processes: int = 0) -> None:
-        """Go on with the folder's rungs if they are of the same data and settings."""
+        """Go on with the folder's models if they are of the same data and settings."""
         self.path = folder / "ladder.json"
         self.seeds = tuple(seeds)
         self.cells = cells()
         self.processes = processes or os.cpu_count() or 1
-        self.rungs: dict[str, Rung] = {}
+        self.models: dict[str, NestedModel] = {}
         self.arm: FrictionParameters | None = None
         self._print = self._fingerprint()
         if self.path.exists():
             saved = json.loads(self.path.read_text(encoding="utf-8"))
             if saved["fingerprint"] == self._print:
-                self.rungs = {r["key"]: Rung(**r) for r in saved["rungs"]}
+                self.models = {r["key"]: NestedModel(**r) for r in saved["rungs"]}
 
     def _fingerprint(self) -> str:
         text = json.dumps([settings(), self.seeds, GENERATIONS, ROUNDS])
         rows = repr([c.row for c in self.cells]) + repr(thesis_base(ROBOT).tau.tolist())
         return hashlib.sha256((text + rows).encode()).hexdigest()
 
-    def _save(self, rung: Rung) -> Rung:
-        self.rungs[rung.key] = rung
-        out = {"fingerprint": self._print, "rungs": [asdict(r) for r in self.rungs.values()]}
+    def _save(self, model: NestedModel) -> NestedModel:
+        self.models[model.key] = model
+        out = {"fingerprint": self._print, "rungs": [asdict(r) for r in self.models.values()]}
         write_text_atomic(self.path, json.dumps(out, indent=1, allow_nan=False) + "\n")
-        return rung
+        return model
 
-    def climb(self, progress: Progress | None = None) -> Iterator[Rung]:
-        """Yield every rung, fitted now or read from the folder."""
+    def fit(self, progress: Progress | None = None) -> Iterator[NestedModel]:
+        """Yield every model, fitted now or read from the folder."""
         say = progress or (lambda *_: None)
         for key, name, function in (
             ("nothing", "dither does nothing", nothing),
@@ -170,17 +170,19 @@ class Ladder:
         ):
             statement = (function.__doc__ or "").splitlines()[0]
             yield self._save(
-                Rung(key=key, name=name, statement=statement, change=function(self.cells).tolist())
+                NestedModel(
+                    key=key, name=name, statement=statement, change=function(self.cells).tolist()
+                )
             )
         bench = None
-        around: Rung | None = None
+        around: NestedModel | None = None
         for key, name, statement in PHYSICAL:
-            if key not in self.rungs:
+            if key not in self.models:
                 bench = bench or self._bench(say)
                 seeds = self.seeds if key == "drift" else ONE_SEED
                 effects = effects_up_to(key)
                 self._fit(key, name, statement, bench, effects, say, around=around, seeds=seeds)
-            around = self.rungs[key]
+            around = self.models[key]
             yield around
         yield from self._ramp_rates(bench, say)
         yield from self._arm(say)
@@ -199,12 +201,12 @@ class Ladder:
         effects: Effects,
         say: Progress,
         *,
-        around: Rung | None = None,
+        around: NestedModel | None = None,
         fixed: dict[str, float] | None = None,
         correction: Array | None = None,
         seeds: tuple[int, ...] = ONE_SEED,
         save: bool = True,
-    ) -> Rung:
+    ) -> NestedModel:
         """Fit all joints with some effects."""
         fitted = np.array([not c.held_out for c in self.cells])
         tasks = []
@@ -234,7 +236,7 @@ class Ladder:
                 found[str(task.joint)] = [{**asdict(f), "on_bound": f.on_bound} for f in best]
         if effects.drift:
             change = with_drift(self.cells, change)
-        rung = Rung(
+        model = NestedModel(
             key=key,
             name=name,
             statement=statement,
@@ -243,13 +245,13 @@ class Ladder:
             fixed=dict(fixed or {}),
             loss=sum(f[0]["loss"] for f in found.values()),
         )
-        return self._save(rung) if save else rung
+        return self._save(model) if save else model
 
-    def _ramp_rates(self, bench: Bench | None, say: Progress) -> Iterator[Rung]:
+    def _ramp_rates(self, bench: Bench | None, say: Progress) -> Iterator[NestedModel]:
         """Fit with other ramp rates of the robot, and without LuGre's drift inside the band."""
         for rate in settings()["ramp_rate"]["tried"]:
             key = f"ramp {rate:g}"
-            if key not in self.rungs:
+            if key not in self.models:
                 bench = bench or self._bench(say)
                 self._fit(
                     key,
@@ -258,11 +260,11 @@ class Ladder:
                     bench,
                     Effects(),
                     say,
-                    around=self.rungs["drift"],
+                    around=self.models["drift"],
                     fixed={"ramp_rate": rate},
                 )
-            yield self.rungs[key]
-        if "elasto-plastic" not in self.rungs:
+            yield self.models[key]
+        if "elasto-plastic" not in self.models:
             bench = bench or self._bench(say)
             self._fit(
                 "elasto-plastic",
@@ -271,9 +273,9 @@ class Ladder:
                 bench,
                 Effects(elasto_plastic=True),
                 say,
-                around=self.rungs["drift"],
+                around=self.models["drift"],
             )
-        yield self.rungs["elasto-plastic"]
+        yield self.models["elasto-plastic"]
 
     def ramp_rate(self) -> tuple[float, bool]:
         """Return the ramp rate of the robot [N·m/s], and whether the fitted tables identify it.
@@ -292,15 +294,15 @@ class Ladder:
         return best, identified
 
     def _joint_losses(self, key: str) -> list[float]:
-        found = self.rungs[key].found
+        found = self.models[key].found
         return [float(found[j][0]["loss"]) for j in sorted(found)]
 
-    def _arm(self, say: Progress) -> Iterator[Rung]:
+    def _arm(self, say: Progress) -> Iterator[NestedModel]:
         """Carry the fit over to the whole arm; several seeds, each from elsewhere."""
-        if "arm" not in self.rungs:
+        if "arm" not in self.models:
             self._fit_arm(say)
-        yield self.rungs["arm"]
-        yield self.rungs["arm + drift"]
+        yield self.models["arm"]
+        yield self.models["arm + drift"]
 
     def _fit_arm(self, say: Progress) -> None:
         """Correct the lone joints by what the whole arm makes of them, in a few rounds.
@@ -310,7 +312,7 @@ class Ladder:
         """
         rate, identified = self.ramp_rate()
         fixed = {"ramp_rate": rate}
-        now = self.rungs[f"ramp {rate:g}" if identified else "drift"]
+        now = self.models[f"ramp {rate:g}" if identified else "drift"]
         rows = np.array([not c.held_out for c in self.cells])
         fitted = [c for c in self.cells if not c.held_out]
         kept: dict[str, dict[str, Any]] = {}
@@ -355,7 +357,7 @@ class Ladder:
             ("arm + drift", "whole arm + base drift", with_drift(self.cells, change)),
         ):
             self._save(
-                Rung(
+                NestedModel(
                     key=key,
                     name=name,
                     statement="the fit carried over to all joints of the plant",

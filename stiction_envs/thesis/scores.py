@@ -1,4 +1,4 @@
-"""What a ladder of rungs says, as numbers: scores, gains by joint, ranges, residuals.
+"""What nested models say, as numbers: scores, gains by joint, ranges, residuals.
 
 The page puts these into sentences; nothing here is text for a reader.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.gap.tables.cells import RESAMPLES, Cell, Score, repeat_floor, score
 from stiction_envs.gap.tables.model import drift_factors, with_drift
 from stiction_envs.thesis.joint_theory import JointTheory
-from stiction_envs.thesis.nested_models import PHYSICAL, ROBOT, Rung
+from stiction_envs.thesis.nested_models import PHYSICAL, ROBOT, NestedModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -53,7 +53,7 @@ class Change:
 
     @property
     def better(self) -> bool:
-        """Whether it stands against the scatter of the cells, and counts."""
+        """Whether it is significant against the scatter of the cells, and counts."""
         return self.low > 0 and self.points >= LEAST_GAIN
 
     @property
@@ -69,7 +69,7 @@ class Gain:
     key: str
     name: str
     plain: Change
-    """As the rungs stand."""
+    """As the models are."""
     shape: Change | None
     """With the bases free to move on both sides, so that only how the torque depends on frequency,
     amplitude and direction counts; None where a base cannot move."""
@@ -88,7 +88,7 @@ class Gain:
 
     @property
     def points(self) -> float:
-        """Error taken away, in the way that stands against the scatter [% of base]."""
+        """Error taken away, in the way that is significant [% of base]."""
         if self.shape is None or self.plain.better or self.plain.worse:
             return self.plain.points
         return self.shape.points if self.shape.better or self.shape.worse else self.plain.points
@@ -115,20 +115,27 @@ class Identified:
         return "yes" if self.seeds > 1 else "cannot tell"
 
 
-class Findings:
-    """Rungs and cells, ready to be asked."""
+class ModelScores:
+    """Models and cells, ready to be asked."""
 
-    def __init__(self, rungs: Mapping[str, Rung], chosen: Sequence[Cell]) -> None:
-        """Score the rungs.
+    ALL: ClassVar[tuple[str, ...]] = (
+        *("nothing", "lookup", "band"),
+        *(key for key, *_ in PHYSICAL),
+        *("elasto-plastic", "arm", ARM),
+    )
+    """Keys of the models that the page is about; ramp rates apart."""
+
+    def __init__(self, models: Mapping[str, NestedModel], chosen: Sequence[Cell]) -> None:
+        """Score the models.
 
         Args:
-            rungs: by key, any part of a ladder, at least one.
+            models: by key, any part of all there are, at least one.
             chosen: the cells they predict, in the same order.
         """
-        self.rungs, self.cells = dict(rungs), list(chosen)
-        self.predicted = {k: np.array(r.change, dtype=float) for k, r in self.rungs.items()}
+        self.models, self.cells = dict(models), list(chosen)
+        self.predicted = {k: np.array(r.change, dtype=float) for k, r in self.models.items()}
         self.scores: dict[str, Score] = {
-            k: score(r.name, self.cells, self.predicted[k]) for k, r in self.rungs.items()
+            k: score(r.name, self.cells, self.predicted[k]) for k, r in self.models.items()
         }
         self.measured = np.array([c.change for c in self.cells])
         self.sound = np.array([not c.row.outlier for c in self.cells])
@@ -142,8 +149,8 @@ class Findings:
             for k, p in self.predicted.items()
             if (p > -1.0).all()
         }
-        steps = [k for k in ("band", *(key for key, *_ in PHYSICAL), ARM) if k in self.rungs]
-        self.chain = steps or list(self.rungs)[-1:]
+        steps = [k for k in ("band", *(key for key, *_ in PHYSICAL), ARM) if k in self.models]
+        self.chain = steps or list(self.models)[-1:]
         """Statements one after the other, from the bare band to the whole arm."""
 
     @property
@@ -151,13 +158,8 @@ class Findings:
         """Key of the last statement there is."""
         return self.chain[-1]
 
-    @property
-    def complete(self) -> bool:
-        """Whether the ladder was climbed to its end."""
-        return self.last == ARM
-
     def mean(self, mask: Mask, key: str | None = None) -> float:
-        """Return the mean change over sound cells, measured or of a rung [%]; NaN without cells."""
+        """Return the mean change over sound cells, measured or a model's [%]; NaN without cells."""
         values = self.measured if key is None else self.predicted[key]
         mask = mask & self.sound
         return float(100 * values[mask].mean()) if mask.any() else float("nan")
@@ -174,7 +176,7 @@ class Findings:
         )
 
     def error(self, key: str, mask: Mask) -> float:
-        """Return the mean error of a rung over sound cells of a mask [% of base]."""
+        """Return the mean error of a model over sound cells of a mask [% of base]."""
         return float(self.scores[key].error[mask & self.sound].mean())
 
     # ---- causes ----------------------------------------------------------------------------------
@@ -197,7 +199,7 @@ class Findings:
             out.append(
                 Gain(
                     key=after,
-                    name=self.rungs[after].name.removeprefix("+ "),
+                    name=self.models[after].name.removeprefix("+ "),
                     plain=compare(self.scores[before].error[mask], self.scores[after].error[mask]),
                     shape=compare(self._moved[before][mask], self._moved[after][mask])
                     if movable
@@ -217,12 +219,12 @@ class Findings:
         return float(100 * np.abs(change - self.measured)[mask].mean())
 
     def theory(self, joint: int, key: str | None = None) -> JointTheory:
-        """Return a joint with the parameters of a rung, of the last fitted one by default."""
+        """Return a joint with the parameters of a model, of the last fitted one by default."""
         candidates = [key] if key else [*reversed(self.chain)]
         for k in candidates:
-            found = self.rungs[k].found.get(str(joint))
+            found = self.models[k].found.get(str(joint))
             if found:
-                parameters = {**self.rungs[k].fixed, **found[0]["parameters"]}
+                parameters = {**self.models[k].fixed, **found[0]["parameters"]}
                 return JointTheory(joint=joint, parameters=parameters)
         return JointTheory(joint=joint)
 
@@ -231,7 +233,7 @@ class Findings:
     def identified(self, joint: int) -> list[Identified]:
         """Return every parameter of a joint with its range over the equally good seeds.
 
-        Of the last of the rungs that were searched from the most seeds.
+        Of the last of the models that were searched from the most seeds.
         """
         found = self._searched(joint)
         if not found:
@@ -263,35 +265,35 @@ class Findings:
         return max((self._found(k, joint) for k in keys), key=len, default=[])
 
     def _found(self, key: str, joint: int) -> list[dict[str, Any]]:
-        return self.rungs[key].found.get(str(joint), []) if key in self.rungs else []
+        return self.models[key].found.get(str(joint), []) if key in self.models else []
 
     def ramp_rates(self) -> dict[float, str]:
-        """Return the rung of every ramp rate tried [N·m/s]; that of the protocol is ``drift``."""
-        out = {float(k.removeprefix("ramp ")): k for k in self.rungs if k.startswith("ramp ")}
-        if out and "drift" in self.rungs:
+        """Return the model of every ramp rate tried [N·m/s]; that of the protocol is ``drift``."""
+        out = {float(k.removeprefix("ramp ")): k for k in self.models if k.startswith("ramp ")}
+        if out and "drift" in self.models:
             out.setdefault(load_protocol(ROBOT).ramp_rate, "drift")
         return dict(sorted(out.items()))
 
     def preferred(self, key: str, other: str) -> tuple[float, float]:
-        """Return by how much the fitted cells prefer one rung to another, and how surely.
+        """Return by how much the fitted cells prefer one model to another, and how surely.
 
         Returns:
             Loss of ``other`` less that of ``key``, summed over the joints, and twice its standard
             error from the joints' differences: less than that is no preference.
         """
-        joints = sorted(set(self.rungs[key].found) & set(self.rungs[other].found))
+        joints = sorted(set(self.models[key].found) & set(self.models[other].found))
         gap = np.array([self._loss(other, j) - self._loss(key, j) for j in joints])
         if len(gap) < 2:
             return float(gap.sum()), float("inf")
         return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
 
     def _loss(self, key: str, joint: str) -> float:
-        return float(self.rungs[key].found[joint][0]["loss"])
+        return float(self.models[key].found[joint][0]["loss"])
 
     def drift(self) -> dict[Configuration, float]:
         """Return each configuration's factor on its base, of the last statement without drift."""
-        key = "arm" if "arm" in self.rungs else "offset"
-        if key not in self.rungs:
+        key = "arm" if "arm" in self.models else "offset"
+        if key not in self.models:
             return {}
         fitted = [not c.held_out for c in self.cells]
         return drift_factors(self.cells, self.predicted[key], fitted)
@@ -299,7 +301,7 @@ class Findings:
     # ---- what is left ----------------------------------------------------------------------------
 
     def residual(self, key: str | None = None) -> Array:
-        """Return (cells,) predicted − measured of a rung [% of base]."""
+        """Return (cells,) predicted − measured of a model [% of base]."""
         return 100 * (self.predicted[key or self.last] - self.measured)
 
     def targets(self) -> dict[str, tuple[float, float]]:

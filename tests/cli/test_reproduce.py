@@ -1,4 +1,4 @@
-"""``stiction reproduce``: folders, resuming, tables; `tests/gap` has the ladder's page."""
+"""``stiction reproduce``: folders, resuming, tables; `tests/thesis` has the models' page."""
 
 import csv
 import json
@@ -12,9 +12,8 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Job, Measurement
 from stiction_envs.measured import thesis_base, thesis_dithered
-from stiction_envs.thesis import figures, page, tables
+from stiction_envs.thesis import figures, nested_models, page, tables
 from stiction_envs.thesis import gte as reproduce_gte
-from stiction_envs.thesis import nested_models as ladder
 from stiction_envs.thesis import nyquist_phase as phase
 from stiction_envs.thesis import tables_page as reproduce_page
 from tests.thesis.made_up import made_up, phase_study
@@ -59,23 +58,23 @@ def simulated(monkeypatch) -> list[Job]:
 
 
 @pytest.fixture
-def climbed(monkeypatch):
-    """Pretend to climb: rungs are made up; return how many were saved anew."""
+def fitted(monkeypatch):
+    """Pretend to fit: models are made up; return how many were saved anew."""
     saved: list[str] = []
-    rungs = made_up()
+    models = made_up()
 
-    def climb(self, progress=None):
-        for key, rung in rungs.items():
-            if key not in self.rungs:
+    def fit(self, progress=None):
+        for key, model in models.items():
+            if key not in self.models:
                 if progress is not None:
-                    progress(rung.name, 1, 1)
-                self._save(rung)
+                    progress(model.name, 1, 1)
+                self._save(model)
                 saved.append(key)
-            yield rung
+            yield model
 
-    monkeypatch.setattr(ladder.Ladder, "climb", climb)
+    monkeypatch.setattr(nested_models.NestedModels, "fit", fit)
     monkeypatch.setattr(phase, "study_phase", lambda **_: phase_study())
-    for name in ("ladder", "joint", "residuals", "iiwa"):
+    for name in ("models", "joint", "residuals", "iiwa"):
         monkeypatch.setattr(figures, name, lambda *a: a[-1].write_bytes(b"\x89PNG"))
     return saved
 
@@ -185,12 +184,11 @@ def test_jobs_cover_every_printed_cell_once():
 # ---- gap -----------------------------------------------------------------------------------------
 
 
-def test_gap(cli, work, climbed):
+def test_gap(cli, work, fitted):
     ran = cli("reproduce", "gap", "--seeds", 2, "--out", "a")
     assert ran.code == 0
     assert {p.name for p in (work / "a" / "gap").iterdir()} == {
         *page.FILES,
-        "iiwa.png",
         "ladder.json",
     }
     assert "stiction as a band" in ran.out
@@ -204,27 +202,27 @@ def test_gap(cli, work, climbed):
     assert found["arguments"]["targets"] == ["gap"]
 
 
-def test_interrupted_ladder_goes_on(cli, work, climbed, monkeypatch):
-    whole = ladder.Ladder.climb
+def test_interrupted_fits_go_on(cli, work, fitted, monkeypatch):
+    whole = nested_models.NestedModels.fit
 
     def break_off(self, progress=None):
-        for k, rung in enumerate(whole(self, progress)):
+        for k, model in enumerate(whole(self, progress)):
             if k == 4:
                 raise KeyboardInterrupt
-            yield rung
+            yield model
 
-    monkeypatch.setattr(ladder.Ladder, "climb", break_off)
+    monkeypatch.setattr(nested_models.NestedModels, "fit", break_off)
     options = ["reproduce", "gap", "--out", "a"]
     ran = cli(*options)
     assert ran.code == 1
     assert "run the same command again" in ran.err
-    done = list(climbed)
+    done = list(fitted)
     assert {p.name for p in (work / "a" / "gap").iterdir()} == {"ladder.json"}
-    monkeypatch.setattr(ladder.Ladder, "climb", whole)
+    monkeypatch.setattr(nested_models.NestedModels, "fit", whole)
     assert cli(*options, "--threads", 1).code == 0
-    assert climbed == [*done, *(k for k in made_up() if k not in done)]
+    assert fitted == [*done, *(k for k in made_up() if k not in done)]
     assert (work / "a" / "gap" / "gap.md").exists()
-    # other seeds are another ladder
+    # other seeds are another run
     assert cli(*options, "--seeds", 1).code == 2
 
 
@@ -262,7 +260,7 @@ def test_gte_for_real(cli, work):
         assert shaken != plain
 
 
-def test_all_targets_by_default_in_one_order(cli, work, climbed, simulated, followed):
+def test_all_targets_by_default_in_one_order(cli, work, fitted, simulated, followed):
     ran = cli("reproduce", "--json")
     assert ran.code == 0
     assert list(json.loads(ran.out)["targets"]) == list(command.TARGETS)

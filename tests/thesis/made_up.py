@@ -1,4 +1,4 @@
-"""A ladder that nobody climbed: rungs with made-up predictions, for tests of what reads them."""
+"""Nested models that nobody fitted: made-up predictions, for tests of what reads them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from stiction_envs.gap.tables.cells import Cell, cells
 from stiction_envs.measured import thesis_dithered
-from stiction_envs.thesis.nested_models import PHYSICAL, Rung, band, lookup, nothing
+from stiction_envs.thesis.nested_models import PHYSICAL, NestedModel, band, lookup, nothing
 from stiction_envs.thesis.nyquist_phase import PhaseStudy
 
 PARAMETERS = {
@@ -28,7 +28,7 @@ SHARE = {
     "offset": 0.8,
     "drift": 0.9,
 }
-"""How much of the measured change each rung predicts."""
+"""How much of the measured change each model predicts."""
 
 
 def found(joint: int, names: tuple[str, ...], seeds: int = 3) -> list[dict[str, Any]]:
@@ -45,8 +45,10 @@ def found(joint: int, names: tuple[str, ...], seeds: int = 3) -> list[dict[str, 
     return out
 
 
-def rung(key: str, change: np.ndarray, *, name: str = "", seeds: int = 1, **changes: Any) -> Rung:
-    """Return a rung with physics."""
+def nested_model(
+    key: str, change: np.ndarray, *, name: str = "", seeds: int = 1, **changes: Any
+) -> NestedModel:
+    """Return a model with physics."""
     names = ("rotor_inertia",) if key == "inertia" else tuple(PARAMETERS)
     values: dict[str, Any] = {
         "key": key,
@@ -57,16 +59,16 @@ def rung(key: str, change: np.ndarray, *, name: str = "", seeds: int = 1, **chan
         "loss": 100.0,
         **changes,
     }
-    return Rung(**values)
+    return NestedModel(**values)
 
 
-def made_up(chosen: list[Cell] | None = None) -> dict[str, Rung]:
-    """Return a whole ladder: each rung predicts more of the measured change, to its noise."""
+def made_up(chosen: list[Cell] | None = None) -> dict[str, NestedModel]:
+    """Return all models: each predicts more of the measured change, to its noise."""
     chosen = cells() if chosen is None else chosen
     measured = np.array([c.change for c in chosen])
     noise = 0.01 * np.random.default_rng(0).normal(size=len(chosen))
-    rungs = [
-        Rung(key=k, name=n, statement=f"{n}.", change=f(chosen).tolist())
+    models = [
+        NestedModel(key=k, name=n, statement=f"{n}.", change=f(chosen).tolist())
         for k, n, f in (
             ("nothing", "dither does nothing", nothing),
             ("lookup", "Table 4.6 looked up", lookup),
@@ -74,10 +76,10 @@ def made_up(chosen: list[Cell] | None = None) -> dict[str, Rung]:
         )
     ]
     for key, name, _ in PHYSICAL:
-        rungs.append(rung(key, SHARE[key] * measured + noise, name=name))
+        models.append(nested_model(key, SHARE[key] * measured + noise, name=name))
     last = SHARE["drift"] * measured + noise
     for rate, more in ((0.04, [30 / 7] * 7), (0.12, [3.0, -2.0, 1.0, -1.0, 2.0, -3.0, 1.0])):
-        fitted = rung(
+        fitted = nested_model(
             f"ramp {rate:g}",
             last + 0.01 * rate,
             name=f"ramp at {rate:g} N·m/s",
@@ -86,12 +88,12 @@ def made_up(chosen: list[Cell] | None = None) -> dict[str, Rung]:
         )
         for j, extra in enumerate(more):
             fitted.found[str(j + 1)][0]["loss"] += extra
-        rungs.append(fitted)
-    rungs.append(rung("elasto-plastic", last - 0.03, name="elasto-plastic", loss=120.0))
+        models.append(fitted)
+    models.append(nested_model("elasto-plastic", last - 0.03, name="elasto-plastic", loss=120.0))
     fixed = {"ramp_rate": 0.07}
     for key, value in (("arm", SHARE["offset"]), ("arm + drift", 0.95)):
-        rungs.append(rung(key, value * measured + noise, seeds=3, fixed=fixed))
-    return {r.key: r for r in rungs}
+        models.append(nested_model(key, value * measured + noise, seeds=3, fixed=fixed))
+    return {r.key: r for r in models}
 
 
 def phase_study(highest: float = 0.0) -> PhaseStudy:

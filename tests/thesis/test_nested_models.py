@@ -1,4 +1,4 @@
-"""The ladder's yardsticks: known errors of rungs without physics, drift, scores."""
+"""Yardsticks of the nested models: known errors of those without physics, drift, scores."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_cells(all_cells):
     ]
 
 
-def test_rungs_without_physics_have_the_known_errors(all_cells):
+def test_models_without_physics_have_the_known_errors(all_cells):
     """About 14 % if dither does nothing, 5.3 % for the lookup, 3.1 / 1.7 % for the repeats."""
     assert score("nothing", all_cells, nothing(all_cells)).mean == pytest.approx(14, abs=0.5)
     assert score("lookup", all_cells, lookup(all_cells)).mean == pytest.approx(5.3, abs=0.05)
@@ -32,7 +32,7 @@ def test_rungs_without_physics_have_the_known_errors(all_cells):
     assert median == pytest.approx(1.7, abs=0.1)
 
 
-def test_a_perfect_rung_scores_zero_but_for_nothing_broken(all_cells):
+def test_a_perfect_model_scores_zero_but_for_nothing_broken(all_cells):
     perfect = np.array([c.change for c in all_cells])
     s = score("perfect", all_cells, perfect)
     assert s.mean == s.high == s.median == 0.0
