@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, Shape
-from stiction_envs.gap.normal_equations import Gram, Pick, Stack
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns
 from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
 from stiction_envs.gap.signals.recording import rate
 
@@ -26,7 +26,7 @@ GIVEN, DIAGNOSED = 0.03, 0.1
 """Part of the nominal model's friction that it may be off [-], where it is given and where it is
 of an earlier diagnosis; assumed."""
 ARM = -1
-"""Stands for all joints in a `Term`."""
+"""In the place of a joint, in a `Candidate` of all of them."""
 
 
 def certain(data: Data, joint: int) -> Array:
@@ -38,25 +38,28 @@ def certain(data: Data, joint: int) -> Array:
 
 
 @dataclass(frozen=True, order=True)
-class Term:
-    """One cause on one joint (from 0), or on all of them, with its nonlinear parameters."""
+class Candidate:
+    """One cause on one joint (from 0), or on all of them, with its nonlinear parameters.
+
+    Those that a model is made of are its terms.
+    """
 
     cause: str
     joint: int
     shape: Shape
 
 
-class Library:
-    """Columns of every term that these data allow, summed up per block."""
+class RegressorLibrary:
+    """Columns of every candidate that these data allow, summed up per block."""
 
     def __init__(self, data: Data, causes: Sequence[Cause]) -> None:
         """Make all columns; nonlinear causes choose the parameters to try."""
         self.data, self.causes = data, {c.name: c for c in causes}
-        self.lacking: dict[tuple[str, int], str] = {}
+        self.not_identifiable: dict[tuple[str, int], str] = {}
         """Why a cause cannot be seen on a joint."""
-        self.terms: list[Term] = []
-        self._last: tuple[Term, Array] | None = None
-        self._at: dict[tuple[Term, int], tuple[int, ...]] = {}
+        self.candidates: list[Candidate] = []
+        self._last: tuple[Candidate, Array] | None = None
+        self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._blocks: list[list[Array]] = [[] for _ in range(data.n)]
         self._width = [0] * data.n
         self.residual = data.residual
@@ -76,7 +79,7 @@ class Library:
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of what friction does at rest."""
         self.weight = self.certain.copy()
-        self.stack = self._sum()
+        self.grams = self._sum()
         self._reweigh()
 
     def _cleaned(self, joint: int) -> Array:
@@ -95,94 +98,94 @@ class Library:
     def _offer(self, cause: Cause, joint: int, left: Array) -> None:
         reason = cause.why_not_identifiable(self.data, joint)
         if reason:
-            self.lacking[cause.name, joint] = reason
+            self.not_identifiable[cause.name, joint] = reason
             return
         for shape in cause.shapes(self.data, joint, left):
-            self._add_all(Term(cause.name, joint, shape))
+            self._add_all(Candidate(cause.name, joint, shape))
 
     def _offer_arm(self, cause: Cause) -> None:
         reason = cause.why_not_identifiable(self.data, 0)
         if reason:
-            self.lacking[cause.name, ARM] = reason
+            self.not_identifiable[cause.name, ARM] = reason
             return
         for shape in cause.shapes(self.data, 0, self.residual[:, 0]):
-            self._add_all(Term(cause.name, ARM, shape))
+            self._add_all(Candidate(cause.name, ARM, shape))
 
-    def tried(self, term: Term) -> list[Shape]:
+    def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
-        return [t.shape for t in self.terms if (t.cause, t.joint) == (term.cause, term.joint)]
+        return [t.shape for t in self.candidates if (t.cause, t.joint) == (term.cause, term.joint)]
 
-    def reach(self, term: Term) -> list[int]:
-        """Return the joints (from 0) whose torques a term acts on."""
+    def affected_joints(self, term: Candidate) -> list[int]:
+        """Return the joints (from 0) whose torques a candidate acts on."""
         if term.joint == ARM or self.causes[term.cause].coupled:
             return list(range(self.data.n))
         return [term.joint]
 
-    def _add_all(self, term: Term) -> None:
+    def _add_all(self, term: Candidate) -> None:
         cause = self.causes[term.cause]
         spread = None
         if cause.coupled:
             spread = cause.spread(self.data, term.joint, term.shape)
-        for joint in self.reach(term):
+        for joint in self.affected_joints(term):
             own = spread[:, joint] if spread is not None else None
             self._add(term, joint, own if own is not None else self.columns(term, joint))
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return causes that must stand beside one: none where the nominal model has friction."""
+        """Return causes that one needs in a model: none where the nominal model has friction."""
         return () if self.data.has_friction else self.causes[name].needs
 
-    def complexity(self, terms: Sequence[Term]) -> int:
+    def complexity(self, terms: Sequence[Candidate]) -> int:
         """Return the number of parameters of some terms, linear and not."""
         have = {t.cause for t in terms}
         return sum(
             self._size(t)
             + len(t.shape)
             - self.causes[t.cause].dependent_parameters
-            # what usually does not come alone is the less simple name
+            # what usually comes with another is the less simple name
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms
         )
 
-    def _add(self, term: Term, joint: int, columns: Array) -> None:
+    def _add(self, term: Candidate, joint: int, columns: Array) -> None:
         start = self._width[joint]
         self._at[term, joint] = tuple(range(start, start + columns.shape[1]))
         self._width[joint] += columns.shape[1]
         self._blocks[joint].append(columns)
-        if term not in self.terms:
-            self.terms.append(term)
+        if term not in self.candidates:
+            self.candidates.append(term)
 
-    def refine(self, terms: Iterable[Term]) -> None:
-        """Add terms with other nonlinear parameters, and sum up again."""
+    def refine(self, terms: Iterable[Candidate]) -> None:
+        """Add candidates with other nonlinear parameters, and sum up again."""
         for term in terms:
-            if term not in self.terms:
+            if term not in self.candidates:
                 self._add_all(term)
-        self.stack = self._sum()
+        self.grams = self._sum()
 
-    def _sum(self) -> Stack:
+    def _sum(self) -> JointGrams:
         d = self.data
         grams = []
         for j in range(d.n):
             columns = np.concatenate(self._blocks[j], axis=1)
             weight = self.weight[:, j] / d.noise[j] ** 2
             grams.append(Gram.of(columns, self.residual[:, j], d.block, weight, d.blocks))
-        return Stack(grams)
+        return JointGrams(grams)
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""
-        linear = [t for t in self.terms if not t.shape]
-        pick = self.pick(linear)
-        c = self.stack.fit(pick)
+        linear = [t for t in self.candidates if not t.shape]
+        model = self.model_columns(linear)
+        c = self.grams.fit(model)
         for j in range(self.data.n):
             e = self.residual[:, j] - self.torque(linear, c, j)
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
             self.weight[:, j] = self.certain[:, j] * np.minimum(
                 1.0, HUBER * scale / np.maximum(np.abs(e), 1e-300)
             )
-        self.stack = self._sum()
+        self.grams = self._sum()
 
     # ---- models ------------------------------------------------------------------------------
 
-    def pick(self, terms: Sequence[Term]) -> Pick:
+    def model_columns(self, terms: Sequence[Candidate]) -> ModelColumns:
         """Return the model of some terms; arm-wide terms share their coefficients."""
         columns: list[list[int]] = [[] for _ in range(self.data.n)]
         where: list[list[int]] = [[] for _ in range(self.data.n)]
@@ -190,23 +193,25 @@ class Library:
         high: list[float] = []
         for term in terms:
             lowest, highest = self.causes[term.cause].bounds(self.data, term.joint)
-            for joint in self.reach(term):
+            for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
             low += lowest.tolist()
             high += highest.tolist()
-        return Pick(tuple(map(tuple, columns)), tuple(map(tuple, where)), tuple(low), tuple(high))
+        return ModelColumns(
+            tuple(map(tuple, columns)), tuple(map(tuple, where)), tuple(low), tuple(high)
+        )
 
-    def _size(self, term: Term) -> int:
+    def _size(self, term: Candidate) -> int:
         """Return the number of coefficients."""
         return len(self.causes[term.cause].bounds(self.data, term.joint)[0])
 
-    def own(self, terms: Sequence[Term], some: Sequence[Term]) -> NDArray[np.bool_]:
+    def own(self, terms: Sequence[Candidate], some: Sequence[Candidate]) -> NDArray[np.bool_]:
         """Return (P,) which coefficients of a model are those of some of its terms."""
         sizes = [self._size(t) for t in terms]
         return np.repeat(np.array([t in some for t in terms], dtype=bool), sizes)
 
-    def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
+    def split(self, terms: Sequence[Candidate], c: Array) -> list[Array]:
         """Return the coefficients of each term."""
         out, at = [], 0
         for term in terms:
@@ -215,16 +220,16 @@ class Library:
             at += size
         return out
 
-    def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
+    def torque(self, terms: Sequence[Candidate], c: Array, joint: int) -> Array:
         """Return (T,) torque of a model on a joint [N·m]."""
         out = np.zeros(len(self.data.t))
         for term, mine in zip(terms, self.split(terms, c), strict=True):
-            if joint in self.reach(term):
+            if joint in self.affected_joints(term):
                 out += self.columns(term, joint) @ mine
         return out
 
-    def columns(self, term: Term, joint: int) -> Array:
-        """Return the (T, k) columns of a term on a joint."""
+    def columns(self, term: Candidate, joint: int) -> Array:
+        """Return the (T, k) columns of a candidate on a joint."""
         cause = self.causes[term.cause]
         if cause.coupled:
             if self._last is None or self._last[0] != term:

@@ -1,11 +1,11 @@
-"""Which causes these data cannot tell from one that was found."""
+"""Which causes these data cannot distinguish from one that was found."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.selection import Gain, gain
 
 Array = NDArray[np.float64]
@@ -14,9 +14,9 @@ ALIKE = 0.1
 
 
 def confused_with(
-    library: Library,
-    terms: list[Term],
-    mine: list[Term],
+    library: RegressorLibrary,
+    terms: list[Candidate],
+    mine: list[Candidate],
     joints: tuple[int, ...],
     own: Gain,
     c: Array,
@@ -30,7 +30,7 @@ def confused_with(
         if other == name or other in out or name in library.needs(other):
             continue
         if other in taken:
-            if _one_beside_the_other(library, other, terms, mine, c):
+            if _hardly_two(library, other, terms, mine, c):
                 out.append(other)
             continue
         swap = _best_swap(library, other, {j - 1 for j in joints}, rest)
@@ -39,13 +39,13 @@ def confused_with(
                 out.append(other)
             continue
         still = gain(library, [*rest, *swap, *mine], mine)
-        if not still.stands or still.total < ALIKE * own.total:
+        if not still.significant or still.total < ALIKE * own.total:
             out.append(other)
     return tuple(out)
 
 
 def _looks_the_same(
-    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+    library: RegressorLibrary, other: str, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> bool:
     """Whether a cause that these data cannot show would look like the one that was found."""
     data, cause = library.data, library.causes[other]
@@ -54,17 +54,21 @@ def _looks_the_same(
     parts = dict(zip(terms, library.split(terms, c), strict=True))
     for term in mine:
         j = term.joint
-        if (other, j) not in library.lacking or not cause.is_linear:
+        if (other, j) not in library.not_identifiable or not cause.is_linear:
             return False
-        beside = [library.columns(t, j) for t in terms if t not in mine and j in library.reach(t)]
+        others = [
+            library.columns(t, j)
+            for t in terms
+            if t not in mine and j in library.affected_joints(t)
+        ]
         target = library.columns(term, j) @ parts[term]
-        if _own_share(library, j, target, [cause.columns(data, j, ()), *beside]) > ALIKE:
+        if _own_share(library, j, target, [cause.columns(data, j, ()), *others]) > ALIKE:
             return False
     return True
 
 
-def _one_beside_the_other(
-    library: Library, other: str, terms: list[Term], mine: list[Term], c: Array
+def _hardly_two(
+    library: RegressorLibrary, other: str, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> bool:
     """Whether two causes of a model on the same joints are hardly two along this motion."""
     parts = dict(zip(terms, library.split(terms, c), strict=True))
@@ -72,7 +76,7 @@ def _one_beside_the_other(
         j = term.joint
         if j == ARM or not any((t.cause, t.joint) == (other, j) for t in terms):
             return False
-        rest = [t for t in terms if t not in mine and j in library.reach(t)]
+        rest = [t for t in terms if t not in mine and j in library.affected_joints(t)]
         target = library.columns(term, j) @ parts[term]
         with_it, without = (
             _own_share(library, j, target, [library.columns(t, j) for t in some])
@@ -83,7 +87,7 @@ def _one_beside_the_other(
     return True
 
 
-def _own_share(library: Library, joint: int, torque: Array, columns: list[Array]) -> float:
+def _own_share(library: RegressorLibrary, joint: int, torque: Array, columns: list[Array]) -> float:
     """Return the part of a torque (T,) that columns (T, ...) on its joint do not explain [-]."""
     weight = np.sqrt(library.weight[:, joint] * (library.data.block >= 0))
     target = torque * weight
@@ -93,17 +97,19 @@ def _own_share(library: Library, joint: int, torque: Array, columns: list[Array]
 
 
 def _best_swap(
-    library: Library, other: str, joints: set[int], rest: list[Term]
-) -> list[Term] | None:
+    library: RegressorLibrary, other: str, joints: set[int], rest: list[Candidate]
+) -> list[Candidate] | None:
     """Return the terms of another cause, with its best parameters, on the same joints."""
-    swap: list[Term] = []
+    swap: list[Candidate] = []
     arm_wide = library.causes[other].arm_wide
     for joint in [ARM] if arm_wide else sorted(joints):
-        options = [t for t in library.terms if t.cause == other and t.joint == joint]
+        options = [t for t in library.candidates if t.cause == other and t.joint == joint]
         if not options:
             return None
         scored = []
         for term in options:
-            scored.append(float(library.stack.errors(library.pick([*rest, *swap, term])).sum()))
+            scored.append(
+                float(library.grams.errors(library.model_columns([*rest, *swap, term])).sum())
+            )
         swap.append(options[int(np.argmin(scored))])
     return swap or None

@@ -1,6 +1,6 @@
 """What the simulation gets wrong, by name: `diagnose(logs, robot) -> Diagnosis`.
 
-logs -> signals -> residual beside the nominal model -> causes that stand -> parameters
+logs -> signals -> residual of the nominal model -> significant causes -> parameters
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Cause, Part, TorqueShift, cause_named, registered
 from stiction_envs.gap.confusion import confused_with
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
-from stiction_envs.gap.refit import beside_what_was_found, found_again, settle
+from stiction_envs.gap.refit import found_again, refit_given_what_was_found, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -44,19 +44,19 @@ VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
 
 @dataclass(frozen=True, kw_only=True)
 class NamedCause:
-    """One cause that stands."""
+    """One significant cause."""
 
     name: str
     joints: tuple[int, ...]
-    """From 1, where it stands; all for causes of the whole arm."""
+    """From 1, where it is significant; all for causes of the whole arm."""
     gain_percent: float
-    """What is lost when it alone is taken out [%]."""
+    """What is lost when it is taken out by itself [%]."""
     parameters: dict[int, dict[str, Estimate]]
     """By joint (from 1), 0 for the whole arm."""
     evidence: str
     confused_with: tuple[str, ...]
     tell_apart: str
-    """The motion that would tell it from those."""
+    """The motion that would distinguish it from those."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,18 +72,18 @@ class Diagnosis:
     """(n,) held out [N·m]."""
     noise: Array
     """(n,) [N·m]."""
-    lacking: dict[str, str]
+    not_identifiable: dict[str, str]
     """Causes that these data cannot show, and why."""
-    record: tuple[str, ...]
-    """What to record next."""
+    what_to_record: tuple[str, ...]
+    """The motions to record next, most useful first; ``record_next`` in the file."""
     logs: tuple[JointLog, ...]
     data: Data
-    library: Library
-    terms: tuple[Term, ...]
+    library: RegressorLibrary
+    terms: tuple[Candidate, ...]
     coefficients: Array
     base: Data
-    """The logs beside the nominal friction alone, without causes of earlier diagnoses."""
-    stood_on: Nominal
+    """The logs against the nominal friction, without causes of earlier diagnoses."""
+    baseline: Nominal
     """The nominal model."""
     settings: GapSettings
     """Constants of the method that found it."""
@@ -118,7 +118,7 @@ class Diagnosis:
                 }
                 for c in self.causes
             ],
-            "record_next": list(self.record),
+            "record_next": list(self.what_to_record),
             "notes": list(self.notes),
         }
 
@@ -126,17 +126,17 @@ class Diagnosis:
 def _parameters(cause: NamedCause) -> dict[str, Any]:
     """Return the parameters: of the arm or a single joint as such, else by joint."""
 
-    def plain(found: dict[str, Estimate]) -> dict[str, Any]:
+    def numbers(found: dict[str, Estimate]) -> dict[str, Any]:
         return {
             k: {"value": e.value, "ci95": e.ci95, "on_bound": e.on_bound} for k, e in found.items()
         }
 
-    first = plain(next(iter(cause.parameters.values())))
+    first = numbers(next(iter(cause.parameters.values())))
     if len(cause.parameters) == 1:
         return first
-    # the strongest joint's under the plain name, every joint's beside it
+    # the strongest joint's under the parameter's own name, then every joint's
     out: dict[str, Any] = dict(first)
-    out["by_joint"] = {str(j): plain(found) for j, found in cause.parameters.items()}
+    out["by_joint"] = {str(j): numbers(found) for j, found in cause.parameters.items()}
     return out
 
 
@@ -186,7 +186,7 @@ def diagnose(
     causes = registered() if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
-    stood_on = resolve(nominal, arm)
+    baseline = resolve(nominal, arm)
     read, signals = correct_torques(
         read,
         arm,
@@ -194,20 +194,20 @@ def diagnose(
         own,
     )
     say("inverse dynamics", 0.0)
-    base = assemble(arm, signals, friction=stood_on.friction, link_side=link_side)
-    data = stood_on.extend(base)
+    base = assemble(arm, signals, friction=baseline.friction, link_side=link_side)
+    data = baseline.extend(base)
     say("columns of all causes", 0.0)
     if not np.isfinite(data.dt):  # poses without any motion
         causes = [c for c in causes if c.shown_at_rest]
-    library = Library(data, causes)
+    library = RegressorLibrary(data, causes)
 
-    def choose(library: Library, *some: Sequence[Term]) -> list[Term]:
+    def choose(library: RegressorLibrary, *some: Sequence[Candidate]) -> list[Candidate]:
         return Chooser(library, lambda k: say("choosing causes", k / (k + 3)), *some).choose()
 
     terms = choose(library)
-    again = beside_what_was_found(library, terms)
-    if again is not None and found_again(terms, beside := choose(again)):
-        library, terms = again, beside
+    again = refit_given_what_was_found(library, terms)
+    if again is not None and found_again(terms, refitted := choose(again)):
+        library, terms = again, refitted
     terms = settle(library, sharpen(library, terms))
     kept = pruned(library, terms)
     if len(kept) < len(terms):
@@ -215,28 +215,28 @@ def diagnose(
         gone = [t for t in terms if t not in kept]
         terms = settle(library, sharpen(library, choose(library, kept, gone)))
         terms = pruned(library, terms)
-    return _conclude(stood_on, base, read, signals, library, terms, seed, say, own)
+    return _conclude(baseline, base, read, signals, library, terms, seed, say, own)
 
 
 def _conclude(
-    stood_on: Nominal,
+    baseline: Nominal,
     base: Data,
     logs: list[JointLog],
     signals: Signals,
-    library: Library,
-    terms: list[Term],
+    library: RegressorLibrary,
+    terms: list[Candidate],
     seed: int,
     say: Callable[[str, float], None],
     own: GapSettings,
 ) -> Diagnosis:
-    data, stack = library.data, library.stack
-    nothing = stack.held_out(library.pick([]))
-    pick = library.pick(terms)
-    full = stack.held_out(pick)
-    count = np.array([g.count.sum() for g in stack.grams])
+    data, grams = library.data, library.grams
+    nothing = grams.held_out(library.model_columns([]))
+    model = library.model_columns(terms)
+    full = grams.held_out(model)
+    count = np.array([g.count.sum() for g in grams.joints])
     nominal_rms = np.sqrt(nothing.sum(axis=1) / count) * data.noise
     extended_rms = np.sqrt(full.sum(axis=1) / count) * data.noise
-    c = stack.fit(pick)
+    c = grams.fit(model)
     draws = draw(library, terms, c, seed) if terms else None
     names = list(dict.fromkeys(t.cause for t in terms))
     named = []
@@ -244,16 +244,16 @@ def _conclude(
         say("evidence", i / len(names))
         mine = [t for t in terms if t.cause == name]
         rest = [t for t in terms if t.cause != name]
-        without_sq = stack.held_out(library.pick(rest))
-        stands = gain(library, terms, mine)
-        if not stands.stands:
+        without_sq = grams.held_out(library.model_columns(rest))
+        its_gain = gain(library, terms, mine)
+        if not its_gain.significant:
             continue
         without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
         lost = float(100 * np.mean((without - extended_rms) / nominal_rms))
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if mine[0].joint == ARM:
-            joints = tuple(int(j) + 1 for j in np.flatnonzero(stands.sure))
-        confused = confused_with(library, terms, mine, joints, stands, c)
+            joints = tuple(int(j) + 1 for j in np.flatnonzero(its_gain.significant_joints))
+        confused = confused_with(library, terms, mine, joints, its_gain, c)
         named.append(
             NamedCause(
                 name=name,
@@ -271,7 +271,7 @@ def _conclude(
             )
         )
     named.sort(key=lambda x: -x.gain_percent)
-    lacking = {name: reason for (name, _), reason in library.lacking.items()}
+    not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
     verdict = _verdict(named, nominal_rms, extended_rms, data.noise, library)
     return Diagnosis(
         robot=data.arm.name,
@@ -280,15 +280,15 @@ def _conclude(
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=data.noise,
-        lacking=lacking,
-        record=_record(library, named, lacking),
+        not_identifiable=not_identifiable,
+        what_to_record=_what_to_record(library, named, not_identifiable),
         logs=tuple(logs),
         data=data,
         library=library,
         terms=tuple(terms),
         coefficients=c,
         base=base,
-        stood_on=stood_on,
+        baseline=baseline,
         settings=own,
         notes=(*signals.notes, *_told(logs)),
     )
@@ -312,12 +312,16 @@ def _evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) -
 
 
 def _verdict(
-    named: list[NamedCause], nominal: Array, extended: Array, noise: Array, library: Library
+    named: list[NamedCause],
+    nominal: Array,
+    extended: Array,
+    noise: Array,
+    library: RegressorLibrary,
 ) -> str:
     size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
     enough = np.maximum(CLOSE * noise, SMALL * size)
     left = extended > enough
-    seen = len(library.terms) > 0 and float(np.ptp(library.data.q, axis=0).max()) > MOVES
+    seen = len(library.candidates) > 0 and float(np.ptp(library.data.q, axis=0).max()) > MOVES
     if not seen:
         return "cannot tell"
     if not named:
@@ -327,12 +331,14 @@ def _verdict(
     return "partly explained" if left.any() else "explained"
 
 
-def _motion(library: Library, name: str) -> str:
+def _motion(library: RegressorLibrary, name: str) -> str:
     """Return the motion that shows a cause, of those too that are no hypothesis here."""
     return (library.causes.get(name) or cause_named(name)).what_to_record
 
 
-def _record(library: Library, named: list[NamedCause], lacking: dict[str, str]) -> tuple[str, ...]:
+def _what_to_record(
+    library: RegressorLibrary, named: list[NamedCause], not_identifiable: dict[str, str]
+) -> tuple[str, ...]:
     """Return what to record next, most useful first."""
     out = []
     for c in named:
@@ -341,25 +347,25 @@ def _record(library: Library, named: list[NamedCause], lacking: dict[str, str]) 
                 f"to tell {c.name} from {other}: {_motion(library, c.name)}; "
                 f"{_motion(library, other)}"
             )
-    for name, reason in lacking.items():
+    for name, reason in not_identifiable.items():
         out.append(f"to see {name} ({reason}): {_motion(library, name)}")
     return tuple(dict.fromkeys(out))
 
 
 def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
-    """Return what a diagnosis found on top of what it stood on.
+    """Return what a diagnosis found on top of its baseline.
 
     Args:
         diagnosis: the result.
         coefficients: (P,) others than those of the fit to all data.
     """
-    before = diagnosis.stood_on
+    before = diagnosis.baseline
     data, arm = diagnosis.data, diagnosis.data.arm
     c = diagnosis.coefficients if coefficients is None else coefficients
     level = 1 + max((p.level for p in before.parts), default=0)
     split = diagnosis.library.split(diagnosis.terms, c)
 
-    def beside(term: Term) -> bool:
+    def carried(term: Candidate) -> bool:
         cause = diagnosis.library.causes[term.cause]
         return cause.acts_on_all if isinstance(cause, TorqueShift) else data.carried is not None
 
@@ -370,7 +376,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
             shape=tuple(float(x) for x in t.shape),
             coefficients=tuple(float(x) for x in mine),
             level=level,
-            carried=beside(t),
+            carried=carried(t),
         )
         for t, mine in zip(diagnosis.terms, split, strict=True)
     )

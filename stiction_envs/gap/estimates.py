@@ -1,4 +1,4 @@
-"""Parameters of the causes that stand: refined, and with intervals of the block bootstrap."""
+"""Parameters of the significant causes: refined, and with intervals of the block bootstrap."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from stiction_envs.gap.candidates import ARM, Library, Term
-from stiction_envs.gap.normal_equations import Gram, Pick, Stack, solve
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
 
 Array = NDArray[np.float64]
 RESAMPLES = 200
@@ -37,19 +37,19 @@ class Estimate:
     on_bound: bool
 
 
-def sharpen(library: Library, terms: list[Term]) -> list[Term]:
+def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
     """Refine nonlinear parameters between the grid's neighbours, and by the sizes that are found.
 
     What hangs on a size is worked out anew with it, as often as `GROWN`.
     """
     out = _refined(library, terms)
     for _ in range(GROWN):
-        c = library.split(out, library.stack.fit(library.pick(out)))
+        c = library.split(out, library.grams.fit(library.model_columns(out)))
         level = library.data.friction.level.copy()
         for term, mine in zip(out, c, strict=True):
             level[term.joint] += library.causes[term.cause].dry_friction(mine)
         larger = [
-            Term(
+            Candidate(
                 t.cause, t.joint, library.causes[t.cause].resized(t.shape, x, float(level[t.joint]))
             )
             for t, x in zip(out, c, strict=True)
@@ -61,11 +61,13 @@ def sharpen(library: Library, terms: list[Term]) -> list[Term]:
     return out
 
 
-def _refined(library: Library, terms: list[Term], near: float | None = None) -> list[Term]:
+def _refined(
+    library: RegressorLibrary, terms: list[Candidate], near: float | None = None
+) -> list[Candidate]:
     """Refine nonlinear parameters one after the other, within ``near`` or the grid's neighbours."""
     out = list(terms)
     data = library.data
-    c = library.split(out, library.stack.fit(library.pick(out)))
+    c = library.split(out, library.grams.fit(library.model_columns(out)))
     for i, term in enumerate(out):
         if not term.shape or term.joint == ARM or not library.causes[term.cause].refinable:
             continue
@@ -75,8 +77,10 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
             ends = np.log(cause.between(term.shape, library.tried(term)))
         else:
             ends = np.log(term.shape[0]) + np.array([-near, near])
-        local = [k for k, t in enumerate(out) if library.reach(t) == [j] and k != i]
-        arm = [k for k, t in enumerate(out) if j in library.reach(t) and k not in (i, *local)]
+        local = [k for k, t in enumerate(out) if library.affected_joints(t) == [j] and k != i]
+        arm = [
+            k for k, t in enumerate(out) if j in library.affected_joints(t) and k not in (i, *local)
+        ]
         left = data.residual[:, j].copy()
         for k in arm:
             left -= library.columns(out[k], j) @ c[k]
@@ -87,7 +91,7 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
 
         def loss(
             log: float,
-            term: Term = term,
+            term: Candidate = term,
             rest: tuple[float, ...] = rest,
             fixed: list[Array] = fixed,
             left: Array = left,
@@ -96,7 +100,7 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
             high: Array = high,
         ) -> float:
             own = library.columns(
-                Term(term.cause, term.joint, (float(np.exp(log)), *rest)), term.joint
+                Candidate(term.cause, term.joint, (float(np.exp(log)), *rest)), term.joint
             )
             x = np.concatenate([*fixed, own], axis=1)
             xx, xr = x.T @ (x * weight[:, None]), x.T @ (left * weight)
@@ -107,13 +111,17 @@ def _refined(library: Library, terms: list[Term], near: float | None = None) -> 
             loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.005, "maxiter": 20}
         )
         if found.fun < loss(float(np.log(term.shape[0]))):
-            out[i] = Term(term.cause, j, (float(np.exp(found.x)), *rest))
+            out[i] = Candidate(term.cause, j, (float(np.exp(found.x)), *rest))
     library.refine(t for t in out if t not in terms)
     return out
 
 
 def estimates(
-    library: Library, terms: list[Term], mine: list[Term], c: Array, draws: Draws | None
+    library: RegressorLibrary,
+    terms: list[Candidate],
+    mine: list[Candidate],
+    c: Array,
+    draws: Draws | None,
 ) -> dict[int, dict[str, Estimate]]:
     """Return the parameters of one cause with intervals of the block bootstrap."""
     out: dict[int, dict[str, Estimate]] = {}
@@ -158,7 +166,7 @@ Draws = list[list[tuple[Array, tuple[float, ...]]]]
 """For each term its (coefficients, nonlinear parameters) of every resample."""
 
 
-def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
+def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int) -> Draws:
     """Return resamples of the blocks, in which nonlinear parameters move along their tangents."""
     data = library.data
     parts = library.split(terms, c)
@@ -171,13 +179,13 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
         stacked: list[Array] = []
         at: list[int] = []
         for i, term in enumerate(terms):
-            if j not in library.reach(term):
+            if j not in library.affected_joints(term):
                 continue
             stacked.append(library.columns(term, j))
             at += range(start[i], start[i + 1])
             if i in where:
                 up, down = (
-                    Term(term.cause, term.joint, (term.shape[0] * np.exp(s), *term.shape[1:]))
+                    Candidate(term.cause, term.joint, (term.shape[0] * np.exp(s), *term.shape[1:]))
                     for s in (TANGENT, -TANGENT)
                 )
                 slope = (library.columns(up, j) - library.columns(down, j)) / (2 * TANGENT)
@@ -193,8 +201,8 @@ def draw(library: Library, terms: list[Term], c: Array, seed: int) -> Draws:
         low[start[i] : start[i + 1]], high[start[i] : start[i + 1]] = library.causes[
             term.cause
         ].bounds(data, term.joint)
-    pick = Pick(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
-    draws = Stack(grams).resample(pick, RESAMPLES, np.random.default_rng(seed))
+    model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
+    draws = JointGrams(grams).resample(model, RESAMPLES, np.random.default_rng(seed))
     out: Draws = []
     for i, term in enumerate(terms):
         own = draws[:, start[i] : start[i + 1]]

@@ -1,4 +1,4 @@
-"""Plain MJCF of a diagnosed arm: payloads, gravity, springs and offsets beside native friction."""
+"""Plain MJCF of a diagnosed arm: payloads, gravity, springs and offsets, and native friction."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Extension:
     sources: dict[str, str]
     """Of each quantity of the friction."""
     nominal: Nominal
-    """The exact record."""
+    """The causes exactly, and their baseline."""
     missing: tuple[str, ...]
     """What the MJCF cannot say, one clause each."""
     friction_missing: tuple[str, ...]
@@ -58,7 +58,7 @@ class Extension:
     """(T, n) torque of the causes that the MJCF leaves out, along the logs' motion [N·m]."""
 
     def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """Return ``model.toml``: friction tables, then the record."""
+        """Return ``model.toml``: friction tables, then the causes exactly."""
         text = dump_friction(self.friction, sources=self.sources, meta=meta, provenance=provenance)
         head = "# A diagnosed arm. SI units; direction order is +, −. Written by stiction diagnose."
         lines = [head, *text.splitlines()[1:]]
@@ -70,8 +70,8 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     """Put causes into a model.
 
     Args:
-        data: logs beside the model without the causes; says where the arm was and how loaded.
-        nominal: what the causes stand on, and the causes.
+        data: logs against the model without the causes; says where the arm was and how loaded.
+        nominal: the baseline of the causes, and the causes.
 
     Raises:
         StictionError: MuJoCo cannot hold the model.
@@ -110,10 +110,10 @@ def extend(data: Data, nominal: Nominal) -> Extension:
 
 
 def extended_nominal(path: str | Path, data: Data) -> Array:
-    """Return (T, n) torque [N·m] of a ``model.toml`` along logs beside the model it stands on.
+    """Return (T, n) torque [N·m] of a ``model.toml`` along logs against its baseline.
 
     Raises:
-        StictionError: a file that is no record, or is of another arm.
+        StictionError: a file without [arm], or of another arm.
     """
     nominal = read(Path(path))
     nominal.check(data.arm)
@@ -130,7 +130,7 @@ def load_extended(
         robot: model file of the arm where it is none of ours.
 
     Raises:
-        StictionError: a file that is no record, or an arm that cannot be loaded.
+        StictionError: a file without [arm], or an arm that cannot be loaded.
     """
     nominal = read(Path(path))
     if nominal.robot is None:
@@ -218,10 +218,10 @@ def _friction(
 
 
 def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> FrictionParameters:
-    """Return the friction at mid-record and at the logs' mean load, which MJCF then holds."""
+    """Return the friction half-way through the logs at their mean load, which MJCF then holds."""
     clipped = np.clip(level, friction.load_low, friction.load_high)
     stiction = friction.stiction + (friction.load_coefficient * clipped)[:, None]
-    late = np.exp(-1 / (2 * LATE))  # half the record
+    late = np.exp(-1 / (2 * LATE))  # half-way
     drifting = np.isclose(draft.warm[:, 1], friction.warm_up_time) & (draft.warm[:, 0] != 0)
     factor = np.where(drifting, 1.0 + draft.warm[:, 0] * late, 1.0)
     ripple = friction.ripple_amplitude > 0  # what has no size has no periods in MJCF

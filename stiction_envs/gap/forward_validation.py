@@ -98,8 +98,8 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
     Returns:
         The proof, or why there is none.
     """
-    base, nominal = diagnosis.base or diagnosis.data, diagnosis.stood_on
-    blocks = diagnosis.library.stack.blocks
+    base, nominal = diagnosis.base or diagnosis.data, diagnosis.baseline
+    blocks = diagnosis.library.grams.blocks
     held = np.arange(1, blocks, EVERY)
     if not np.isfinite(base.dt) or len(held) == 0:
         return "the logs hold no motion"
@@ -108,8 +108,8 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
         return f"no {LEAST} windows of {SECONDS:g} s without a gap in the held-out blocks"
     weight = np.ones(blocks)
     weight[held] = 0.0
-    pick = diagnosis.library.pick(diagnosis.terms)
-    found = model_of(diagnosis, diagnosis.library.stack.fit(pick, weight))
+    columns = diagnosis.library.model_columns(diagnosis.terms)
+    found = model_of(diagnosis, diagnosis.library.grams.fit(columns, weight))
     runs = []
     try:
         for model in (nominal, found):

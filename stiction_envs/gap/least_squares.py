@@ -4,7 +4,7 @@
     b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
 
 τ_f is the measured torque less rigid-body dynamics, all on raw signals (sections 3.1 and 4.1); the
-intercept b was to be the stiction band. Here it stands beside the tool, with what breaks it.
+intercept b was to be the stiction band. Here it is compared with the tool, with what breaks it.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
 
     Args:
         logs: as they were read.
-        data: the same logs filtered, beside the nominal model.
+        data: the same logs filtered, against the nominal model.
     """
     speed, torque = _raw(logs, data)
     lines: list[Line] = []

@@ -1,4 +1,4 @@
-"""The exact record of a diagnosis: causes, coefficients and what they stand on, as TOML.
+"""The model file of a diagnosis, ``model.toml``: its causes exactly, and their baseline.
 
 `--nominal model.toml` reads it back, so that a diagnosis can be repeated on its own result.
 """
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nominal:
-    """What a diagnosis stands on: friction, and causes of earlier diagnoses."""
+    """The baseline of a diagnosis: friction, and causes of earlier diagnoses."""
 
     friction: FrictionParameters | None = None
     """None for a rigid body without any."""
@@ -62,7 +62,7 @@ class Nominal:
                 )
 
     def extend(self, data: Data) -> Data:
-        """Return data beside the nominal model with its causes."""
+        """Return data against the nominal model with its causes."""
         if not self.parts:
             return data
         own = data.friction.presliding_distance
@@ -72,7 +72,7 @@ class Nominal:
 
 
 def with_causes(data: Data, parts: Sequence[Part]) -> Data:
-    """Return data beside a nominal model to which causes were added."""
+    """Return data against a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
         causes = [(p, cause_named(p.cause)) for p in mine]
@@ -80,11 +80,11 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
             (cause.torque(data, p) for p, cause in causes if cause.transmitted_by_gear),
             np.zeros_like(data.q),
         )
-        beside = data.carrying(torque)
+        loaded = data.carrying(torque)
         added = sound = np.zeros_like(data.q)
         for p, cause in causes:
             if not isinstance(cause, TorqueShift):
-                more = cause.torque(beside if p.carried else data, p)
+                more = cause.torque(loaded if p.carried else data, p)
                 added = added + more
                 if not cause.resembles_delay:
                     sound = sound + more
@@ -93,7 +93,7 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + whole.torque(data, p)
         friction = any(cause.base_friction for _, cause in causes)
-        data = beside.corrected(added, friction=friction)
+        data = loaded.corrected(added, friction=friction)
     return data
 
 
@@ -122,10 +122,10 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
 
 
 def read(path: Path) -> Nominal:
-    """Read the record of a ``model.toml``; without one (a friction TOML) it is empty.
+    """Read a ``model.toml``; one without ``[arm]`` (a friction TOML) is empty.
 
     Raises:
-        StictionError: unreadable, not TOML, or a record that is not whole.
+        StictionError: unreadable, not TOML, or not as `stiction diagnose` writes it.
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -201,6 +201,6 @@ def dump(nominal: Nominal) -> str:
         }
         for part in nominal.parts
     ]
-    what = "What the causes stand on, and the causes exactly: for --nominal of stiction diagnose."
+    what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."
     tables = {"arm": arm, **({"cause": causes} if causes else {})}
     return "\n" + toml_text(tables, comments={"arm": what})

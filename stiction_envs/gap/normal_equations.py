@@ -107,7 +107,7 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
 
 
 @dataclass(frozen=True)
-class Pick:
+class ModelColumns:
     """Columns of a model: for each joint which of its columns, and which coefficient each has.
 
     A coefficient that several joints share (payload, tilt, delay) appears in several.
@@ -119,23 +119,25 @@ class Pick:
     high: tuple[float, ...]
 
 
-class Stack:
+class JointGrams:
     """The Grams of all joints."""
 
     def __init__(self, grams: Sequence[Gram]) -> None:
-        self.grams = list(grams)
+        self.joints = list(grams)
         self.blocks = len(grams[0].rr)
         # the same models come back again and again while causes are chosen
-        self._fits: dict[Pick, Array] = {}
-        self._errors: dict[Pick, Array] = {}
-        self._apart: dict[Pick, Array] = {}
-        self._held_out: dict[Pick, Array] = {}
+        self._fits: dict[ModelColumns, Array] = {}
+        self._errors: dict[ModelColumns, Array] = {}
+        self._left_out: dict[ModelColumns, Array] = {}
+        self._held_out: dict[ModelColumns, Array] = {}
 
-    def system(self, pick: Pick, weight: Array | None = None) -> tuple[Array, Array]:
+    def system(self, model: ModelColumns, weight: Array | None = None) -> tuple[Array, Array]:
         """Return (xx, xr) of a model over blocks with multiplicities ``weight`` (B,), or all."""
-        p = len(pick.low)
+        p = len(model.low)
         xx, xr = np.zeros((p, p)), np.zeros(p)
-        for gram, columns, where in zip(self.grams, pick.columns, pick.coefficients, strict=True):
+        for gram, columns, where in zip(
+            self.joints, model.columns, model.coefficients, strict=True
+        ):
             if not columns:
                 continue
             cols, at = np.array(columns), np.array(where)
@@ -149,80 +151,84 @@ class Stack:
             xr[at] += along
         return xx, xr
 
-    def fit(self, pick: Pick, weight: Array | None = None) -> Array:
+    def fit(self, model: ModelColumns, weight: Array | None = None) -> Array:
         """Return the coefficients of a model, fitted to blocks with multiplicities ``weight``."""
-        if weight is None and pick in self._fits:
-            return self._fits[pick]
-        xx, xr = self.system(pick, weight)
-        out = solve(xx, xr, np.array(pick.low), np.array(pick.high))
+        if weight is None and model in self._fits:
+            return self._fits[model]
+        xx, xr = self.system(model, weight)
+        out = solve(xx, xr, np.array(model.low), np.array(model.high))
         if weight is None:
-            self._fits[pick] = out
+            self._fits[model] = out
         return out
 
-    def errors(self, pick: Pick) -> Array:
+    def errors(self, model: ModelColumns) -> Array:
         """Return (joints,) squared errors that the fit leaves, in units of noise variance."""
-        if pick in self._errors:
-            return self._errors[pick]
-        c, out = self.fit(pick), np.empty(len(self.grams))
+        if model in self._errors:
+            return self._errors[model]
+        c, out = self.fit(model), np.empty(len(self.joints))
         for j, (gram, columns, where) in enumerate(
-            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+            zip(self.joints, model.columns, model.coefficients, strict=True)
         ):
             cols, mine = np.array(columns, dtype=int), c[np.array(where, dtype=int)]
             xx, xr, rr = gram.whole
             out[j] = rr - 2 * xr[cols] @ mine + mine @ xx[cols[:, None], cols] @ mine
-        self._errors[pick] = np.maximum(out, 0.0)
-        return self._errors[pick]
+        self._errors[model] = np.maximum(out, 0.0)
+        return self._errors[model]
 
-    def apart(self, pick: Pick) -> Array:
+    def leave_one_block_out(self, model: ModelColumns) -> Array:
         """Return (B, P) the fit to all blocks but each."""
-        if pick in self._apart:
-            return self._apart[pick]
-        p = len(pick.low)
+        if model in self._left_out:
+            return self._left_out[model]
+        p = len(model.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
-        for gram, columns, where in zip(self.grams, pick.columns, pick.coefficients, strict=True):
+        for gram, columns, where in zip(
+            self.joints, model.columns, model.coefficients, strict=True
+        ):
             if columns:
                 cols, at = np.array(columns), np.array(where)
                 xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
                 xr[:, at] += gram.xr[:, cols]
-        low, high = np.array(pick.low), np.array(pick.high)
+        low, high = np.array(model.low), np.array(model.high)
         out = solve_all(xx.sum(axis=0) - xx, xr.sum(axis=0) - xr, low, high)
-        self._apart[pick] = out
+        self._left_out[model] = out
         return out
 
-    def held_out(self, pick: Pick) -> Array:
+    def held_out(self, model: ModelColumns) -> Array:
         """Return (joints, B) squared errors of each block under the fit of all others."""
-        if pick in self._held_out:
-            return self._held_out[pick]
-        c = self.apart(pick)
-        out = np.empty((len(self.grams), self.blocks))
+        if model in self._held_out:
+            return self._held_out[model]
+        c = self.leave_one_block_out(model)
+        out = np.empty((len(self.joints), self.blocks))
         for j, (gram, columns, where) in enumerate(
-            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+            zip(self.joints, model.columns, model.coefficients, strict=True)
         ):
             cols, mine = np.array(columns, dtype=int), c[:, np.array(where, dtype=int)]
             xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
             out[j] = gram.rr - 2 * (xr * mine).sum(axis=1)
             out[j] += (np.einsum("bpq,bp->bq", xx, mine) * mine).sum(axis=1)
-        self._held_out[pick] = np.maximum(out, 0.0)
-        return self._held_out[pick]
+        self._held_out[model] = np.maximum(out, 0.0)
+        return self._held_out[model]
 
-    def foretold(self, pick: Pick, rest: Pick, own: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return pᵀe and pᵀp (joints, B) of what a model foretells beyond a smaller one.
+    def cross_predicted(
+        self, model: ModelColumns, rest: ModelColumns, own: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Return pᵀe and pᵀp (joints, B) of what a model predicts beyond a smaller one.
 
-        Both are fitted to all blocks but the one they foretell; p is the difference of their
+        Both are fitted to all blocks but the one they predict; p is the difference of their
         torques there, e is what the smaller one leaves. Where what is more is real, pᵀe = pᵀp but
         for noise; where it is not, pᵀe is about zero.
 
         Args:
-            pick: model.
+            model: model.
             rest: the smaller one.
             own: (P,) the coefficients that are in the former only.
         """
         before = np.zeros((self.blocks, len(own)))
-        before[:, ~own] = self.apart(rest)
-        more = self.apart(pick) - before
-        pe, pp = np.zeros((2, len(self.grams), self.blocks))
+        before[:, ~own] = self.leave_one_block_out(rest)
+        more = self.leave_one_block_out(model) - before
+        pe, pp = np.zeros((2, len(self.joints), self.blocks))
         for j, (gram, columns, where) in enumerate(
-            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+            zip(self.joints, model.columns, model.coefficients, strict=True)
         ):
             if not columns:
                 continue
@@ -233,30 +239,30 @@ class Stack:
             pe[j] = (gram.xr[:, cols] * a).sum(axis=1) - (force * c).sum(axis=1)
         return pe, pp
 
-    def gained(self, pick: Pick, rest: Pick) -> Array:
+    def gained(self, model: ModelColumns, rest: ModelColumns) -> Array:
         """Return (joints,) torque of a model that a smaller one has not, over the noise.
 
         Root mean square, by what the fit to all blocks gains.
         """
-        less = self.errors(rest) - self.errors(pick)
-        count = np.array([max(g.count.sum(), 1.0) for g in self.grams])
+        less = self.errors(rest) - self.errors(model)
+        count = np.array([max(g.count.sum(), 1.0) for g in self.joints])
         return np.asarray(np.sqrt(np.maximum(less, 0.0) / count))
 
-    def sizes(self, pick: Pick, own: NDArray[np.bool_]) -> Array:
+    def sizes(self, model: ModelColumns, own: NDArray[np.bool_]) -> Array:
         """Return (joints,) root mean square torque of some coefficients over the noise."""
-        c = self.fit(pick) * own
-        out = np.zeros(len(self.grams))
+        c = self.fit(model) * own
+        out = np.zeros(len(self.joints))
         for j, (gram, columns, where) in enumerate(
-            zip(self.grams, pick.columns, pick.coefficients, strict=True)
+            zip(self.joints, model.columns, model.coefficients, strict=True)
         ):
             cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
             xx = gram.whole[0][cols[:, None], cols] / max(gram.count.sum(), 1.0)
             out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
         return out
 
-    def resample(self, pick: Pick, times: int, rng: np.random.Generator) -> Array:
+    def resample(self, model: ModelColumns, times: int, rng: np.random.Generator) -> Array:
         """Return (times, P) coefficients of bootstrap resamples of the blocks."""
         draws = rng.multinomial(self.blocks, np.full(self.blocks, 1 / self.blocks), size=times)
-        systems = [self.system(pick, w) for w in draws.astype(float)]
+        systems = [self.system(model, w) for w in draws.astype(float)]
         xx, xr = (np.array(x) for x in zip(*systems, strict=True))
-        return solve_all(xx, xr, np.array(pick.low), np.array(pick.high))
+        return solve_all(xx, xr, np.array(model.low), np.array(model.high))

@@ -1,4 +1,4 @@
-"""What was found is taken for granted: columns beside a payload, a tilt, a delay.
+"""What was found is taken for granted: columns given a payload, a tilt, a delay.
 
 Friction, gaps and springs feel what the gears carry. A delay is one of all torques, friction's too,
 and not its first order.
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape, TorqueShift
 from stiction_envs.gap.signals.dataset import Data
 
@@ -20,15 +20,17 @@ ROUNDS = 3
 """Times that a delay follows the model it is a part of; assumed."""
 
 
-def beside_what_was_found(library: Library, terms: Sequence[Term]) -> Library | None:
-    """Return columns as they are beside what the whole arm has, None if that is nothing."""
+def refit_given_what_was_found(
+    library: RegressorLibrary, terms: Sequence[Candidate]
+) -> RegressorLibrary | None:
+    """Return columns as they are given what the whole arm has, None if that is nothing."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].transmitted_by_gear]
     late = _late(library, terms)
     if not carried and late is None:
         return None
     if late is not None:
-        c = library.split(terms, library.stack.fit(library.pick(terms)))
+        c = library.split(terms, library.grams.fit(library.model_columns(terms)))
         lengths = c[list(terms).index(late)].tolist()
         shift = _shift(library, late)
         causes = {
@@ -37,14 +39,14 @@ def beside_what_was_found(library: Library, terms: Sequence[Term]) -> Library | 
         }
         if not data.has_friction:
             # as long as the delay was not known, it made reversals look longer
-            data = _biting_beside(data, shift, late.shape, lengths[0])
+            data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
         data = data.carrying(_torque(library, terms, carried))
-    return Library(data, list(causes.values()))
+    return RegressorLibrary(data, list(causes.values()))
 
 
-def _biting_beside(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:
-    """Return data in which dry friction bites within the distances that a delay leaves to it."""
+def _presliding_given_delay(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:
+    """Return data with the presliding distances that a delay leaves to dry friction."""
 
     def late(torque: Array) -> Array:
         return torque + length * shift.shifted(data, torque, shape)
@@ -53,14 +55,14 @@ def _biting_beside(data: Data, shift: TorqueShift, shape: Shape, length: float) 
     return data.with_presliding_of(data.tau - logged, late)
 
 
-def found_again(terms: Sequence[Term], beside: Sequence[Term]) -> bool:
-    """Whether everything that was taken for granted is found beside itself."""
-    return {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in beside}
+def found_again(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -> bool:
+    """Whether everything that was taken for granted is found again."""
+    return {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in refitted}
 
 
-def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
+def settle(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
     """Let a delay shift the torque of the very model it is a part of, as far as it fits better."""
-    out, stack = list(terms), library.stack
+    out, grams = list(terms), library.grams
     late = _late(library, out)
     if late is None:
         return out
@@ -70,13 +72,13 @@ def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
         if not cause.acts_on_all:
             break
         torque = library.data.nominal + _sound(library, out)
-        tried = [Term(late.cause, late.joint, x) for x in cause.nearby(out[at].shape)]
-        before = float(stack.errors(library.pick(out)).sum())
+        tried = [Candidate(late.cause, late.joint, x) for x in cause.nearby(out[at].shape)]
+        before = float(grams.errors(library.model_columns(out)).sum())
         library.causes[late.cause] = cause.acting_on(torque)
         library.refine(tried)
-        stack = library.stack
+        grams = library.grams
         models = [[*out[:at], x, *out[at + 1 :]] for x in tried]
-        left = [float(stack.errors(library.pick(x)).sum()) for x in models]
+        left = [float(grams.errors(library.model_columns(x)).sum()) for x in models]
         if min(left, default=before) >= before:
             library.causes[late.cause] = cause
             break
@@ -84,18 +86,18 @@ def settle(library: Library, terms: Sequence[Term]) -> list[Term]:
     return out
 
 
-def _late(library: Library, terms: Sequence[Term]) -> Term | None:
+def _late(library: RegressorLibrary, terms: Sequence[Candidate]) -> Candidate | None:
     """Return the term that shifts all torque, if there is one."""
     return next((t for t in terms if isinstance(library.causes[t.cause], TorqueShift)), None)
 
 
-def _shift(library: Library, term: Term) -> TorqueShift:
+def _shift(library: RegressorLibrary, term: Candidate) -> TorqueShift:
     cause = library.causes[term.cause]
     assert isinstance(cause, TorqueShift)
     return cause
 
 
-def _sound(library: Library, terms: Sequence[Term]) -> Array:
+def _sound(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:
     """Return (T, n) torque of a model but for its delay and what may be a part of one [N·m]."""
     causes = library.causes
     some = [
@@ -106,7 +108,9 @@ def _sound(library: Library, terms: Sequence[Term]) -> Array:
     return _torque(library, terms, some)
 
 
-def _torque(library: Library, terms: Sequence[Term], some: Sequence[Term]) -> Array:
+def _torque(
+    library: RegressorLibrary, terms: Sequence[Candidate], some: Sequence[Candidate]
+) -> Array:
     """Return (T, n) torque of some terms of a model [N·m]."""
-    only = library.stack.fit(library.pick(terms)) * library.own(terms, some)
+    only = library.grams.fit(library.model_columns(terms)) * library.own(terms, some)
     return np.stack([library.torque(terms, only, j) for j in range(library.data.n)], axis=1)

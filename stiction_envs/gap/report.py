@@ -49,7 +49,7 @@ def write_report(
         d: the diagnosis.
         extension: the model with its causes.
         proof: of the model forward, or why there is none.
-        nominal_name: what the diagnosis stood on.
+        nominal_name: the baseline of the diagnosis.
         squares: the thesis's least squares, where they were asked for.
         provenance: rows of a table at the end.
 

@@ -144,7 +144,7 @@ def _torques(d: Diagnosis, cause: str) -> Array:
     out = np.zeros_like(d.data.q)
     for term, mine in zip(d.terms, d.library.split(d.terms, d.coefficients), strict=True):
         if term.cause == cause:
-            for j in d.library.reach(term):
+            for j in d.library.affected_joints(term):
                 out[:, j] += d.library.columns(term, j) @ mine
     return out
 

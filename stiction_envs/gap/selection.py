@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from stiction_envs.gap.candidates import ARM, Library, Term
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
 
 Array = NDArray[np.float64]
@@ -18,12 +18,12 @@ CHANCE = 0.01
 """Chance that anything at all is named by noise, shared out over all that is tried [-]; assumed."""
 CLEAR = 0.1
 """Part of a joint's held-out squared error that noise never explains [-]: it has thousands of
-rows. A cause that takes away more need not stand against chance over all that is tried; assumed."""
+rows. A cause that takes away more is not held against chance over all that is tried; assumed."""
 LEAST_TORQUE = 0.5
 """Least torque of a cause, root mean square, over the noise floor of some joint [-]; assumed."""
 SHAPE = 0.05
-"""Part of the torque of a joint's rough causes that a refinement must have [-]: better no law of
-friction is known (assumed). Coulomb and viscous friction are the law and refine nothing."""
+"""Part of the torque of a joint's approximate causes that a refinement must have [-]: better no
+law of friction is known (assumed). Base friction refines nothing."""
 ALIKE_GAIN, ALIKE_ERRORS = 0.01, 2.0
 """What explains as much but for this part, or for so many standard errors, is as good [-];
 assumed."""
@@ -42,8 +42,8 @@ class Gain:
 
     less: Array
     """(joints, B) squared error taken away, in units of noise variance."""
-    sure: NDArray[np.bool_]
-    """(joints,) where what the terms foretell comes true, and is large enough to matter."""
+    significant_joints: NDArray[np.bool_]
+    """(joints,) where what the terms predict comes true, and is large enough to matter."""
     as_a_whole: bool
     """Whether it does so over all joints together, and takes away more than it adds on others."""
 
@@ -53,40 +53,40 @@ class Gain:
         return float(self.less.sum())
 
     @property
-    def stands(self) -> bool:
-        """Whether it stands against the noise from block to block."""
-        return self.total > 0 and self.as_a_whole and bool(self.sure.any())
+    def significant(self) -> bool:
+        """Whether it is real, held against the noise from block to block."""
+        return self.total > 0 and self.as_a_whole and bool(self.significant_joints.any())
 
 
-def gain(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> Gain:
+def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]) -> Gain:
     """Judge terms of a model by blocks that were held out.
 
-    On each block they foretell a torque p beyond that of the model without them, both fitted to
+    On each block they predict a torque p beyond that of the model without them, both fitted to
     the other blocks. Against what the smaller one leaves there, e, its slope a = Σpᵀe/Σpᵀp is one
     where they are real and zero where not, however much blocks differ in size. Its standard error
     is that between blocks, √(Σ(pᵀe − a pᵀp)²·B/(B − 1))/Σpᵀp (Liang and Zeger, "Longitudinal data
     analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
     freedom; `CHANCE` is shared out over all terms that are tried (Bonferroni).
     """
-    stack, pick = library.stack, library.pick(terms)
-    rest = library.pick([t for t in terms if t not in added])
-    left = stack.held_out(rest)
-    less = left - stack.held_out(pick)
-    pe, pp = stack.foretold(pick, rest, library.own(terms, added))
+    grams, model = library.grams, library.model_columns(terms)
+    rest = library.model_columns([t for t in terms if t not in added])
+    left = grams.held_out(rest)
+    less = left - grams.held_out(model)
+    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
     strict, single = (
-        float(student.ppf(1 - CHANCE / tried, stack.blocks - 1))
-        for tried in (max(len(library.terms), 1), 1)
+        float(student.ppf(1 - CHANCE / tried, grams.blocks - 1))
+        for tried in (max(len(library.candidates), 1), 1)
     )
     part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
     limit = np.where(part > CLEAR, single, strict)
     whole = _slope(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
     each = np.array([_slope(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)])
-    rough = [t for t in terms if library.causes[t.cause].approximate and t not in added]
-    size, others = stack.gained(pick, rest), stack.sizes(pick, library.own(terms, rough))
+    approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
+    size, others = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else SHAPE
     least = np.maximum(LEAST_TORQUE, np.maximum(share * others, library.known))
     # noise of the acceleration is in columns as well as in residuals, and explains itself
-    count = np.array([g.count.sum() for g in stack.grams])
+    count = np.array([g.count.sum() for g in grams.joints])
     large = (size > least) & (left.sum(axis=1) > (1 + LEAST_TORQUE**2) * count)
     # log-likelihood of joints each of which has noise of its own, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
@@ -95,7 +95,7 @@ def gain(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> Gain
 
 
 def _slope(pe: Array, pp: Array) -> float:
-    """Return the slope of what came over what was foretold, in standard errors."""
+    """Return the slope of what came over what was predicted, in standard errors."""
     total = float(pp.sum())
     if total <= 0 or len(pp) < 2:
         return 0.0
@@ -104,9 +104,11 @@ def _slope(pe: Array, pp: Array) -> float:
     return a / max(error, 1e-12)
 
 
-def means_nothing(library: Library, terms: Sequence[Term], added: Sequence[Term]) -> bool:
+def means_nothing(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> bool:
     """Whether a value is so small, or so far out, that its cause means nothing."""
-    c = library.split(terms, library.stack.fit(library.pick(terms)))
+    c = library.split(terms, library.grams.fit(library.model_columns(terms)))
     for term, mine in zip(terms, c, strict=True):
         cause = library.causes[term.cause]
         if term in added and (
@@ -118,18 +120,18 @@ def means_nothing(library: Library, terms: Sequence[Term], added: Sequence[Term]
     return False
 
 
-def pruned(library: Library, terms: Sequence[Term]) -> list[Term]:
-    """Return terms without those that no longer stand, of which the weakest goes first."""
+def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return terms without those that are not significant, of which the weakest goes first."""
     out = list(terms)
     while out:
-        weakest: tuple[float, Term] | None = None
+        weakest: tuple[float, Candidate] | None = None
         for term in out:
             found = gain(library, out, [term])
-            stands = found.stands and not means_nothing(library, out, [term])
+            significant = found.significant and not means_nothing(library, out, [term])
             if not library.causes[term.cause].standalone:
                 have = {t.cause for t in out if t.joint == term.joint}
-                stands &= have.issuperset(library.needs(term.cause))
-            if not stands and (weakest is None or found.total < weakest[0]):
+                significant &= have.issuperset(library.needs(term.cause))
+            if not significant and (weakest is None or found.total < weakest[0]):
                 weakest = (found.total, term)
         if weakest is None:
             break
@@ -141,7 +143,7 @@ def pruned(library: Library, terms: Sequence[Term]) -> list[Term]:
 class Offer:
     """Terms that could be added."""
 
-    added: list[Term]
+    added: list[Candidate]
     found: Gain
 
 
@@ -150,10 +152,10 @@ class Chooser:
 
     def __init__(
         self,
-        library: Library,
+        library: RegressorLibrary,
         progress: Callable[[int], None] | None = None,
-        start: Sequence[Term] = (),
-        without: Sequence[Term] = (),
+        start: Sequence[Candidate] = (),
+        without: Sequence[Candidate] = (),
     ) -> None:
         """Begin with some terms; causes of ``without`` are not tried on their joints again."""
         self.library = library
@@ -161,9 +163,9 @@ class Chooser:
         self.terms = list(start)
         self._without = {(t.cause, t.joint) for t in without}
 
-    def choose(self) -> list[Term]:
-        """Return the terms that stand, in the order in which they were found."""
-        before: list[Term] | None = None
+    def choose(self) -> list[Candidate]:
+        """Return the significant terms, in the order in which they were found."""
+        before: list[Candidate] | None = None
         for _ in range(ROUNDS):
             self._add()
             self.terms = pruned(self.library, self.terms)
@@ -174,12 +176,12 @@ class Chooser:
         return self.terms
 
     def _add(self) -> None:
-        """Add what stands, the best first."""
+        """Add what is significant, the best first."""
         known: dict[int, list[Offer]] = {}
         for step in range(MOST_TERMS):
             for joint in [ARM, *range(self.library.data.n)]:
                 if joint not in known:
-                    known[joint] = self._standing(joint)
+                    known[joint] = self._significant(joint)
             best = self._simplest(self._leading([x for y in known.values() for x in y]))
             if best is None:
                 best = self._simplest([x for j in range(self.library.data.n) for x in self._two(j)])
@@ -187,7 +189,7 @@ class Chooser:
                 return
             self.terms += best.added
             joint = best.added[-1].joint
-            if len(self.library.reach(best.added[-1])) > 1:
+            if len(self.library.affected_joints(best.added[-1])) > 1:
                 known.clear()
             else:
                 known.pop(joint, None)
@@ -232,16 +234,16 @@ class Chooser:
                 return other
         return best
 
-    def _standing(self, joint: int) -> list[Offer]:
-        """Return what stands on a joint, by held-out error."""
+    def _significant(self, joint: int) -> list[Offer]:
+        """Return what is significant on a joint, by held-out error."""
         out = []
         for _, added in self._offers(joint):
             terms = [*self.terms, *added]
             found = gain(self.library, terms, added)
-            if not found.stands:
+            if not found.significant:
                 continue
             *parents, child = added
-            if parents and not gain(self.library, terms, parents).stands:
+            if parents and not gain(self.library, terms, parents).significant:
                 # what it usually comes with is not there
                 if not self.library.causes[child.cause].standalone:
                     continue
@@ -249,19 +251,19 @@ class Chooser:
                 found = gain(self.library, terms, added)
             if (
                 not means_nothing(self.library, terms, added)
-                and gain(self.library, terms, [child]).stands
+                and gain(self.library, terms, [child]).significant
             ):
                 out.append(Offer(added, found))
         return out
 
     def _two(self, joint: int) -> list[Offer]:
-        """Return pairs of causes on a joint that stand together, where neither does alone.
+        """Return pairs of causes on a joint that are significant together, and not separately.
 
         Each by itself leaves the other's torque as noise that is not noise.
         """
         lib = self.library
-        errors = lib.stack.held_out(lib.pick(self.terms))[joint].sum()
-        if errors < LEFT**2 * lib.stack.grams[joint].count.sum():
+        errors = lib.grams.held_out(lib.model_columns(self.terms))[joint].sum()
+        if errors < LEFT**2 * lib.grams.joints[joint].count.sum():
             return []
         out = []
         for (_, one), (_, two) in combinations(self._offers(joint), 2):
@@ -270,42 +272,42 @@ class Chooser:
             added = list(dict.fromkeys([*one, *two]))
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
-            alone = (found.stands and gain(lib, terms, [x]).stands for x in added)
-            if all(alone) and not means_nothing(lib, terms, added):
+            separately = (found.significant and gain(lib, terms, [x]).significant for x in added)
+            if all(separately) and not means_nothing(lib, terms, added):
                 out.append(Offer(added, found))
         return out
 
-    def _offers(self, joint: int) -> list[tuple[float, list[Term]]]:
+    def _offers(self, joint: int) -> list[tuple[float, list[Candidate]]]:
         """Return the best term of each cause on a joint by its in-sample gain, best first.
 
-        All terms of causes whose nonlinear parameters foretell differently from step to step: the
-        best in the sample is then often not the one that foretells.
+        All terms of causes whose nonlinear parameters predict differently from step to step: the
+        best in the sample is then often not the one that predicts.
         """
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
         barred = have | self._without
 
-        def loss(terms: list[Term], joints: list[int]) -> float:
-            return float(lib.stack.errors(lib.pick(terms))[joints].sum())
+        def loss(terms: list[Candidate], joints: list[int]) -> float:
+            return float(lib.grams.errors(lib.model_columns(terms))[joints].sum())
 
         everywhere = list(range(lib.data.n))
-        tied = [t for t in self.terms if joint in lib.reach(t)]
-        now = {1: loss(tied, [joint]) if joint != ARM else 0.0}
+        here = [t for t in self.terms if joint in lib.affected_joints(t)]
+        now = {1: loss(here, [joint]) if joint != ARM else 0.0}
         now[lib.data.n] = loss(self.terms, everywhere)
-        best: dict[tuple[str, Shape], tuple[float, list[Term]]] = {}
-        for term in lib.terms:
+        best: dict[tuple[str, Shape], tuple[float, list[Candidate]]] = {}
+        for term in lib.candidates:
             if term.joint != joint or (term.cause, joint) in barred:
                 continue
             parents = [
                 t
                 for name in lib.needs(term.cause)
-                for t in lib.terms
+                for t in lib.candidates
                 if (t.cause, t.joint) == (name, joint) and (name, joint) not in have
             ]
-            joints = lib.reach(term)
-            beside = tied if len(joints) == 1 else self.terms
+            joints = lib.affected_joints(term)
+            others = here if len(joints) == 1 else self.terms
             added = [*parents, term]
-            value = now[len(joints)] - loss([*beside, *added], joints)
+            value = now[len(joints)] - loss([*others, *added], joints)
             key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
             if value > best.get(key, (0.0, []))[0]:
                 best[key] = (value, added)

@@ -62,7 +62,7 @@ def sliding(q: np.ndarray) -> np.ndarray:
 
 
 def data_of(arm: Arm, log: JointLog) -> Data:
-    """Return a log beside the rigid arm."""
+    """Return a log against the rigid arm."""
     return assemble(arm, prepare([log]))
 
 

@@ -43,7 +43,7 @@ def solved(case: Case) -> Diagnosis:
 
 
 def check_size(case: Case, named: NamedCause, slack: float = 0.1) -> None:
-    """The truth lies in the stated interval, or within ``slack`` of the value beside it."""
+    """The truth lies in the stated interval, or within ``slack`` of the value."""
     hidden = next(h for h in case.hidden if h.name == named.name)
     for key, truth in hidden.values.items():
         estimate = named.parameters[hidden.joint][key]
@@ -90,7 +90,7 @@ def test_nothing_hidden_nothing_named(seed: int, motion: str, known: bool) -> No
 def test_a_motion_that_excites_nothing_cannot_tell() -> None:
     found = solved(make_case(1, ("coulomb_friction",), motion="still", known=False, seconds=12.0))
     assert found.verdict == "cannot tell"
-    assert found.record
+    assert found.what_to_record
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     for j in range(1, 8):
         level = by["coulomb_friction"].parameters[j]["coulomb_nm"].value
         assert level == pytest.approx(0.5, abs=0.03)
-    # the record says it all: the same torque, and nothing is left to name beside it
+    # the model file says it all: the same torque, and nothing is left to name
     model = model_of(found).extend(found.base)
     added = np.stack([found.torque(j) for j in range(7)], axis=1)
     assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)

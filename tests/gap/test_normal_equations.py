@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from stiction_envs.gap.normal_equations import Gram, Pick, Stack, solve
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
 
 RNG = np.random.default_rng(0)
 X, W = RNG.normal(size=(600, 3)), RNG.uniform(0.5, 1.0, 600)
 R = X @ [1.0, -2.0, 0.5] + 0.1 * RNG.normal(size=600)
 BLOCK = np.repeat(np.arange(6), 100)
-FREE = Pick(((0, 1, 2),), ((0, 1, 2),), (-np.inf,) * 3, (np.inf,) * 3)
+FREE = ModelColumns(((0, 1, 2),), ((0, 1, 2),), (-np.inf,) * 3, (np.inf,) * 3)
 
 
-def stack() -> Stack:
-    return Stack([Gram.of(X, R, BLOCK, W, 6)])
+def stack() -> JointGrams:
+    return JointGrams([Gram.of(X, R, BLOCK, W, 6)])
 
 
 def test_the_fit_is_weighted_least_squares() -> None:
@@ -39,7 +39,7 @@ def test_rows_between_blocks_count_for_nothing() -> None:
     block[250:350] = -1
     r = R.copy()
     r[250:350] = 1e6
-    c = Stack([Gram.of(X, r, block, W, 6)]).fit(FREE)
+    c = JointGrams([Gram.of(X, r, block, W, 6)]).fit(FREE)
     assert np.allclose(c, [1.0, -2.0, 0.5], atol=0.05)
 
 
@@ -53,7 +53,7 @@ def test_bounds_hold_and_the_others_adapt() -> None:
 
 def test_a_coefficient_that_two_joints_share_fits_both() -> None:
     grams = [Gram.of(X[:, :1], k * X[:, 0], BLOCK, np.ones(600), 6) for k in (1.0, 3.0)]
-    c = Stack(grams).fit(Pick(((0,), (0,)), ((0,), (0,)), (-np.inf,), (np.inf,)))
+    c = JointGrams(grams).fit(ModelColumns(((0,), (0,)), ((0,), (0,)), (-np.inf,), (np.inf,)))
     assert np.isclose(c[0], 2.0)
 
 
@@ -71,8 +71,8 @@ def test_bounded_fits_are_those_of_a_general_solver() -> None:
 def test_what_is_foretold_comes_true_for_what_is_real_only() -> None:
     """Σpᵀe/Σpᵀp is one for the columns that are in the data, and pᵀe sums up to the gain."""
     own = np.array([False, True, False])
-    rest = Pick(((0, 2),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
-    pe, pp = stack().foretold(FREE, rest, own)
+    rest = ModelColumns(((0, 2),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
+    pe, pp = stack().cross_predicted(FREE, rest, own)
     assert np.isclose(pe.sum() / pp.sum(), 1.0, atol=0.03)
     gained = stack().held_out(rest) - stack().held_out(FREE)
     assert np.allclose(gained, 2 * pe - pp)
@@ -86,5 +86,5 @@ def test_resamples_are_reproducible() -> None:
 
 
 def test_no_columns_leave_the_residual() -> None:
-    nothing = Pick(((),), ((),), (), ())
+    nothing = ModelColumns(((),), ((),), (), ())
     assert np.allclose(stack().held_out(nothing).sum(), (W * R * R).sum())

@@ -41,7 +41,7 @@ FIRST = [
     ("external_spring", "external_spring", "stiffness_nm_per_rad", 3.0),
 ]
 BESIDE = ("stribeck_friction", "presliding_hysteresis", "warm_up_drift")
-"""Hidden together with dry friction, and named beside it."""
+"""Hidden together with dry friction, and named too."""
 
 
 @pytest.mark.parametrize(("hidden", "first", "key", "truth"), FIRST, ids=lambda x: str(x))

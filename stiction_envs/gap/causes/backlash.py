@@ -37,7 +37,7 @@ after a reversal: all of the load is missing, or the link just stays behind."""
 BEST = 6
 """Shapes that go on to the selection."""
 LEAST, MOST = 0.2, 1.5
-"""Size of what comes over what the model foretells [-]; assumed. Blows foretold a little early or
+"""Size of what comes over what the model predicts [-]; assumed. Blows predicted a little early or
 late count for less."""
 LEFT = 2.0
 """Times the noise floor that a joint's residual must exceed for a search [-]; assumed."""
@@ -85,17 +85,17 @@ def dragged(data: Data, joint: int, gap: float) -> Array:
 
 
 @compiled
-def _missing(way: Array, gap: float) -> Array:
+def _missing(path: Array, gap: float) -> Array:
     """Return (T,) `dragged` of one run."""
-    out = np.zeros(len(way))
+    out = np.zeros(len(path))
     side, turn, turned = 0.0, 0.0, False
-    for i in range(1, len(way)):
-        step = np.sign(way[i] - way[i - 1])
+    for i in range(1, len(path)):
+        step = np.sign(path[i] - path[i - 1])
         if step != 0.0 and step != side:
             if side != 0.0:
-                turn, turned = way[i - 1], True
+                turn, turned = path[i - 1], True
             side = step
-        if turned and abs(way[i] - turn) < gap:
+        if turned and abs(path[i] - turn) < gap:
             out[i] = -1.0
     return out
 

@@ -85,7 +85,7 @@ class Cause(ABC):
     """Whether it is the joint's plain friction. It refines nothing, and a model that holds it has
     friction, which may then be too much too."""
     approximate: ClassVar[bool] = False
-    """Whether its law is only a likeness, so that small torques beside its own mean nothing."""
+    """Whether its law is only a likeness, so that torques small against its own mean nothing."""
     resembles_delay: ClassVar[bool] = False
     """Whether a delay at its full size may look like it, as long as the delay is not known."""
     shown_at_rest: ClassVar[bool] = False
@@ -150,7 +150,7 @@ class Cause(ABC):
         return 0.0
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Whether it is too small to be told from how simulations and logs are timed."""
+        """Whether it is too small to be distinguished from how simulations and logs are timed."""
         return False
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:

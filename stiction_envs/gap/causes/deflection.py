@@ -35,7 +35,7 @@ def _slope(recording: Recording) -> Array:
 
 
 def torque_of(data: Data, joint: int, deflection: Array) -> Array:
-    """Return (T, n) M[:, j] δ̈ + ∂g/∂q[:, j] δ of a link that stands δ (T,) from its motor [N·m].
+    """Return (T, n) M[:, j] δ̈ + ∂g/∂q[:, j] δ of a link that is δ (T,) off its motor [N·m].
 
     First order in δ; Coriolis terms of δ̇ are left out.
     """

@@ -27,7 +27,7 @@ BEST = 6
 LEAST_ROTOR = 0.01
 """Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
 LEAST, MOST = 0.3, 1.5
-"""Size of what comes over what the model foretells [-]; assumed. Room for stiffnesses between those
+"""Size of what comes over what the model predicts [-]; assumed. Room for stiffnesses between those
 tried."""
 
 

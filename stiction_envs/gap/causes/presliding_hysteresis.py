@@ -20,7 +20,7 @@ SHORTEST, LONGEST, COUNT = 1e-3, 5e-2, 9
 
 
 def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
-    """Return (T,) way since the joint last turned round [rad]."""
+    """Return (T,) how far the joint has gone since it last reversed [rad]."""
     out = np.zeros(len(data.t))
     for run in data.runs():
         q = data.q[run, joint]

@@ -40,7 +40,7 @@ class StribeckFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
-        # of the way, whose filter is wider: the speed falls fast where a joint stops
+        # of the reversal path, whose filter is wider: the speed falls fast where a joint stops
         speed = along_runs(data, data.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0

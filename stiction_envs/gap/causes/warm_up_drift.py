@@ -15,11 +15,11 @@ from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 
 LEAST = 10.0
-"""Shortest record in which a drift is looked for [s]; assumed."""
+"""Shortest log in which a drift is looked for [s]; assumed."""
 
 
 class WarmUpDrift(Cause):
-    """Dry friction that changes along the record, as a gear that warms up."""
+    """Dry friction that changes along the log, as a gear that warms up."""
 
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
@@ -31,7 +31,7 @@ class WarmUpDrift(Cause):
         "time [s]",
         lambda data, joint, shape: data.t,
         folded=True,
-        note="friction changes along the record",
+        note="friction changes along the log",
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -69,7 +69,7 @@ class WarmUpDrift(Cause):
         return part.coefficients[0] * (draft.duration / 2) * data.smooth(data.direction(j))
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the record is too short."""
+        """Return whether the log is too short."""
         if np.ptp(data.t) < LEAST:
             return f"the record is only {np.ptp(data.t):.1f} s long"
         return lacks_both_directions(data, joint)

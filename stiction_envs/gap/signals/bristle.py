@@ -1,4 +1,4 @@
-"""Dahl's bristle along the way of a joint: dry friction that lags its reversals."""
+"""Dahl's bristle along the path of a joint: dry friction that lags its reversals."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ START, CLEARLY = 10, 5e-4
 """A joint that turns this far [rad] in so many first samples moves from the start; assumed."""
 
 
-def bristles(way: Array, runs: list[slice], distance: Array) -> Array:
+def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
     """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
 
     Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
-    turns ζ goes to the sign of the motion by e^(−x/d) over the way x. LuGre without Stribeck effect
-    and bristle damping. How a bristle stood before a segment began is not known: a joint that moves
-    then has come a long way, one that rests may hold any torque, on average none.
+    turns ζ goes to the sign of the motion by e^(−x/d) over the path x. LuGre without Stribeck
+    effect and bristle damping. What a bristle was before a segment began is not known: a joint that
+    moves then has come a long way, one that rests may hold any torque, on average none.
 
     Args:
-        way: (T, n) [rad].
+        path: (T, n) [rad].
         runs: rows of each segment.
         distance: (n, k) d [rad].
     """
-    out = np.zeros((*way.shape, distance.shape[-1]))
+    out = np.zeros((*path.shape, distance.shape[-1]))
     for run in runs:
         if run.stop - run.start < 2:
             continue
-        for j in range(way.shape[1]):
-            out[run, j] = _bristle(way[run, j], distance[j])
+        for j in range(path.shape[1]):
+            out[run, j] = _bristle(path[run, j], distance[j])
     return out
 
 
@@ -56,7 +56,7 @@ def _bristle(x: Array, distance: Array) -> Array:
 
 
 def grown(
-    way: Array, runs: list[slice], distance: float, zeta: Array, growth: Array, ratio: float = 0.0
+    path: Array, runs: list[slice], distance: float, zeta: Array, growth: Array, ratio: float = 0.0
 ) -> Array:
     """Return (T,) what a bristle adds per unit of a level that grows by ``growth``.
 
@@ -66,31 +66,31 @@ def grown(
     y' = (q̇ − |q̇| y/(1 + rw))/d. Both exact for w that is constant over a sample.
 
     Args:
-        way: (T,) [rad].
+        path: (T,) [rad].
         runs: rows of each segment.
         distance: d [rad].
         zeta: (T,) of `bristles` with that distance [-].
         growth: (T,) w, any unit; at turns that of the new direction.
         ratio: r, per unit of w; 0 for the first order.
     """
-    out = np.empty(len(way))
+    out = np.empty(len(path))
     for run in runs:
         if ratio == 0.0:
-            out[run] = _first_order(way[run], distance, zeta[run], growth[run])
+            out[run] = _first_order(path[run], distance, zeta[run], growth[run])
         else:
-            y = _taller(way[run], distance, float(zeta[run.start]), 1.0 + ratio * growth[run])
+            y = _taller(path[run], distance, float(zeta[run.start]), 1.0 + ratio * growth[run])
             out[run] = (y - zeta[run]) / ratio
     return out
 
 
 @compiled
-def _first_order(way: Array, distance: float, zeta: Array, growth: Array) -> Array:
+def _first_order(path: Array, distance: float, zeta: Array, growth: Array) -> Array:
     """Return (K,) η of `grown` along one segment."""
     out = growth * zeta
-    for k in range(len(way) - 1):
+    for k in range(len(path) - 1):
         if abs(zeta[k]) >= SETTLED and abs(zeta[k + 1]) >= SETTLED:
-            continue  # ζ stands after some distances: η is there too, and need not be followed
-        step = way[k + 1] - way[k]
+            continue  # ζ is settled after some distances: η is there too, and need not be followed
+        step = path[k + 1] - path[k]
         side, w, decay = np.sign(step), growth[k + 1], abs(step) / distance
         if side == 0:
             out[k + 1] = out[k]
@@ -101,12 +101,12 @@ def _first_order(way: Array, distance: float, zeta: Array, growth: Array) -> Arr
 
 
 @compiled
-def _taller(way: Array, distance: float, zeta: float, level: Array) -> Array:
+def _taller(path: Array, distance: float, zeta: float, level: Array) -> Array:
     """Return (K,) a bristle that goes to the sign of the motion times a level (K,) [-]."""
-    out = np.empty(len(way))
+    out = np.empty(len(path))
     out[0] = zeta * level[0]
-    for k in range(len(way) - 1):
-        step = way[k + 1] - way[k]
+    for k in range(len(path) - 1):
+        step = path[k + 1] - path[k]
         top = max(level[k + 1], LOWEST)
         end = np.sign(step) * top
         out[k + 1] = end + (out[k] - end) * np.exp(-abs(step) / (distance * top))
@@ -116,4 +116,4 @@ def _taller(way: Array, distance: float, zeta: float, level: Array) -> Array:
 LOWEST = 1e-3
 """Least level of a bristle over that of plain dry friction [-]."""
 SETTLED = 1.0 - 1e-4
-"""ζ from which a bristle stands on its level [-]."""
+"""ζ from which a bristle is on its level [-]."""

@@ -1,6 +1,6 @@
 """What a cause may look at: a recording, the torque of the nominal model, and its dry friction.
 
-Three records that never change. `Data` puts them side by side; whoever changes one makes another
+Three frozen dataclasses. `Data` puts them together; whoever changes one makes another
 `Data`, and what was worked out from the old one stays with the old one.
 """
 

@@ -1,4 +1,4 @@
-"""Dry friction of the nominal model along a recording: how far it yields, how high it stands."""
+"""Dry friction of the nominal model along a recording: how far it yields, how high it is."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def presliding_distances(
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []
         for k in range(len(DISTANCES)):
-            # what friction falls by with speed may tell itself from when it turns
+            # what friction falls by with speed may show apart from when it turns
             x = np.column_stack(
                 [common, zeta[:, j, k], zeta[:, j, k] * np.exp(-np.abs(dq[:, j]) / 0.1)]
             )

@@ -56,12 +56,12 @@ def scatter(q: Array, residual: Array) -> Array | None:
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
     if len(pairs) < PAIRS:
         return None
-    apart = residual[pairs[:, 0]] - residual[pairs[:, 1]]
-    return np.asarray(np.sqrt(np.mean(np.square(apart), axis=0) / 2))
+    difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
+    return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
 
 
 def wander(q: Array, residual: Array, rigid: Array) -> Array:
-    """Return (n,) scatter of joints that never move [N·m], beside an offset and a scale; else 0.
+    """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0.
 
     Sensors see it creep within the friction band, far below their own noise in frequency: it is
     no evidence of what a simulation gets wrong.

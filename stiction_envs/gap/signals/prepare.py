@@ -27,7 +27,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.gap.signals.reversal_path import way
+from stiction_envs.gap.signals.reversal_path import reversal_path
 from stiction_envs.gap.signals.spectra import ORDER, Spectra, nominal_step, resample
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.settings import MotionThresholds
@@ -52,7 +52,7 @@ class Segment:
     """Accelerations, (K, n), rad/s²."""
     tau: NDArray[np.float64]
     """Torques, (K, n), N·m."""
-    way: NDArray[np.float64]
+    reversal_path: NDArray[np.float64]
     """Angles without overshoot or the turns that noise makes, (K, n), rad: for friction's turns
     (:mod:`stiction_envs.gap.signals.reversal_path`)."""
     extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
@@ -61,7 +61,8 @@ class Segment:
     """At rest throughout: poses without time, or never faster than ``rest_speed``."""
 
     def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.dq, self.ddq, self.tau, self.way, *self.extra.values()):
+        core = (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path)
+        for array in (*core, *self.extra.values()):
             array.flags.writeable = False
 
 
@@ -232,17 +233,19 @@ def _segment(
     def taken(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return x[pick] if pick is not None else CubicSpline(t, x)(at)
 
-    out = {name: np.empty((len(at), log.n)) for name in (*values, "dq", "ddq", "way")}
+    out = {name: np.empty((len(at), log.n)) for name in (*values, "dq", "ddq", "reversal_path")}
     for name, array in values.items():
         for j in range(log.n):
             smooth = lowpass(array[:, j], 1 / step, cutoff)
             out[name][:, j] = taken(smooth)
             if name == "q":
-                gone = way(array[:, j], 1 / step, cutoff, lowpass, own.reversal_path)
-                out["way"][:, j] = gone[pick] if pick is not None else np.interp(at, t, gone)
+                path = reversal_path(array[:, j], 1 / step, cutoff, lowpass, own.reversal_path)
+                out["reversal_path"][:, j] = (
+                    path[pick] if pick is not None else np.interp(at, t, path)
+                )
                 out["dq"][:, j] = taken(np.convolve(smooth, _FIRST[::-1], "same") / step)
                 out["ddq"][:, j] = taken(np.convolve(smooth, _SECOND[::-1], "same") / step**2)
-    core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "way")}
+    core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "reversal_path")}
     static = bool(np.abs(core["dq"]).max() < own.measured.motion.rest_speed)
     return Segment(log=number, t=at, **core, extra=out, static=static)
 
@@ -257,7 +260,7 @@ def _poses(number: int, log: JointLog) -> Segment:
         dq=zero,
         ddq=zero.copy(),
         tau=log.tau.copy(),
-        way=log.q.copy(),
+        reversal_path=log.q.copy(),
         extra=extra,
         static=True,
     )

@@ -117,7 +117,8 @@ def join(arm: Arm, signals: Signals, *, link_side: bool = False, blocks: int = B
     """
     parts = signals.segments
     q, dq, ddq, tau, path = (
-        np.concatenate([getattr(s, x) for s in parts]) for x in ("q", "dq", "ddq", "tau", "way")
+        np.concatenate([getattr(s, x) for s in parts])
+        for x in ("q", "dq", "ddq", "tau", "reversal_path")
     )
     log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
     segment = segment_numbers(parts, signals.dt)

@@ -1,7 +1,7 @@
-"""The way a joint goes, for what depends on its turns: friction, hysteresis, play.
+"""The path of a joint, for what depends on its reversals: friction, hysteresis, play.
 
 The low-pass of all signals overshoots where a joint stops, by 0.1 mrad and more, and friction that
-bites within that way would turn with it; noise would wear it off at rest. So the way passes a wider
+builds up within it would turn with it; noise would wear it off at rest. So the path passes a wider
 low-pass, and what noise that leaves is taken out by play: it follows the angle only when that has
 left a band about it.
 """
@@ -51,14 +51,14 @@ def _dragged(x: Array, half: float) -> Array:
     return out
 
 
-def way(
+def reversal_path(
     q: Array,
     rate_hz: float,
     cutoff_hz: float,
     lowpass: Callable[[Array, float, float], Array],
     settings: ReversalPathSettings | None = None,
 ) -> Array:
-    """Return (K,) the way of a joint.
+    """Return (K,) the angles of a joint without overshoot and the turns that noise makes [rad].
 
     Args:
         q: (K,) even samples of its angle [rad].
