@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.torque_lag import mend_torques
+from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 from tests.measured.logs.robot_logs import excitation, sweeps
@@ -19,8 +19,8 @@ IIWA = load_arm("iiwa14")
 @pytest.mark.parametrize(
     ("joint", "sign", "lag", "found"),
     [
-        (2, -1.0, 0.12, ["run", "sign", "late"]),  # gravity tells
-        (7, -1.0, 0.12, ["run", "sign", "late"]),  # friction tells
+        (2, -1.0, 0.12, ["run", "sign", "lag"]),  # gravity tells
+        (7, -1.0, 0.12, ["run", "sign", "lag"]),  # friction tells
         (1, -1.0, 0.0, ["run", "sign"]),
         (3, 1.0, 0.0, ["run"]),
     ],
@@ -29,8 +29,8 @@ def test_torques_of_an_iiwa_are_turned_and_brought_forward(
     tmp_path: Path, joint: int, sign: float, lag: float, found: list[str]
 ) -> None:
     logs = read_logs([sweeps(tmp_path / "joint.csv", joint, sign=sign, lag=lag)], IIWA.n)
-    (log,), _ = mend_torques(logs, IIWA, prepare)
-    assert [m.kind for m in log.mends] == found
+    (log,), _ = correct_torques(logs, IIWA, prepare)
+    assert [c.kind for c in log.corrections] == found
     assert len(log.segments) == 8
     right = sweeps(tmp_path / "right.csv", joint, sign=1.0, lag=0.0)
     (truth,) = read_logs([right], IIWA.n)
@@ -42,7 +42,7 @@ def test_torques_of_an_iiwa_are_turned_and_brought_forward(
 def test_torques_of_a_panda_are_in_order(tmp_path: Path) -> None:
     arm = load_arm("panda")
     logs = read_logs([excitation(tmp_path / "log.csv").path], arm.n, limits=arm.limits)
-    (same,), _ = mend_torques(logs, arm, prepare)
+    (same,), _ = correct_torques(logs, arm, prepare)
     assert same is logs[0]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from stiction_envs.gap.signals.dataset import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.robots import load_arm
 
 Array = NDArray[np.float64]

@@ -16,10 +16,10 @@ from stiction_envs.robots import load_arm
 from tests.measured.logs.robot_logs import excitation, static_poses, sweeps
 
 
-def mended(log: JointLog) -> Counter[str]:
+def corrected(log: JointLog) -> Counter[str]:
     found: Counter[str] = Counter()
-    for mend in log.mends:
-        found[mend.kind] += mend.rows
+    for correction in log.corrections:
+        found[correction.kind] += correction.rows
     return found
 
 
@@ -27,9 +27,10 @@ def test_a_log_by_a_pc_gives_the_robots_samples_back(tmp_path: Path) -> None:
     """Repeats, old angles, halves of a sample, a jittering clock with lost samples, late speeds."""
     shaken = excitation(tmp_path / "log.csv")
     (log,) = read_logs([shaken.path], 7, limits=load_arm("panda").limits)
-    found = mended(log)
+    found = corrected(log)
     assert found["repeat"] == shaken.repeats
-    assert sorted(m.rows for m in log.mends if m.kind == "stale") == [shaken.halves, shaken.old_q]
+    stale = [c.rows for c in log.corrections if c.kind == "stale"]
+    assert sorted(stale) == [shaken.halves, shaken.old_q]
     step = np.diff(log.t) / 1e-3
     assert np.abs(step - np.round(step)).max() < 1e-6
     assert np.round(step).max() > 1  # lost samples stay lost
@@ -43,14 +44,14 @@ def test_a_log_by_a_pc_gives_the_robots_samples_back(tmp_path: Path) -> None:
 def test_the_same_log_without_defects_is_left_alone(tmp_path: Path) -> None:
     shaken = excitation(tmp_path / "log.csv", defects=False)
     (log,) = read_logs([shaken.path], 7, limits=load_arm("panda").limits)
-    assert (log.mends, log.warnings, log.breaks) == ((), (), ())
+    assert (log.corrections, log.warnings, log.breaks) == ((), (), ())
     assert len(log.t) == 20_000
 
 
 def test_runs_of_one_file_stay_apart(tmp_path: Path) -> None:
     path = sweeps(tmp_path / "joint2.csv", 2)
     (log,) = read_logs([path], 7, limits=load_arm("iiwa14").limits)
-    assert mended(log) == {"run": 7}
+    assert corrected(log) == {"run": 7}
     assert len(log.segments) == 8
     assert log.step == pytest.approx(5e-3)
     unused, lag = log.warnings
