@@ -1,12 +1,15 @@
-"""Order of the test files."""
+"""Order of the test files, and a cache of simulated results beside pytest's own."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 HERE = Path(__file__).parent
+# never stale, so that workers and runs may share it; the user's own stays as it is
+os.environ.setdefault("STICTION_CACHE", str(HERE.parent / ".pytest_cache" / "stiction-envs"))
 LONGEST = (
     "test_readme.py",
     "gap/test_diagnosis.py",

@@ -17,7 +17,7 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def recall(kind: str, of: str) -> dict[str, Any]:
     if name not in _memory:
         found = {}
         if (folder := cache_folder()) is not None:
-            found = _read(folder / name, code=True) | _read(SHIPPED / name, code=False)
+            found = read(folder / name, code=code_digest) | read(SHIPPED / name)
         _memory[name] = found
     return _memory[name]
 
@@ -168,14 +168,14 @@ def file_name(kind: str, of: str) -> str:
     return f"{kind}-{digest(FORMAT, mujoco.__version__, of)[:16]}.json"
 
 
-def _read(path: Path, *, code: bool) -> dict[str, Any]:
-    """Return the values of a file, none of one that is missing, damaged or of other code."""
+def read(path: Path, *, code: Callable[[], str] | None = None) -> dict[str, Any]:
+    """Return the values of a file, none of one that is missing, damaged or made by other code."""
     try:
         found = json.loads(path.read_text("utf-8"))
         values = found["values"]
         good = found["sha256"] == digest(values)
-        if code:
-            good &= found["code"] == code_digest()
+        if good and code is not None:
+            good = found["code"] == code()
     except (OSError, ValueError, KeyError, TypeError):
         return {}
     return dict(values) if good else {}

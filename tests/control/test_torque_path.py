@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stiction_envs.control.torque_path import CONTROL_RATE_HZ, TorqueInterface, TorquePath
 from stiction_envs.errors import StictionError
@@ -76,6 +77,18 @@ def test_filter_off_passes_bits():
     u = np.random.default_rng(0).normal(size=500)
     assert through(u).tobytes() == u.tobytes()
     assert interface().lowpass_gain == 1.0
+
+
+def test_lowpass_is_scipys_to_the_bit():
+    rng = np.random.default_rng(3)
+    u = rng.normal(size=(4, 150, 2)).cumsum(axis=1)
+    path = TorquePath(interface(lowpass_hz=100.0), 4, 2)
+    start = rng.normal(size=(4, 2))
+    path.reset(np.arange(4), start)
+    out = np.concatenate([path.run(b, np.arange(4)) for b in np.split(u, 3, axis=1)], axis=1)
+    g = interface(lowpass_hz=100.0).lowpass_gain
+    expected, _ = lfilter([g], [1.0, g - 1.0], u, axis=1, zi=(1.0 - g) * start[:, None])
+    np.testing.assert_array_equal(out, expected)
 
 
 # ---- rate limit ----------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from stiction_envs.envs.sje import SJEVectorEnv
 from stiction_envs.errors import StictionError
+from stiction_envs.precomputed import store
 from tests.envs.helpers import PANDA, QUICK, make, same
 
 N = 5
@@ -99,7 +100,8 @@ def test_the_base_does_not_depend_on_who_asked_for_it(monkeypatch):
     alone = make()
     alone.reset(seed=0, options=QUICK)
     value = float(alone.unwrapped.core.tau_base[0])
-    monkeypatch.setattr(base, "_known", {})
+    monkeypatch.setenv("STICTION_CACHE", "off")
+    store.forget()
     env = SJEVectorEnv(3, **FIXED)
     env.reset(seed=0)
     configuration = alone.unwrapped.core.configuration[0]

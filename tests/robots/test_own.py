@@ -91,6 +91,17 @@ def test_own_text_works_from_any_folder(own: Path, monkeypatch, tmp_path_factory
     assert mujoco.MjModel.from_xml_string(text).nmesh == 1
 
 
+def test_the_fingerprint_knows_the_files_that_the_text_names(own: Path):
+    before, seen = load_arm(own / "three.xml"), load_arm(own / "three.xml").fingerprint
+    assert before.fingerprint == seen
+    mesh = own / "assets" / "tetra.obj"
+    mesh.write_text(mesh.read_text("utf-8") + "# other\n", "utf-8")
+    after = load_arm(own / "three.xml")
+    assert after.xml == before.xml
+    assert after.fingerprint != seen
+    assert load_arm(own / "three.xml", tilt=(0.0, 0.1)).fingerprint != after.fingerprint
+
+
 def test_relative_paths_work(own: Path, monkeypatch):
     monkeypatch.chdir(own)
     assert load_arm("three.xml").model().nmesh == 1

@@ -1,0 +1,165 @@
+"""What is shipped or cached of base torques, undithered runs and poses is what is simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.envs import gte_base, precompute, sje_base
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.precomputed import store
+from stiction_envs.robots import load_arm
+from tests.envs.helpers import PANDA, QUICK, TRIANGLE, make
+from tests.envs.test_suite import IDS
+
+ONE = Configuration(6, "no_load", "+")
+OUT_OF_DATE = (
+    "what is shipped is not what the code makes: if the change is meant, raise store.FORMAT and "
+    "run python -m stiction_envs.envs.precompute"
+)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of a process that knows nothing, and nothing shipped."""
+    monkeypatch.setenv("STICTION_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "SHIPPED", tmp_path / "nothing")
+    monkeypatch.setattr(store, "_memory", {})
+    return tmp_path / "cache"
+
+
+def softer(name: str, factor: float = 0.9) -> object:
+    """Return the Panda's friction with one number changed."""
+    friction = load_friction("panda", 7)
+    array = np.array(getattr(friction, name))
+    array[5] *= factor
+    return friction.replace(**{name: array})
+
+
+# ---- shipped -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "robot",
+    ["panda", *(pytest.param(r, marks=pytest.mark.slow) for r in ("iiwa7", "iiwa14"))],
+)
+def test_what_is_shipped_is_what_is_simulated(robot, monkeypatch):
+    """Bit for bit on one machine; another processor may differ in rounding."""
+    monkeypatch.setenv("STICTION_CACHE", "off")
+    monkeypatch.setattr(store, "_memory", {})
+    for kind, of in precompute.entries(robot).values():
+        simulated = store.recall(kind, of)
+        path = store.SHIPPED / store.file_name(kind, of)
+        assert path.is_file(), f"{path.name}: {OUT_OF_DATE}"
+        shipped = store.read(path)
+        assert shipped.keys() == simulated.keys(), OUT_OF_DATE
+        for name in shipped:
+            one, other = (flat(x[name]) for x in (shipped, simulated))
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15, err_msg=OUT_OF_DATE)
+
+
+def flat(value: object) -> np.ndarray:
+    """Return all numbers of nested lists and dicts."""
+    values = value.values() if isinstance(value, dict) else [value]
+    return np.concatenate([np.ravel(np.array(v, dtype=float)) for v in values])
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_first_contact_simulates_no_reference(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("STICTION_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "_memory", {})
+    env = make(name)
+    env.reset(seed=0)
+    assert not (tmp_path / "cache").exists(), f"{name}: {OUT_OF_DATE}"
+
+
+# ---- cached --------------------------------------------------------------------------------------
+
+
+def test_the_cache_gives_the_bits_that_were_simulated(cache, monkeypatch):
+    def torque() -> float:
+        store.forget()
+        e = SingleJointExperiment.of("panda", friction=softer("stiction"))
+        return sje_base.base_torques(e, [ONE])[ONE]
+
+    first = torque()
+    assert {p.name.partition("-")[0] for p in cache.iterdir()} == {"poses", "base_torques"}
+    with monkeypatch.context() as off:
+        off.setenv("STICTION_CACHE", "off")
+        assert torque() == first
+    with monkeypatch.context() as idle:
+        idle.setattr(SingleJointExperiment, "run", lambda *_, **__: iter(()))
+        assert torque() == first, "looked up: nothing could be simulated"
+
+
+def test_undithered_runs_are_looked_up_too(cache, monkeypatch):
+    key = (TRIANGLE["trajectory"], TRIANGLE["stiffness"])
+
+    def run() -> gte_base.Undithered:
+        store.forget()
+        e = GeneratedTrajectoryExperiment.of("panda", scatter=False, friction=softer("viscous"))
+        return gte_base.undithered(e, [key])[key]
+
+    first = run()
+    monkeypatch.delattr(GeneratedTrajectoryExperiment, "run")
+    second = run()
+    assert second.total.tobytes() == first.total.tobytes()
+    assert second.window.tobytes() == first.window.tobytes()
+    assert (second.duration, second.shaking) == (first.duration, first.shaking)
+
+
+def test_one_changed_friction_number_is_never_answered_from_the_cache(cache):
+    torques = {}
+    for name in ("usual", "stiction", "rotor_inertia"):
+        friction = None if name == "usual" else softer(name)
+        store.forget()
+        env = make(PANDA, friction=friction, fixed_options=QUICK)
+        env.reset(seed=0)
+        torques[name] = float(env.unwrapped.core.tau_base[0])
+    assert len(set(torques.values())) == 3
+    assert torques["stiction"] == pytest.approx(0.9 * torques["usual"], rel=0.05)
+    assert len(list(cache.glob("base_torques-*"))) == 3
+
+
+def test_whatever_a_base_torque_depends_on_is_in_its_key():
+    of = SingleJointExperiment.of
+    usual = of("panda")
+    slow = load_protocol("panda").replace(ramp_rate=0.05)
+    others = [
+        of("iiwa7"),
+        of("panda", friction=softer("stiction")),
+        of("panda", friction=softer("load_high")),
+        of("panda", protocol=slow),
+        of("panda", timestep=5e-4),
+        of(load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
+        of(load_arm("panda", tilt=(0.1, 0.0))),
+    ]
+    assert len({sje_base.fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
+    for same in (of("panda"), of("panda", scatter=False, seed=3, nthread=1)):
+        assert sje_base.fingerprint(same) == sje_base.fingerprint(usual)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] * x.startswith("Iiwa")) for x in IDS]
+)
+def test_an_episode_is_the_same_bits_whether_looked_up_or_simulated(name, monkeypatch):
+    seen = []
+    for value in (None, "off"):
+        if value is not None:
+            monkeypatch.setenv("STICTION_CACHE", value)
+        monkeypatch.setattr(store, "_memory", {})
+        env = make(name, fixed_options=QUICK if "SJE" in name else TRIANGLE)
+        out = [env.reset(seed=4)[0].tobytes()]
+        rng = np.random.default_rng(4)
+        low, high = env.action_space.low, env.action_space.high
+        for _ in range(3):
+            action = (low + rng.uniform(0, 0.3, low.shape) * (high - low)).astype(np.float32)
+            observation, reward, *_ = env.step(action)
+            out += [observation.tobytes(), reward]
+        seen.append(out)
+    assert seen[0] == seen[1]

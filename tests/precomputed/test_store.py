@@ -1,0 +1,196 @@
+"""The store: exact, never stale, and never in the way."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.precomputed import store
+
+NUMBERS = {"a": 0.1 + 0.2, "b": [[5e-324, -0.0], [1e300, 1 / 3]], "c": [True, False], "d": 7}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, and a process that knows nothing."""
+    monkeypatch.setenv("STICTION_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "_memory", {})
+    return tmp_path / "cache"
+
+
+def only_file(folder: Path) -> Path:
+    (path,) = folder.iterdir()
+    return path
+
+
+# ---- digest --------------------------------------------------------------------------------------
+
+
+def test_what_differs_in_one_bit_has_another_digest():
+    array = np.array([0.1, 0.2])
+    others = [
+        *(array, np.nextafter(array, 1), array[None], array.astype(np.float32), [0.1, 0.2]),
+        *(0.1, np.nextafter(0.1, 1), "0.1", 0.0, -0.0, 0, False, None, "", b"", np.inf, -np.inf),
+        *([], [[]], [[], []], [1, [2]], [[1], 2], ["ab", "c"], ["a", "bc"], {"a": 1}, {"b": 1}),
+    ]
+    assert len({store.digest(x) for x in others}) == len(others)
+
+
+def test_the_same_content_has_the_same_digest():
+    assert store.digest(np.arange(6.0).reshape(2, 3)) == store.digest(np.arange(6.0).reshape(2, 3))
+    assert store.digest(np.float64(0.1)) == store.digest(0.1)
+    assert store.digest({"a": 1, "b": 2}) == store.digest({"b": 2, "a": 1})
+    f_order = np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    assert store.digest(f_order) == store.digest(np.arange(6.0).reshape(2, 3))
+
+
+def test_content_that_cannot_be_told_is_refused():
+    with pytest.raises(TypeError):
+        store.digest(object())
+
+
+# ---- what is kept --------------------------------------------------------------------------------
+
+
+def test_another_process_gets_the_same_bits(folder):
+    store.keep("numbers", "key", NUMBERS)
+    store.forget()
+    found = store.recall("numbers", "key")
+    assert found == NUMBERS
+    assert [type(found[k]) for k in NUMBERS] == [type(v) for v in NUMBERS.values()]
+    assert np.array(found["b"]).tobytes() == np.array(NUMBERS["b"]).tobytes()
+
+
+def test_what_is_found_later_is_added(folder):
+    store.keep("numbers", "key", {"a": 1.0})
+    store.forget()
+    store.recall("numbers", "key")
+    store.keep("numbers", "key", {"b": 2.0})
+    store.forget()
+    assert store.recall("numbers", "key") == {"a": 1.0, "b": 2.0}
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_kind_and_key_are_told_apart(folder):
+    store.keep("numbers", "key", NUMBERS)
+    assert store.recall("others", "key") == {}
+    assert store.recall("numbers", "kez") == {}
+
+
+def test_other_code_another_engine_and_another_format_make_it_anew(folder, monkeypatch):
+    def known() -> bool:
+        store.forget()
+        return bool(store.recall("numbers", "key"))
+
+    store.keep("numbers", "key", NUMBERS)
+    assert known()
+    with monkeypatch.context() as other:
+        other.setattr(store, "FORMAT", store.FORMAT + 1)
+        assert not known()
+    with monkeypatch.context() as other:
+        other.setattr(store.mujoco, "__version__", "4.999")
+        assert not known()
+    with monkeypatch.context() as other:
+        other.setattr(store, "code_digest", lambda: "other code")
+        assert not known()
+        store.keep("numbers", "key", {"a": 1.0})
+    assert not known(), "the other code's result replaced this one's"
+    assert len(list(folder.iterdir())) == 1, "files of old code do not pile up"
+
+
+def test_any_change_of_the_code_is_another_code(tmp_path, monkeypatch):
+    code = {"plant.py": "a = 1\n", "robots/arm.py": "b = 1\n", "robots/arm.toml": "c = 1\n"}
+    for name in store.MADE_BY:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("") if "." in name else (tmp_path / name).mkdir()
+    monkeypatch.setattr(store, "_PACKAGE", tmp_path)
+    seen = {store.code_digest.__wrapped__()}
+    for name, text in code.items():
+        (tmp_path / name).write_text(text)
+        seen.add(store.code_digest.__wrapped__())
+        (tmp_path / name).write_text(text.replace("1", "2"))
+        seen.add(store.code_digest.__wrapped__())
+    assert len(seen) == 1 + 2 * len(code)
+
+
+def test_all_code_that_makes_a_result_counts():
+    code = (
+        "import sys, stiction_envs.envs.precompute\n"
+        "print(*(m for m in sys.modules if m.startswith('stiction_envs.')))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    rooms = {name.split(".")[1] for name in ran.stdout.split()}
+    counted = {name.removesuffix(".py") for name in store.MADE_BY}
+    assert rooms - counted == {"errors", "version"} & rooms
+    assert counted <= rooms
+
+
+# ---- what goes wrong -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda b: b[: len(b) // 2],
+        lambda b: b.replace(b"0.30000000000000004", b"0.31"),
+        lambda b: b'["no", "object"]',
+        lambda b: b"{}",
+        lambda b: b"\xff\xfe",
+        lambda b: b"",
+    ],
+    ids=["cut", "other digit", "list", "empty object", "no text", "empty"],
+)
+def test_a_damaged_file_is_made_anew(folder, damage):
+    store.keep("numbers", "key", NUMBERS)
+    path = only_file(folder)
+    good = path.read_bytes()
+    path.write_bytes(damage(good))
+    assert path.read_bytes() != good
+    store.forget()
+    assert store.recall("numbers", "key") == {}
+    store.keep("numbers", "key", NUMBERS)
+    store.forget()
+    assert store.recall("numbers", "key") == NUMBERS
+
+
+def test_a_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("STICTION_CACHE", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(store, "_memory", {})
+    store.keep("numbers", "key", NUMBERS)
+    assert store.recall("numbers", "key") == NUMBERS, "known to this process all the same"
+    store.forget()
+    assert store.recall("numbers", "key") == {}
+
+
+@pytest.mark.parametrize("value", ["", "off"])
+def test_switched_off_nothing_is_read_or_written(tmp_path, monkeypatch, value):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(store, "_memory", {})
+    monkeypatch.setattr(store, "SHIPPED", tmp_path)
+    shipped = tmp_path / store.file_name("numbers", "key")
+    store.write(shipped, NUMBERS)
+    assert store.recall("numbers", "key") == NUMBERS
+    monkeypatch.setenv("STICTION_CACHE", value)
+    store.forget()
+    assert store.recall("numbers", "key") == {}
+    store.keep("others", "key", NUMBERS)
+    assert list(tmp_path.iterdir()) == [shipped]
+
+
+def test_where_the_cache_is(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("STICTION_CACHE", raising=False)
+    for base in (None, "", "relative/path"):
+        monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+        if base is not None:
+            monkeypatch.setenv("XDG_CACHE_HOME", base)
+        assert store.cache_folder() == tmp_path / ".cache" / "stiction-envs"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/var/mine")
+    assert store.cache_folder() == Path("/var/mine/stiction-envs")
+    monkeypatch.setenv("STICTION_CACHE", "~/own")
+    assert store.cache_folder() == tmp_path / "own"
