@@ -22,9 +22,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.recording import GUARD
-from stiction_envs.identification.excitation import ExcitationSettings, excite
+from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.excitation_plots import plot_excitation
-from stiction_envs.identification.identify import FOLDS, MODELS, identify
+from stiction_envs.identification.identify import MODELS, identify
+from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
@@ -167,6 +168,7 @@ def real():
     held = dict(found.rms)
     # theirs: fitted to the same parts of the time, judged on the others through the same filter
     data = assemble(arm, prepare(logs), link_side=True)
+    folds = identification_settings().validation.folds
     smooth = JointLog(
         source="filtered",
         t=data.t.copy(),
@@ -176,7 +178,7 @@ def real():
     )
     for name, log in (("RosDyn's way", logs[0]), (FILTERED, smooth)):
         squares, count = np.zeros(7), 0
-        for fold in np.array_split(np.arange(data.block.max() + 1), FOLDS):
+        for fold in np.array_split(np.arange(data.block.max() + 1), folds):
             test = np.isin(data.block, fold)
             low, high = data.t[test].min() - GUARD, data.t[test].max() + GUARD
             fit = rosdyn([without(log, low, high)], arm)
@@ -406,7 +408,7 @@ def main():
     parser.add_argument("--out", type=Path, default=HERE)
     args = parser.parse_args()
     start = time.perf_counter()
-    settings = ExcitationSettings()
+    settings = identification_settings().excitation
     if args.quick:
         settings = settings.replace(iterations=15, starts=1, randoms=5)
     motions = excitations(settings)

@@ -59,13 +59,14 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
     return _made(cls, node, path.name, f"{table}." if table else "")
 
 
-def override(settings: T, changes: Changes | None) -> T:
+def override(settings: T, changes: T | Changes | None) -> T:
     """Return settings with some values changed; the others stay.
 
     Args:
         settings: what to start from.
         changes: ``{"selection.chance": 0.02}``, ``{"selection": {"chance": 0.02}}``, or a TOML file
-            of tables with plain values or ``{ value = … }``.
+            of tables with plain values or ``{ value = … }``; settings of the same kind are taken as
+            they are.
 
     Raises:
         StictionError: a file that cannot be read, a name that is none, or a value of another kind
@@ -73,11 +74,15 @@ def override(settings: T, changes: Changes | None) -> T:
     """
     if changes is None:
         return settings
-    where, given = "settings", changes
-    if not isinstance(changes, Mapping):
-        where, given = os.fspath(changes), _read(Path(changes))
-    assert isinstance(given, Mapping)
-    return _changed(settings, _nested(given, where), where, "")
+    if isinstance(changes, type(settings)):
+        return changes
+    if isinstance(changes, Mapping):
+        return _changed(settings, _nested(changes, "settings"), "settings", "")
+    if not isinstance(changes, str | os.PathLike):
+        expected = f"names and values, a TOML file, or {type(settings).__name__}"
+        raise StictionError(f"settings {changes!r}: expected {expected}")
+    where = os.fspath(changes)
+    return _changed(settings, _nested(_read(Path(where)), where), where, "")
 
 
 def fingerprint(settings: Any) -> str:

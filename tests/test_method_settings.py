@@ -13,6 +13,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.gap.settings import gap_settings
+from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
 
@@ -21,6 +22,7 @@ ROOMS = {
     "measured": measured_settings,
     "experiments": experiment_settings,
     "gap": gap_settings,
+    "identification": identification_settings,
 }
 
 
@@ -150,12 +152,20 @@ def test_the_hash_knows_every_number(tmp_path):
 def test_every_table_of_a_room_is_read(room):
     """Nothing stands in a room's TOML that no code reads, and the defaults are what it says."""
     path = ROOT / "stiction_envs" / room / "settings.toml"
-    s = ROOMS[room]()
-    for table, entries in tomllib.loads(path.read_text("utf-8")).items():
-        assert {f.name for f in dataclasses.fields(getattr(s, table))} == set(entries)
-        for name, entry in entries.items():
-            value = getattr(getattr(s, table), name)
-            assert (list(value) if isinstance(value, tuple) else value) == entry["value"]
+    values = dict(flat(ROOMS[room]()))
+
+    def entries(node: dict, above: str):
+        for name, entry in node.items():
+            if "value" in entry:
+                yield f"{above}{name}", entry["value"]
+            else:
+                yield from entries(entry, f"{above}{name}.")
+
+    for name, value in entries(tomllib.loads(path.read_text("utf-8")), ""):
+        found = values.pop(name)
+        assert (list(found) if isinstance(found, tuple) else found) == value
+    # what is left is of the rooms that this one is built on
+    assert {x.split(".")[0] for x in values} <= {"measured", "gap"}
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -11,7 +11,7 @@ from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from stiction_envs.identification.excitation import ExcitationSettings
+    from stiction_envs.identification.settings import ExcitationSettings
 
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
@@ -89,10 +89,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _settings(args: argparse.Namespace) -> ExcitationSettings:
-    from stiction_envs.identification.excitation import ExcitationSettings
+    from stiction_envs.identification.settings import identification_settings
 
     given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
-    return ExcitationSettings(**given)
+    return identification_settings().excitation.replace(**given)
 
 
 def show(result: dict[str, Any]) -> str:

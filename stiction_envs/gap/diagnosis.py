@@ -172,7 +172,7 @@ def diagnose(
             a cause that is not registered.
     """
     say = progress or (lambda *_: None)
-    own = settings if isinstance(settings, GapSettings) else override(gap_settings(), settings)
+    own = override(gap_settings(), settings)
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
     if not logs:
         raise StictionError("no logs: expected one or more")

@@ -21,24 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.identification.base_parameters import Design, Fit, correlated_rows, normal_sums
+from stiction_envs.identification.settings import (
+    BodySettings,
+    IdentificationSettings,
+    identification_settings,
+)
 from stiction_envs.robots.regressor import from_pseudo_inertia, pseudo_inertia
 
 Array = NDArray[np.float64]
-TRUST = 0.3
-"""s: standard deviation of the nominal bodies, relative to themselves [-]; assumed. It decides only
-what the torques do not: 27 sums of a seven-joint arm's 70 numbers, and poorly excited ones."""
-ROUND_BODY = 0.05
-"""Part of a round body of the link's own mass and size in the unit C of its deviations [-];
-assumed. Without it a thin nominal body could not become thicker."""
-BARRIER = np.geomspace(10.0, 1e-4, 11)
-"""Values of μ; a χ² is known to about one."""
-NEWTON = 30
-"""Most steps at each μ."""
-CLOSE = 1e-5
-"""Newton decrement that ends a μ [-]."""
-LEAST_SHARE = 1e-4
-"""Friction below this part of its usual size counts as zero [-]: it lies on its bound."""
-
 _PAIRS = [(a, b) for a in range(4) for b in range(a + 1)]
 _UNITS = np.zeros((10, 4, 4))
 for _k, (_a, _b) in enumerate(_PAIRS):
@@ -59,8 +49,9 @@ class Frames:
     """(n, 10) lower triangles of S for the nominal bodies."""
 
 
-def frames(phi: Array) -> Frames:
+def frames(phi: Array, settings: BodySettings | None = None) -> Frames:
     """Return the units of nominal links (n, 10); those that cannot exist are made to for it."""
+    s = settings or identification_settings().bodies
     j = pseudo_inertia(phi)
     mass = np.maximum(np.abs(j[:, 3, 3]), 1e-3)
     spread = np.maximum(np.trace(j[:, :3, :3], axis1=1, axis2=2) / 3, 1e-6 * mass)
@@ -70,7 +61,7 @@ def frames(phi: Array) -> Frames:
     ball[:, 3, 3] = mass
     values, vectors = np.linalg.eigh(j)
     possible = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
-    c = np.linalg.cholesky(possible + ROUND_BODY * ball)
+    c = np.linalg.cholesky(possible + s.round_body * ball)
     inverse = np.linalg.inv(c)
     unit = inverse @ j @ inverse.transpose(0, 2, 1)
     each = c[:, None] @ _UNITS @ c[:, None].transpose(0, 1, 3, 2)
@@ -81,35 +72,41 @@ def frames(phi: Array) -> Frames:
     )
 
 
-def consistent_fit(d: Design, found: Fit) -> Array:
+def consistent_fit(d: Design, found: Fit, settings: IdentificationSettings | None = None) -> Array:
     """Return (P,) parameters of links that can exist, with friction that is not negative.
 
     Args:
         d: torques and columns.
         found: unconstrained fit on the base parameters, for weights and correlation.
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    own = settings or identification_settings()
+    s = own.bodies
     n, links = d.n, d.links
-    a, b = normal_sums(d.columns, d.torque, found.weight / correlated_rows(found.residual))
-    units = frames(d.nominal[:links].reshape(n, 10))
+    rows = correlated_rows(found.residual, own.base_parameters)
+    a, b = normal_sums(d.columns, d.torque, found.weight / rows)
+    units = frames(d.nominal[:links].reshape(n, 10), s)
     wide = np.eye(len(a))
     for i in range(n):
         part = slice(10 * i, 10 * i + 10)
         wide[part, part] = units.maps[i]
     wide[links:, links:] = np.diag(d.usual)
     hessian, slope = wide.T @ a @ wide, wide.T @ b
-    prior = np.concatenate([np.tile(_TWICE, n) / TRUST**2, np.ones(len(a) - links)])
+    prior = np.concatenate([np.tile(_TWICE, n) / s.trust**2, np.ones(len(a) - links)])
     slope[:links] += prior[:links] * units.nominal.ravel()
     hessian[np.diag_indices_from(hessian)] += prior
     start = np.zeros(len(a))
     start[:links] = np.tile([1.0 if p == q else 0.0 for p, q in _PAIRS], n)
     start[links:-n] = 0.1  # rotor, Coulomb, viscous; the offset is last and may be negative
-    x = interior_point(hessian, slope, start, n)
+    x = interior_point(hessian, slope, start, n, s)
     friction = x[links:-n]
-    friction[friction < LEAST_SHARE] = 0.0
+    friction[friction < s.least_share] = 0.0
     return np.asarray(wide @ x)
 
 
-def interior_point(hessian: Array, slope: Array, start: Array, n: int) -> Array:
+def interior_point(
+    hessian: Array, slope: Array, start: Array, n: int, settings: BodySettings | None = None
+) -> Array:
     """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist and friction is not negative.
 
     Args:
@@ -117,14 +114,16 @@ def interior_point(hessian: Array, slope: Array, start: Array, n: int) -> Array:
         slope: (P,) h.
         start: (P,) a point inside.
         n: number of links: x is n lower triangles (10), friction ≥ 0, and n free numbers.
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    s = settings or identification_settings().bodies
     x = start.copy()
-    for mu in BARRIER:
+    for mu in np.geomspace(s.barrier_first, s.barrier_last, s.barrier_steps):
         value, gradient, curve = _merit(hessian, slope, x, n, mu)
-        for _ in range(NEWTON):
+        for _ in range(s.newton_steps):
             step = np.linalg.solve(curve, -gradient)
             decrement = -float(gradient @ step)
-            if decrement < CLOSE:
+            if decrement < s.newton_decrement:
                 break
             t = 1.0
             while t > 1e-12:

@@ -26,21 +26,20 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
 from stiction_envs.identification.excitation_motion import (
-    ExcitationSettings,
     FourierSeries,
     State,
     Sweeps,
     sweeps_from,
 )
 from stiction_envs.identification.excitation_search import Problem, search
+from stiction_envs.identification.settings import ExcitationSettings, identification_settings
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import Arm, load_arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
 Array = NDArray[np.float64]
-SWEEP_TRIES = 20
-"""Directions of sweeps that are tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +152,7 @@ class Excitation:
 
 def excite(
     robot: str | Path | Arm,
-    settings: ExcitationSettings | None = None,
+    settings: ExcitationSettings | Changes | None = None,
     *,
     sweeps: bool = False,
     seed: int = 0,
@@ -163,7 +162,8 @@ def excite(
 
     Args:
         robot: name, model file or arm.
-        settings: numbers of the search; None for those of ``excitation.toml``.
+        settings: of the motion: those that differ from ``settings.toml`` by name
+            (``{"harmonics": 3, "search.power": 4.0}``), a TOML file of them, or all.
         sweeps: whether slow sweeps with reversals for friction follow the series.
         seed: of all that is random; the same seed gives the same motion.
         progress: called with a stage and its part done.
@@ -174,7 +174,7 @@ def excite(
     """
     say = progress or (lambda *_: None)
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
-    s = settings or ExcitationSettings()
+    s = override(identification_settings().excitation, settings)
     rng = np.random.default_rng(seed)
     problem = Problem(arm, s, rng)
     points, conditions = [], []
@@ -248,11 +248,11 @@ def _sweeps(problem: Problem, start: Array) -> Sweeps:
         ExperimentError: none are.
     """
     rng = np.random.default_rng(0)
-    b = problem.bounds
-    for trial in range(SWEEP_TRIES):
+    b, s = problem.bounds, problem.settings.sweeps
+    for trial in range(s.tries):
         side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))
-        part = 1.0 if trial < SWEEP_TRIES // 2 else 0.5
-        slow = sweeps_from(start, b.low, b.high, side=side, part=part)
+        part = 1.0 if trial < s.tries // 2 else 0.5
+        slow = sweeps_from(start, b.low, b.high, side=side, part=part, settings=s)
         if problem.inside(slow.state(_times(slow, problem))):
             return slow
     raise ExperimentError(

@@ -12,13 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.identification.excitation_motion import ExcitationSettings, State
+from stiction_envs.identification.excitation_motion import State
+from stiction_envs.identification.settings import ExcitationSettings, identification_settings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.tables import lookup, per_joint
 
 Array = NDArray[np.float64]
-FLANGE_BALL = 0.05
-"""Radius of the ball that stands for an arm without collision geometry [m]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,17 +63,18 @@ def bounds_of(arm: Arm, settings: ExcitationSettings) -> Bounds:
 class Clearance:
     """Distances between an arm's links, and to the floor, by MuJoCo; nothing is stepped."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, settings: ExcitationSettings | None = None) -> None:
         """Look for the pairs of geometry that may come close."""
+        s = settings or identification_settings().excitation
         spec = arm.spec()
         solid = [g for g in spec.geoms if g.contype or g.conaffinity]
         self.own_geometry = bool(solid)
         if not solid:
-            flange = next(s for s in spec.sites if s.name == arm.end_effector)
+            flange = next(x for x in spec.sites if x.name == arm.end_effector)
             flange.parent.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 pos=flange.pos,
-                size=[FLANGE_BALL, 0, 0],
+                size=[s.flange_ball, 0, 0],
                 mass=0,
                 contype=1,
                 conaffinity=1,

@@ -1,99 +1,19 @@
-"""What an excitation is made of: settings, a Fourier series at rest once a period, slow sweeps."""
+"""What an excitation is made of: a Fourier series at rest once a period, slow sweeps."""
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import tomllib
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from stiction_envs.errors import StictionError
+from stiction_envs.identification.settings import SweepSettings, identification_settings
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
 """Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
-
-
-@functools.lru_cache
-def _table() -> dict[str, dict[str, dict[str, Any]]]:
-    path = Path(__file__).parent / "excitation.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
-
-
-def _default(name: str, table: str = "default") -> Any:
-    return field(default_factory=lambda: _table()[table][name]["value"])
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExcitationSettings:
-    """Numbers of a search; ``excitation.toml`` has their sources."""
-
-    base_frequency: float = _default("base_frequency")
-    """Of the Fourier series [Hz]."""
-    harmonics: int = _default("harmonics")
-    """Of the base frequency."""
-    periods: int = _default("periods")
-    """How often the series is run through."""
-    position_margin: float = _default("position_margin")
-    """Kept from each end of a joint's range [rad]."""
-    velocity_part: float = _default("velocity_part")
-    """Of the limit that is used [-]."""
-    acceleration_part: float = _default("acceleration_part")
-    """Of the limit that is used [-]."""
-    acceleration_free: float = _default("acceleration_free")
-    """Limit of joints that have none [rad/s²]."""
-    torque_part: float = _default("torque_part")
-    """Of the limit that the rigid arm may need [-]."""
-    clearance: float = _default("clearance")
-    """Least distance to the floor and between links [m]."""
-    sign_speed: float = _default("sign_speed")
-    """Speed at which dry friction's column is at 0.76 of its level [rad/s]."""
-    samples: int = _default("samples")
-    """Per period in the search."""
-    fine: int = _default("fine")
-    """Per period in the check of the result."""
-    starts: int = _default("starts")
-    """Searches from different random motions."""
-    iterations: int = _default("iterations")
-    """Of each search."""
-    randoms: int = _default("randoms")
-    """Random motions to compare with."""
-
-    def __post_init__(self) -> None:
-        least = {"harmonics": 2, "periods": 1, "samples": 20, "fine": 100, "starts": 1}
-        least |= {"iterations": 1, "randoms": 1}
-        for f in dataclasses.fields(self):
-            value = getattr(self, f.name)
-            low = least.get(f.name)
-            if low is not None:
-                if not isinstance(value, int) or value < low:
-                    raise StictionError(
-                        f"excitation {f.name} {value!r}: allowed are whole numbers from {low}"
-                    )
-            elif not (np.isfinite(value) and value >= 0):
-                raise StictionError(f"excitation {f.name} {value!r}: allowed are numbers from 0")
-        for name in ("velocity_part", "acceleration_part", "torque_part"):
-            if not 0 < getattr(self, name) <= 1:
-                raise StictionError(f"excitation {name}: allowed are numbers above 0, at most 1")
-        if self.base_frequency <= 0 or self.sign_speed <= 0:
-            raise StictionError(
-                "excitation base_frequency, sign_speed: allowed are numbers above 0"
-            )
-
-    @property
-    def period(self) -> float:
-        """Of the series [s]."""
-        return 1.0 / self.base_frequency
-
-    def replace(self, **changes: Any) -> ExcitationSettings:
-        """Return a copy with some numbers changed."""
-        return dataclasses.replace(self, **changes)
 
 
 @functools.lru_cache
@@ -195,7 +115,13 @@ class Sweeps:
 
 
 def sweeps_from(
-    start: Array, low: Array, high: Array, *, side: Array | None = None, part: float = 1.0
+    start: Array,
+    low: Array,
+    high: Array,
+    *,
+    side: Array | None = None,
+    part: float = 1.0,
+    settings: SweepSettings | None = None,
 ) -> Sweeps:
     """Return there-and-back sweeps of all joints from a pose, towards the middle of their ranges.
 
@@ -204,23 +130,23 @@ def sweeps_from(
         low: (n,) lowest allowed angle [rad].
         high: (n,) highest [rad].
         side: (n,) ±1, direction of the first way; None for towards the middle.
-        part: of the span of ``excitation.toml``.
+        part: of the span of the settings.
+        settings: of the sweeps; None for those of ``settings.toml``.
     """
-    table = {k: v["value"] for k, v in _table()["sweeps"].items()}
-    v = np.array(table["speeds"], dtype=np.float64)
+    s = settings or identification_settings().excitation.sweeps
     if side is None:
         side = np.where(start > (low + high) / 2, -1.0, 1.0)
     room = np.where(side > 0, high - start, start - low)
     ways, rates = [], []
-    for speed in v:
-        span = np.minimum(part * min(table["span"], speed * table["seconds"]), room)
-        least = np.maximum(span, speed * table["rise"])  # shorter ways never reach the speed
+    for speed in np.array(s.speeds):
+        span = np.minimum(part * min(s.span, speed * s.seconds), room)
+        least = np.maximum(span, speed * s.rise)  # shorter ways never reach the speed
         ways += [side * least, -side * least]
         rates += [np.full_like(start, speed)] * 2
     return Sweeps(
         start=start,
         way=np.array(ways),
         speed=np.array(rates),
-        rise=table["rise"],
-        pause=table["pause"],
+        rise=s.rise,
+        pause=s.pause,
     )

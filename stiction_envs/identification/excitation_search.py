@@ -22,12 +22,12 @@ from scipy.special import logsumexp, softmax
 from stiction_envs.errors import ExperimentError
 from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
-    ExcitationSettings,
     FourierSeries,
     State,
     fourier_basis,
     rest_basis,
 )
+from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import (
     base_set,
@@ -37,20 +37,6 @@ from stiction_envs.robots.regressor import (
 )
 
 Array = NDArray[np.float64]
-POWER = 2.0
-"""p of the smooth condition number."""
-ROUNDS = (1e1, 1e3, 1e5)
-"""Weights of the penalties."""
-TIGHT = 0.98
-"""Part of each limit at which the penalty begins, so that the end stays inside."""
-STEP = 1e-6
-"""Of the finite differences of the regressor [rad, rad/s, rad/s²]."""
-STATES = 300
-"""Random states from which base parameters and the columns' sizes are taken."""
-TRIES = 400
-"""Random motions that are looked at before none is believed to fit."""
-SHRINK = 0.97
-"""A motion that breaks a limit is made smaller by this factor."""
 
 
 class Problem:
@@ -60,14 +46,14 @@ class Problem:
         """Find base parameters and scales from random states."""
         self.arm, self.settings = arm, settings
         self.bounds: Bounds = bounds_of(arm, settings)
-        self.clearance = Clearance(arm)
+        self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
-        n = arm.n
+        n, states = arm.n, settings.search.states
         b = self.bounds
-        q = rng.uniform(b.low, b.high, (STATES, n))
-        dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
-        ddq = rng.uniform(-1, 1, (STATES, n)) * b.acceleration
+        q = rng.uniform(b.low, b.high, (states, n))
+        dq = rng.uniform(-1, 1, (states, n)) * b.velocity
+        ddq = rng.uniform(-1, 1, (states, n)) * b.acceleration
         friction = [f"{name}{j}" for j in range(1, n + 1) for name in ("Fc", "Fv", "offset")]
         names = (*inertial_names(n), *friction)
         whole = self._whole(q, dq, ddq)
@@ -143,12 +129,12 @@ class Problem:
         Raises:
             ExperimentError: none is found.
         """
-        n, b = self.arm.n, self.bounds
-        for trial in range(TRIES):
+        n, b, tries = self.arm.n, self.bounds, self.settings.search.tries
+        for trial in range(tries):
             c = rng.normal(size=(n, self.basis.shape[1]))
             q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
             reach = np.ptp(q, axis=0)
-            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / TRIES)
+            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / tries)
             scale = np.min(
                 [
                     part * (b.high - b.low) / reach,
@@ -164,36 +150,36 @@ class Problem:
             if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
                 return x
         raise ExperimentError(
-            f"{self.arm.name}: none of {TRIES} random motions keeps the limits and "
+            f"{self.arm.name}: none of {tries} random motions keeps the limits and "
             f"{self.settings.clearance:g} m of clearance: give it more room"
         )
 
     def fitted(self, x: Array) -> Array | None:
         """Return a point inside all limits on the fine grid, made smaller if need be, or None."""
-        n = self.arm.n
+        n, s = self.arm.n, self.settings.search
         out = x.copy()
-        for _ in range(40):
+        for _ in range(s.shrinks):
             if self.inside(self.series(out).state(self.fine)):
                 return out
-            out[n:] *= SHRINK
+            out[n:] *= s.shrink
         return None
 
     # ---- objective ---------------------------------------------------------------------------
 
     def value(self, x: Array, weight: float) -> tuple[float, Array]:
         """Return the smooth log condition number with penalties, and its gradient."""
-        n = self.arm.n
+        n, s = self.arm.n, self.settings.search
         state = self._state(x)
         whole = self._whole(*state)
         scale = 1.0 / (self.arm.limits.torque[:, None] * self.size)
         w = whole[:, :, self.base.kept] * scale
         flat = w.reshape(-1, self.base.size)
-        value, inner = smooth_condition(flat)
+        value, inner = smooth_condition(flat, s.power)
         # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ
         outer = np.zeros_like(whole)
         outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
         torque = whole[:, :, : 10 * n] @ self.phi
-        limit = TIGHT * self.bounds.torque
+        limit = s.tight * self.bounds.torque
         over = np.maximum(np.abs(torque) / limit - 1, 0.0)
         value += weight * float(np.sum(over**2)) / len(self.grid)
         slope = weight * 2 * over * np.sign(torque) / limit / len(self.grid)
@@ -202,9 +188,9 @@ class Problem:
         along = [np.empty_like(state[0]) for _ in range(3)]
         for kind in range(3):
             for j in range(n):
-                moved = [s.copy() if i == kind else s for i, s in enumerate(state)]
-                moved[kind][:, j] += STEP
-                change = (self._whole(*moved) - whole) / STEP
+                moved = [y.copy() if i == kind else y for i, y in enumerate(state)]
+                moved[kind][:, j] += s.difference
+                change = (self._whole(*moved) - whole) / s.difference
                 along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
         more, pushes = self._penalties(state, weight)
         value += more
@@ -214,27 +200,27 @@ class Problem:
 
     def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
         q, dq, ddq = state
-        b, share = self.bounds, weight / len(self.grid)
+        b, share, tight = self.bounds, weight / len(self.grid), self.settings.search.tight
         half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
         value = 0.0
         out = []
         for x, limit in ((q - middle, half), (dq, b.velocity), (ddq, b.acceleration)):
-            most = TIGHT * limit
+            most = tight * limit
             over = np.maximum(np.abs(x) / most - 1, 0.0)
             value += share * float(np.sum(over**2))
             out.append(share * 2 * over * np.sign(x) / most)
-        short, gradient = self.clearance.shortfall(q, self.settings.clearance / TIGHT + 0.01)
+        short, gradient = self.clearance.shortfall(q, self.settings.clearance / tight + 0.01)
         value += share * short
         out[0] = out[0] + share * gradient
         return value, (out[0], out[1], out[2])
 
 
-def smooth_condition(w: Array) -> tuple[float, Array]:
+def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
     """Return log κ_p of a matrix (R, r), and its gradient (R, r)."""
     values, vectors = np.linalg.eigh(w.T @ w)
     log = np.log(np.maximum(values, 1e-14 * values[-1]))
-    out = (logsumexp(POWER * log) + logsumexp(-POWER * log)) / (2 * POWER)
-    part = (softmax(POWER * log) - softmax(-POWER * log)) / np.exp(log) / 2
+    out = (logsumexp(power * log) + logsumexp(-power * log)) / (2 * power)
+    part = (softmax(power * log) - softmax(-power * log)) / np.exp(log) / 2
     return float(out), 2 * w @ ((vectors * part) @ vectors.T)
 
 
@@ -249,8 +235,8 @@ def search(
         progress: called once per iteration.
     """
     best: tuple[Array, float] | None = None
-    each = -(-problem.settings.iterations // len(ROUNDS))
-    for weight in ROUNDS:
+    each = -(-problem.settings.iterations // len(problem.settings.search.penalties))
+    for weight in problem.settings.search.penalties:
         found = minimize(
             problem.value,
             x,

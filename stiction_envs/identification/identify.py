@@ -37,7 +37,9 @@ from stiction_envs.identification.base_parameters import (
     structural_base,
 )
 from stiction_envs.identification.bodies import consistent_fit
+from stiction_envs.identification.settings import IdentificationSettings, identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
@@ -45,12 +47,6 @@ from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 __all__ = ["Identification", "identify", "identify_data"]
 
 Array = NDArray[np.float64]
-FOLDS = 6
-"""Parts of the time that are held out in turn (assumed: enough rows stay to fit)."""
-MOST_SAMPLES = 20_000
-"""Samples of all logs together; longer logs are thinned out after the filter."""
-POOR = 0.02
-"""Error of torque over the torque limit that a parameter may make [-]; assumed."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
 """Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
 today); unconstrained base parameters with friction; links that can exist with friction."""
@@ -88,7 +84,7 @@ class Identification:
     """(n,) robust standard deviation of the residual of the base parameters [N·m]."""
     unsure: tuple[int, ...]
     """Base parameters (from 0) whose error makes torques over the whole range wrong by more than
-    `POOR`: the logs hardly excite them, and the links follow the nominal there."""
+    ``poor``: the logs hardly excite them, and the links follow the nominal there."""
     notes: tuple[str, ...] = ()
     """How the signals were made, and whether torques were counted the other way round."""
 
@@ -187,6 +183,7 @@ def identify(
     link_side: bool = False,
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
+    settings: IdentificationSettings | Changes | None = None,
 ) -> Identification:
     """Identify an arm's links and friction from measured joint logs.
 
@@ -196,28 +193,40 @@ def identify(
         link_side: whether torque was measured behind the gear; then rotors are not seen.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
+        settings: constants of the method that differ from ``settings.toml``: by name
+            (``{"bodies.trust": 0.5}``), a TOML file of them, or all.
 
     Raises:
-        StictionError: logs that cannot be read, do not fit the robot, or are too short.
+        StictionError: settings that are none, logs that cannot be read, do not fit the robot, or
+            are too short.
     """
     say = progress or (lambda *_: None)
+    chosen = override(identification_settings(), settings)
+    gap = chosen.gap
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
     if not logs:
         raise StictionError("no logs: allowed is one or more")
     read: list[JointLog] = []
     for log in logs:
-        own = isinstance(log, JointLog)
-        read += [log] if own else read_logs([log], arm.n, limits=arm.limits)  # type: ignore[list-item]
+        if isinstance(log, JointLog):
+            read.append(log)
+        else:
+            read += read_logs([log], arm.n, limits=arm.limits, settings=gap.measured)
         say("reading", len(read) / len(logs))
-    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
-    turned, signals = correct_sign(read, signals, arm)
-    found = identify_data(assemble(arm, signals, link_side=link_side), progress=say)
+    most = chosen.validation.most_samples
+    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=most, settings=gap)
+    turned, signals = correct_sign(read, signals, arm, gap)
+    data = assemble(arm, signals, link_side=link_side)
+    found = identify_data(data, progress=say, settings=chosen)
     notes = (c.text for log in turned[:1] for c in log.corrections if c.kind == "sign")
     return dataclasses.replace(found, notes=(*signals.notes, *notes))
 
 
 def identify_data(
-    data: Data, *, progress: Callable[[str, float], None] | None = None
+    data: Data,
+    *,
+    progress: Callable[[str, float], None] | None = None,
+    settings: IdentificationSettings | None = None,
 ) -> Identification:
     """Identify from logs that stand beside a nominal model already.
 
@@ -225,20 +234,22 @@ def identify_data(
         StictionError: fewer rows than parameters.
     """
     say = progress or (lambda *_: None)
+    chosen = settings or identification_settings()
+    s = chosen.base_parameters
     rotor = not data.link_side
-    base, reach = structural_base(data, rotor)
-    d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
+    base, reach = structural_base(data, rotor, s)
+    d = design(data, rotor=rotor, distance=presliding(data, base, rotor, s), settings=s)
     if d.torque.size < 2 * base.size:
         raise StictionError(
-            f"{d.torque.size} torques after the filter for {base.size} parameters: allowed are "
+            f"{d.torque.size} torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
     kept = d.columns[:, :, base.kept]
-    found = fit(kept, d.torque)
-    errors, condition = standard_errors(kept, found, d.shared)
-    p = consistent_fit(d, found)
+    found = fit(kept, d.torque, settings=s)
+    errors, condition = standard_errors(kept, found, d.shared, s)
+    p = consistent_fit(d, found, chosen)
     say("fitting", 0.2)
-    rms = held_out(d, base, lambda part: say("held-out", part))
+    rms = held_out(d, base, lambda part: say("held-out", part), chosen)
     n, links = d.n, d.links
     own = p[links:].reshape(-1, n)
     return Identification(
@@ -255,11 +266,13 @@ def identify_data(
         rotor=own[0] if rotor else None,
         rms=rms,
         noise=found.noise,
-        unsure=tuple(np.flatnonzero(errors * reach > POOR).tolist()),
+        unsure=tuple(np.flatnonzero(errors * reach > chosen.validation.poor).tolist()),
     )
 
 
-def held_out(d: Design, base: BaseSet, say: Callable[[float], None]) -> dict[str, Array]:
+def held_out(
+    d: Design, base: BaseSet, say: Callable[[float], None], own: IdentificationSettings
+) -> dict[str, Array]:
     """Return (n,) residual of each of `MODELS` on blocks that it was not fitted to [N·m].
 
     Only the presliding distance, one of a few for all models alike, was chosen on all rows.
@@ -268,9 +281,11 @@ def held_out(d: Design, base: BaseSet, say: Callable[[float], None]) -> dict[str
         d: torques and columns.
         base: the base parameters.
         say: told the part done.
+        own: constants of the method.
     """
+    s = own.base_parameters
     blocks = np.unique(d.block[d.block >= 0])
-    folds = np.array_split(blocks, min(FOLDS, len(blocks)))
+    folds = np.array_split(blocks, min(own.validation.folds, len(blocks)))
     squares = {name: np.zeros(d.n) for name in MODELS}
     count = 0
     for k, fold in enumerate(folds):
@@ -280,9 +295,9 @@ def held_out(d: Design, base: BaseSet, say: Callable[[float], None]) -> dict[str
         a, b = d.take(train), d.take(test)
         nominal = b.torque - b.columns @ b.nominal
         friction = slice(d.links, None)
-        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual)
-        free = fit(a.columns[:, :, base.kept], a.torque)
-        bodies = consistent_fit(a, free)
+        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual, s)
+        free = fit(a.columns[:, :, base.kept], a.torque, settings=s)
+        bodies = consistent_fit(a, free, own)
         left = {
             "nominal": nominal,
             "nominal + friction": nominal - b.columns[:, :, friction] @ alone.values,

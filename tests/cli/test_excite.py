@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from stiction_envs.identification.excitation import ExcitationSettings
+from stiction_envs.identification import settings
+from stiction_envs.method_settings import override
 from stiction_envs.robots import load_arm
 
 FILES = {"trajectory.csv", "excitation.json", "excitation.png", "provenance.json"}
@@ -15,12 +16,9 @@ QUICK = ["--harmonics", 3, "--base-frequency", 0.2]
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
     """Few iterations: what is tested here is what becomes of the motion."""
-    from stiction_envs.identification import excitation_motion
-
-    table = excitation_motion._table()
-    for name, value in {"iterations": 6, "randoms": 3, "starts": 1}.items():
-        monkeypatch.setitem(table["default"][name], "value", value)
-    assert ExcitationSettings().iterations == 6
+    few = {"excitation": {"iterations": 6, "randoms": 3, "starts": 1}}
+    quick = override(settings.identification_settings(), few)
+    monkeypatch.setattr(settings, "identification_settings", lambda: quick)
 
 
 def test_files_and_what_they_hold(cli, two, work):

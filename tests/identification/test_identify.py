@@ -24,7 +24,7 @@ from stiction_envs.identification.base_parameters import (
     structural_base,
 )
 from stiction_envs.identification.bodies import _merit, consistent_fit, frames
-from stiction_envs.identification.excitation import ExcitationSettings, excite
+from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.measured import thesis_tables
 from stiction_envs.measured.logs.reader import JointLog
@@ -50,7 +50,7 @@ def panda():
 
 @pytest.fixture(scope="module")
 def motion(panda):
-    return excite(panda, ExcitationSettings(iterations=30, starts=1, randoms=6), seed=1)
+    return excite(panda, {"iterations": 30, "starts": 1, "randoms": 6}, seed=1)
 
 
 @pytest.fixture(scope="module")
