@@ -97,7 +97,8 @@ def naive_loop(seconds=3.0):
 def protocol_seconds(threads):
     """Wall time of 28 configurations x 13 settings x 4 iterations, and the steps done."""
     from tuning.labbook import LabBook
-    from tuning.rules import frequencies_of, settings
+    from tuning.rules import frequencies_of
+    from tuning.settings import tuning_settings
     from tuning.thesis import ThesisTuner
 
     experiment = SingleJointExperiment.of("panda", nthread=threads)
@@ -108,10 +109,11 @@ def protocol_seconds(threads):
             Path(folder),
             LabBook(Path(folder) / "labbook.jsonl", {"benchmark": 1}),
             frequencies=frequencies_of("panda"),
-            scales=tuple(settings()["scales"]["value"]),
+            scales=tuning_settings().thesis.scales,
             iterations=4,
             storage=None,
             study="benchmark",
+            settings=tuning_settings().thesis,
             progress=lambda stage, d, total: done.__setitem__(stage, d),
         )
         start = time.perf_counter()

@@ -16,6 +16,7 @@ from stiction_envs.gap.settings import gap_settings
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
+from tuning.settings import tuning_settings
 
 ROOT = Path(__file__).parents[1]
 ROOMS = {
@@ -23,7 +24,12 @@ ROOMS = {
     "experiments": experiment_settings,
     "gap": gap_settings,
     "identification": identification_settings,
+    "tuning": tuning_settings,
 }
+
+
+def folder(room: str) -> Path:
+    return ROOT / room if room == "tuning" else ROOT / "stiction_envs" / room
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +157,7 @@ def test_the_hash_knows_every_number(tmp_path):
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_table_of_a_room_is_read(room):
     """Nothing stands in a room's TOML that no code reads, and the defaults are what it says."""
-    path = ROOT / "stiction_envs" / room / "settings.toml"
+    path = folder(room) / "settings.toml"
     values = dict(flat(ROOMS[room]()))
 
     def entries(node: dict, above: str):
@@ -171,10 +177,11 @@ def test_every_table_of_a_room_is_read(room):
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_setting_is_used_and_documented(room):
     """Every field has a docstring under it, and some code of the project reads it."""
-    tree = ast.parse((ROOT / "stiction_envs" / room / "settings.py").read_text("utf-8"))
+    tree = ast.parse((folder(room) / "settings.py").read_text("utf-8"))
     code = "\n".join(
         p.read_text("utf-8")
-        for p in (ROOT / "stiction_envs").rglob("*.py")
+        for top in ("stiction_envs", "tuning")
+        for p in (ROOT / top).rglob("*.py")
         if p.name != "settings.py"
     )
     read = {n.attr for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Attribute)}

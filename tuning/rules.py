@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import functools
-import tomllib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import lookup
+from tuning.settings import ThesisSettings, tuning_settings
 
 Array = NDArray[np.float64]
 
 
-@functools.lru_cache
-def settings() -> dict[str, Any]:
-    """Return `thesis.toml`."""
-    path = Path(__file__).parent / "thesis.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
-
-
-def frequencies_of(robot: str) -> tuple[float, ...]:
-    """Return the frequencies [Hz] to try on a robot: its TOML's, else `thesis.toml`'s."""
+def frequencies_of(robot: str, settings: ThesisSettings | None = None) -> tuple[float, ...]:
+    """Return the frequencies [Hz] to try on a robot: its TOML's, else the settings'."""
+    s = settings or tuning_settings().thesis
     own = lookup(ARMS[robot].table, "tuning.frequencies_hz") if robot in ARMS else None
-    return tuple(settings()["frequencies_hz"]["value"] if own is None else own)
+    return s.frequencies_hz if own is None else tuple(own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +39,12 @@ class Choice:
 
 
 def final_amplitude(
-    intermediate: Array, half_width: float, *, frequency_hz: float, torque_rate: float
+    intermediate: Array,
+    half_width: float,
+    *,
+    frequency_hz: float,
+    torque_rate: float,
+    settings: ThesisSettings | None = None,
 ) -> tuple[float, str]:
     """Return the final amplitude [N·m] of a joint and the reason for it (thesis Table 4.9).
 
@@ -60,9 +56,11 @@ def final_amplitude(
         half_width: friction half-width of the joint in its freest pose [N·m].
         frequency_hz: dither frequency [Hz].
         torque_rate: limit of the torque rate [N·m/s], inf if there is none.
+        settings: constants of the protocol; None for those of ``settings.toml``.
     """
+    s = settings or tuning_settings().thesis
     candidates = np.sort(np.abs(np.ravel(intermediate)))[::-1]
-    cap = settings()["cap_half_widths"]["value"] * half_width
+    cap = s.cap_half_widths * half_width
     kept = candidates[candidates <= cap]
     if len(kept) == len(candidates):
         amplitude, reason = float(candidates[0]), "largest of the four configurations"

@@ -30,6 +30,7 @@ from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_sje
 from tuning.labbook import LabBook
 from tuning.rules import Choice, final_amplitude
 from tuning.search import Cell, GridStudy, run_grids
+from tuning.settings import ThesisSettings
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
@@ -51,7 +52,9 @@ class ThesisTuner:
         storage: str | None,
         study: str,
         progress: Progress | None,
+        settings: ThesisSettings,
     ) -> None:
+        self.settings = settings
         self.experiment, self.out, self.book = experiment, out, book
         self.frequencies, self.scales = frequencies, scales
         self.iterations = iterations
@@ -198,7 +201,11 @@ class ThesisTuner:
             half = float(((tau[:, 0] - tau[:, 1]) / 2).min())
             inter = scale * np.abs(tau)
             amplitude, reason = final_amplitude(
-                inter, half, frequency_hz=f, torque_rate=float(rates[i])
+                inter,
+                half,
+                frequency_hz=f,
+                torque_rate=float(rates[i]),
+                settings=self.settings,
             )
             if ratio >= 1.0:
                 amplitude, reason = 0.0, "no dither lowered the torque"

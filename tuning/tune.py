@@ -19,12 +19,14 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.measured import BaseTable
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import Arm
 from stiction_envs.version import __version__
 from tuning.labbook import LabBook
 from tuning.report import write_report
-from tuning.rules import frequencies_of, settings
+from tuning.rules import frequencies_of
+from tuning.settings import TuningSettings, tuning_settings
 from tuning.thesis import Progress, ThesisTuner
 
 
@@ -46,15 +48,17 @@ def _fingerprint(
     }
 
 
-def _check(frequencies: tuple[float, ...], scales: tuple[float, ...], rate_hz: float) -> list[str]:
+def _check(
+    frequencies: tuple[float, ...], scales: tuple[float, ...], most: float, rate_hz: float
+) -> list[str]:
     """Return warnings about frequencies past half the controller's rate; raise on bad ones."""
     if not frequencies or not scales:
         raise StictionError("at least one frequency and one scale are needed")
     if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
         raise StictionError("frequencies and scales must not repeat")
     for scale in scales:
-        if not (np.isfinite(scale) and 0 < scale <= 5):
-            raise StictionError(f"scale {scale}: allowed is above 0 up to 5")
+        if not (np.isfinite(scale) and 0 < scale <= most):
+            raise StictionError(f"scale {scale}: expected above 0 up to {most:g}")
     return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
 
 
@@ -75,6 +79,7 @@ def tune(
     protocol: Protocol | None = None,
     nthread: int = 0,
     progress: Progress | None = None,
+    settings: TuningSettings | Changes | None = None,
 ) -> dict[str, Any]:
     """Run the thesis's protocol; continue it if ``out`` holds a part of the same run.
 
@@ -96,6 +101,8 @@ def tune(
         protocol: of the experiment; None for the robot's.
         nthread: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
+        settings: constants of the protocol that differ from ``settings.toml``: by name
+            (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
 
     Returns:
         A summary: final table, mean reduction per joint, warnings, files.
@@ -110,9 +117,10 @@ def tune(
     experiment = SingleJointExperiment.of(
         arm, friction=friction, protocol=protocol, scatter=scatter, seed=seed, nthread=nthread
     )
-    frequencies = frequencies_of(arm.name) if frequencies is None else frequencies
-    scales = tuple(settings()["scales"]["value"]) if scales is None else scales
-    warnings = _check(frequencies, scales, experiment.interface.controller_rate_hz)
+    s = override(tuning_settings(), settings).thesis
+    frequencies = frequencies_of(arm.name, s) if frequencies is None else frequencies
+    scales = s.scales if scales is None else scales
+    warnings = _check(frequencies, scales, s.most_scale, experiment.interface.controller_rate_hz)
     if table is not None and table.n_joints != arm.n:
         raise StictionError(f"base table of {table.n_joints} joints, but {arm.name} has {arm.n}")
     extra: dict[str, Any] = {
@@ -134,6 +142,7 @@ def tune(
         storage=storage,
         study=study or arm.name,
         progress=progress,
+        settings=s,
     )
     tuner.run_base()
     tuner.prefetch()

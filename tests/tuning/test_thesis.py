@@ -7,7 +7,8 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
-from tuning.rules import final_amplitude, frequencies_of, settings
+from tuning.rules import final_amplitude, frequencies_of
+from tuning.settings import tuning_settings
 from tuning.tune import tune
 
 FILES = ("base", "frequency", "scale", "intermediate", "final", "verification")
@@ -128,7 +129,7 @@ def test_the_final_amplitude_obeys_the_torque_rate():
 
 
 def test_all_candidates_above_the_cap():
-    cap = settings()["cap_half_widths"]["value"]
+    cap = tuning_settings().thesis.cap_half_widths
     amplitude, _ = final_amplitude(np.array([9.0]), 1.0, frequency_hz=1.0, torque_rate=np.inf)
     assert amplitude == cap
 
@@ -137,7 +138,7 @@ def test_all_candidates_above_the_cap():
     ("options", "message"),
     [
         ({"sampler": "tpe"}, "allowed is grid"),
-        ({"scales": (0.0,)}, "scale 0.0: allowed"),
+        ({"scales": (0.0,)}, "scale 0.0: expected"),
         ({"scales": ()}, "at least one"),
         ({"frequencies": (15.0, 15.0)}, "must not repeat"),
         ({"frequencies": (2000.0,)}, "2000"),
