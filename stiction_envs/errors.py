@@ -26,3 +26,8 @@ def unknown(what: str, value: object, expected: Iterable[object]) -> StictionErr
     return StictionError(
         f"unknown {what} {value!r}: expected {'one of ' if names else 'none'}{names}"
     )
+
+
+def missing_extra(what: str, package: str, extra: str) -> StictionError:
+    """Error for ``what`` needs a ``package`` that only an ``extra`` installs."""
+    return StictionError(f"{what} needs {package}: pip install 'stiction-envs[{extra}]'")

@@ -2,11 +2,13 @@
 
 import ast
 import itertools
+import os
 import re
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,8 @@ import tuning
 TOP = Path(__file__).parents[1]
 PACKAGES = ("stiction_envs", "tuning")
 PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
+ELSEWHERE = {"pinocchio": ["pin"]}
+"""Modules that lie where `importlib.metadata` does not look."""
 NOT_OURS = re.compile(r"\.(?!ci$).+|__pycache__|venv|build|dist|runs|.+\.egg-info")
 """Names of directories that hold nothing a clone would have."""
 
@@ -31,6 +35,11 @@ def own_files(directory: Path) -> Iterator[Path]:
 
 
 SOURCES = [p for name in PACKAGES for p in own_files(TOP / name) if p.suffix == ".py"]
+
+
+def distribution(requirement: str) -> str:
+    """The name in a requirement or a pin, as package indexes compare it."""
+    return re.match(r"[\w.-]+", requirement)[0].lower().replace("_", "-")
 
 
 def shown(path: Path) -> str:
@@ -63,7 +72,7 @@ import sys
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"torch", "stable_baselines3", "moviepy"}:
+        if name.partition(".")[0] in {"torch", "stable_baselines3", "moviepy", "pyarrow", "cmaes"}:
             raise ImportError(f"{name} was asked for")
 
 sys.meta_path.insert(0, Blocker())
@@ -86,8 +95,77 @@ def test_every_requirement_is_pinned():
     assert [line for line in pins if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
     project = PROJECT["project"]
     wanted = itertools.chain(project["dependencies"], *project["optional-dependencies"].values())
-    names = {re.match(r"[\w.-]+", line)[0].lower().replace("_", "-") for line in wanted}
-    assert names - {p.partition("==")[0].lower().replace("_", "-") for p in pins} == set()
+    names = {distribution(line) for line in wanted} - {project["name"]}
+    assert names - {distribution(p) for p in pins} == set()
+    assert pins == sorted(pins, key=str.lower)
+
+
+def imports(path: Path) -> Iterator[tuple[str, bool]]:
+    """Yield every top-level module a file imports, and whether importing the file does."""
+    tree = ast.parse(path.read_text("utf-8"))
+    late = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.If | ast.Try)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+        yield from ((name.partition(".")[0], id(node) not in late) for name in names)
+
+
+def test_every_import_is_declared():
+    """What a module needs to be imported is a dependency; what a function needs, or an extra."""
+    project, owner = PROJECT["project"], {**metadata.packages_distributions(), **ELSEWHERE}
+    always = {distribution(x) for x in project["dependencies"]}
+    extras = {
+        distribution(x)
+        for k, v in project["optional-dependencies"].items()
+        if k != "dev"
+        for x in v
+    }
+    used: dict[str, set[bool]] = {}
+    for path in SOURCES:
+        for module, at_once in imports(path):
+            if module not in sys.stdlib_module_names and module not in PACKAGES:
+                names = {distribution(x) for x in owner.get(module, [module])}
+                (name,) = names & (always | extras) or names
+                used.setdefault(name, set()).add(at_once)
+    assert set(used) - always - extras == set()
+    assert {name for name, when in used.items() if True in when} - always == set()
+    assert always - set(used) == set()
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        (
+            "from stiction_envs.measured.logs.reader import read_logs; read_logs(['a.parquet'], 7)",
+            "a.parquet: reading .parquet needs pyarrow: pip install 'stiction-envs[parquet]'",
+        ),
+        (
+            "from stiction_envs.thesis import nested_models, fit; fit.optimiser()",
+            "fitting the thesis's tables needs cmaes: pip install 'stiction-envs[fit]'",
+        ),
+        (
+            "import stiction_envs.envs.sb3",
+            "stiction_envs.envs.sb3 needs stable-baselines3: pip install 'stiction-envs[rl]'",
+        ),
+    ],
+)
+def test_a_missing_extra_is_one_clear_line(code, says, tmp_path):
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    block = "import sys; sys.modules.update(pyarrow=None, cmaes=None, stable_baselines3=None)"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{block}; {code}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(TOP)},
+    )
+    assert done.stderr.splitlines()[-1] == f"stiction_envs.errors.StictionError: {says}"
 
 
 def test_no_package_host_is_written_down():

@@ -19,14 +19,12 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, missing_extra
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError:
-    raise StictionError(
-        "stable-baselines3 is not installed: pip install 'stiction-envs[rl]'"
-    ) from None
+    raise missing_extra("stiction_envs.envs.sb3", "stable-baselines3", "rl") from None
 
 
 class SB3VecEnv(VecEnv):

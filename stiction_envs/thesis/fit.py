@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cmaes import CMA
 from numpy.typing import NDArray
 
+from stiction_envs.errors import missing_extra
 from stiction_envs.gap.tables.model import JointTables, drift_factors
 
 Array = NDArray[np.float64]
@@ -118,6 +118,19 @@ class Fit:
         return float(total + np.abs(predicted - measured).sum() / self._cell_sd)
 
 
+def optimiser() -> Any:
+    """Return the class of CMA-ES searches.
+
+    Raises:
+        StictionError: its package is not installed.
+    """
+    try:
+        from cmaes import CMA
+    except ImportError:
+        raise missing_extra("fitting the thesis's tables", "cmaes", "fit") from None
+    return CMA
+
+
 def search(
     fit: Fit,
     seeds: Sequence[int],
@@ -135,14 +148,14 @@ def search(
         around: where the first seed starts; the others, or all if None, start elsewhere.
         progress: called after each generation.
     """
-    joint, names = fit.tables.joint, fit.tables.names
+    joint, names, cma = fit.tables.joint, fit.tables.names, optimiser()
     searches = []
     for k, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, joint])
         warm = fit.cube(around) if around is not None and k == 0 else None
         mean = rng.uniform(0.25, 0.75, len(names)) if warm is None else warm
         searches.append(
-            CMA(
+            cma(
                 mean=mean,
                 sigma=0.25 if warm is None else 0.08,
                 bounds=np.tile([0.0, 1.0], (len(names), 1)),

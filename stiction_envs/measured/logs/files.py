@@ -14,14 +14,13 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, missing_extra
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.text import TextRows, decode_header
 from stiction_envs.measured.settings import FileSettings, measured_settings
@@ -291,7 +290,11 @@ def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
 
 
 def _read_parquet(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
-    parquet: Any = import_module("pyarrow.parquet")  # here: it takes a moment, and has no types
+    try:
+        # here: few logs need it, and it takes a moment; it has no types
+        parquet: Any = import_module("pyarrow.parquet")
+    except ImportError:
+        raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
     try:
         with parquet.ParquetFile(where) as file:
             names = file.schema_arrow.names
