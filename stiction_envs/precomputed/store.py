@@ -40,6 +40,7 @@ MADE_BY = (
     "experiments",
     "friction",
     "measured",
+    "method_settings.py",
     "precomputed",
     "reporting",
     "robots",
