@@ -173,7 +173,9 @@ def test_second_ripple_and_negative_rotor_are_left_out(data):
 def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
     everything = found(*PARTS)
     everything = dataclasses.replace(
-        everything, distance=tuple(data.distance), friction=load_friction("panda")
+        everything,
+        distance=tuple(data.friction.presliding_distance),
+        friction=load_friction("panda"),
     )
     made = extend(data, everything)
     path = tmp_path / "model.toml"
