@@ -134,7 +134,7 @@ def load_extended(
     """
     nominal = read(Path(path))
     if nominal.robot is None:
-        raise StictionError(f"{path}: holds no [arm]: allowed is a model.toml of stiction diagnose")
+        raise StictionError(f"{path}: holds no [arm]: expected a model.toml of stiction diagnose")
     arm = load_arm(robot or nominal.robot, payload=nominal.payload, tilt=nominal.tilt)
     nominal.check(arm)
     draft = ModelDraft.of(None, arm.n)

@@ -51,7 +51,7 @@ class Nominal:
         ):
             if mine != given:
                 raise StictionError(
-                    f"nominal model is of {what} {mine}, but the arm has {given}: allowed is the "
+                    f"nominal model is of {what} {mine}, but the arm has {given}: expected the "
                     "arm it was diagnosed on"
                 )
         for part in self.parts:
@@ -113,7 +113,7 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
         return Nominal(friction=load_friction(arm.name if arm.registered else "generic", arm.n))
     path = Path(nominal)
     if path.suffix != ".toml":
-        raise StictionError(f"nominal {nominal}: allowed are rigid, shipped and a path to a .toml")
+        raise StictionError(f"nominal {nominal}: expected rigid, shipped or a path to a .toml")
     found = read(path)
     found.check(arm)
     if found.friction is None and found.robot is None:
@@ -169,7 +169,7 @@ def read(path: Path) -> Nominal:
                 f"nominal {path}: cause {part.cause} on joint {part.joint}: expected {expected}"
             )
     if payload is not None and len(payload) != 4:
-        raise StictionError(f"nominal {path}: payload has {len(payload)} numbers, allowed are 4")
+        raise StictionError(f"nominal {path}: payload has {len(payload)} numbers: expected 4")
     return Nominal(
         friction=friction or None,
         parts=parts,

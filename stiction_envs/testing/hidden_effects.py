@@ -1,7 +1,7 @@
 """What can be hidden in a simulated log: one entry per cause, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and says what the truth then is; everything it
-needs to know of itself (joints, motions that excite it) stands beside it. It shares nothing with
+needs to know of itself (joints, motions that excite it) is in it. It shares nothing with
 the cause of the same name but that name and the keys of its parameters.
 """
 

@@ -96,7 +96,7 @@ def make_case(
     hidden = []
     for name, single in zip(causes, worlds, strict=True):
         large = rng.random() if size is None else size
-        # the same draw, hidden beside the others and by itself
+        # the same draw, hidden with the others and by itself
         again = copy.deepcopy(rng)
         hidden.append(_hide(world, name, joint, large, seconds, rng))
         _hide(single, name, joint, large, seconds, again)

@@ -1,1 +1,1 @@
-"""Joint logs as signals of one bandwidth, beside the nominal model."""
+"""Joint logs as signals of one bandwidth, against the nominal model."""
