@@ -96,12 +96,11 @@ def test_iiwa_flange_follows_the_dh_table(name):
 def test_builtin_arm_is_bare_and_complete(name):
     arm = load_arm(name)
     model = arm.model()
-    assert arm.n == model.nq == model.nv == 7
-    assert arm.joint_names == tuple(f"joint{i}" for i in range(1, 8))
-    assert arm.link_names == tuple(f"link{i}" for i in range(1, 8))
-    assert [model.joint(i).name for i in range(7)] == list(arm.joint_names)
-    assert model.nbody == 9
-    assert (arm.end_effector, model.nsite, model.nu, model.nsensor) == ("flange", 1, 0, 0)
+    assert 2 <= arm.n == model.nq == model.nv <= 9
+    assert tuple(model.joint(i).name for i in range(arm.n)) == arm.joint_names
+    assert tuple(model.body(int(b)).name for b in model.jnt_bodyid) == arm.link_names
+    assert model.nbody == arm.n + 2  # the world and the foot
+    assert (model.site(0).name, model.nsite, model.nu, model.nsensor) == (arm.end_effector, 1, 0, 0)
     for passive in (model.dof_armature, model.dof_damping, model.dof_frictionloss):
         assert not passive.any()
     assert not model.jnt_stiffness.any()
@@ -154,8 +153,9 @@ def test_interfaces():
 
 def test_masses():
     """physics.md 1.3 and 2.3; the geometry weighs nothing."""
-    total = {name: load_arm(name).model().body_mass.sum() for name in BUILTIN}
-    assert total == pytest.approx({"panda": 16.69, "iiwa7": 23.9, "iiwa14": 29.9}, abs=0.005)
+    known = {"panda": 16.69, "iiwa7": 23.9, "iiwa14": 29.9}
+    total = {name: load_arm(name).model().body_mass.sum() for name in known}
+    assert total == pytest.approx(known, abs=0.005)
 
 
 @pytest.mark.parametrize("name", BUILTIN)
@@ -163,12 +163,25 @@ def test_self_collision_only_where_it_is_real(name):
     arm = load_arm(name)
     model = arm.model()
     assert _contacts(model, arm.rest) == 0
-    assert _contacts(model, np.clip(np.zeros(7), *arm.limits.position.T)) == 0
+    assert _contacts(model, np.clip(np.zeros(arm.n), *arm.limits.position.T)) == 0
     assert np.mean([_contacts(model, q) > 0 for q in _samples(arm, 500)]) < 0.05
-    # Upper arm forward, elbow shut: the wrist runs into the foot.
-    folded = {"panda": [0, 1.7, 0, -3.0, 0, 1.6, 0], "iiwa7": [0, 2.0, 0, -2.05, 0, 1.5, 0]}
-    folded["iiwa14"] = folded["iiwa7"]
-    assert _contacts(model, np.array(folded[name])) > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "folded"),
+    [
+        ("panda", [0, 1.7, 0, -3.0, 0, 1.6, 0]),
+        ("iiwa7", [0, 2.0, 0, -2.05, 0, 1.5, 0]),
+        ("iiwa14", [0, 2.0, 0, -2.05, 0, 1.5, 0]),
+    ],
+)
+def test_self_collision_where_it_is_real(name, folded):
+    """Upper arm forward, elbow shut: the wrist runs into the foot."""
+    arm = load_arm(name)
+    assert (arm.joint_names, arm.link_names) == tuple(
+        tuple(f"{kind}{i}" for i in range(1, 8)) for kind in ("joint", "link")
+    )
+    assert _contacts(arm.model(), np.array(folded)) > 0
 
 
 @pytest.mark.parametrize("name", [*BUILTIN, "generic"])

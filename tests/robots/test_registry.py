@@ -1,0 +1,185 @@
+"""An arm from outside the package, three files in a folder, works as one of the package."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from stiction_envs.cli import main
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
+from stiction_envs.measured import read_sje
+from stiction_envs.robots import ARMS, BUILTIN, arm_title, load_arm, register_arm_folder
+from stiction_envs.robots.registry import PACKAGE
+
+MJCF = """
+<mujoco model="toy">
+  <compiler angle="radian" autolimits="true"/>
+  <default><joint axis="0 1 0" range="-2 2"/><geom size="0.03" mass="1" type="capsule"/></default>
+  <worldbody>
+    <body name="base">
+      <body name="turret" pos="0 0 0.3">
+        <joint name="yaw" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.1"/>
+        <body name="upper" pos="0 0 0.15">
+          <joint name="shoulder"/><geom fromto="0 0 0.05 0.2 0 0.05"/>
+          <body name="lower" pos="0.25 0 0.05">
+            <joint name="elbow"/><geom fromto="0.05 0 0 0.2 0 0"/>
+            <site name="flange" pos="0.25 0 0"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+TOML = """
+name = "toy"
+title = "Toy arm of three joints"
+environment = "Toy" # ToySJE-v0, ToyGTE-v0
+rest = { value = [0.0, 0.3, 0.5], unit = "rad", source = "own", trust = "G", assumed = true }
+
+[limits]
+torque = { value = [20.0, 20.0, 8.0], unit = "N*m", source = "own", trust = "G", assumed = true }
+
+[experiments.sje]
+iterations = { value = 2, unit = "1", source = "own", trust = "G", assumed = true }
+
+[sources]
+own = "made up for this test"
+"""
+
+
+def write_arm(folder: Path, name: str, toml: str, model: str = MJCF) -> Path:
+    for room in ("robots", "friction"):
+        (folder / room).mkdir(parents=True, exist_ok=True)
+    (folder / "robots" / f"{name}.xml").write_text(model)
+    (folder / "robots" / f"{name}.toml").write_text(toml)
+    return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def toy(tmp_path_factory) -> Path:
+    """Write the three files and register their folder, once."""
+    folder = write_arm(tmp_path_factory.mktemp("arms"), "toy", TOML)
+    text = dump_friction(
+        load_friction("generic", 3).replace(stiction=np.array([[0.6] * 2, [0.5] * 2, [0.3] * 2])),
+        sources=dict.fromkeys(QUANTITIES, "assumed: made up"),
+        meta={"robot": "toy"},
+        provenance={"method": "made up"},
+    )
+    (folder / "friction" / "toy.toml").write_text(text)
+    assert register_arm_folder(folder) == ("toy",)
+    return folder
+
+
+def test_it_is_loaded_by_name():
+    arm = load_arm("toy", payload=(0.2, 0, 0, 0.05))
+    assert (arm.name, arm.joint_names, arm.registered) == (
+        "toy",
+        ("yaw", "shoulder", "elbow"),
+        True,
+    )
+    np.testing.assert_array_equal(arm.limits.torque, [20, 20, 8])
+    np.testing.assert_array_equal(arm.rest, [0, 0.3, 0.5])
+    np.testing.assert_array_equal(load_friction("toy", 3).stiction[:, 0], [0.6, 0.5, 0.3])
+    assert load_protocol("toy") == load_protocol("other").replace(iterations=2)
+    assert arm_title("toy") == "Toy arm of three joints"
+    assert list(ARMS)[: len(BUILTIN) + 1] == [*BUILTIN, "toy"]
+
+
+def test_its_environments_are_registered_and_stepped():
+    """The joint under test breaks away at the torque its friction file says, dither being 0."""
+    env = gym.make("stiction_envs:ToySJE-v0", scatter=False)
+    env.reset(seed=0, options={"joint": 3, "load": "load", "direction": "+"})
+    for _ in range(200):
+        observation, _, terminated, _, info = env.step(env.action_space.low)
+        assert env.observation_space.contains(observation)
+        if terminated:
+            break
+    assert info["tau_sje"] == info["tau_base"]
+    assert info["tau_base"] == pytest.approx(0.3, abs=0.15)
+    assert gym.spec("ToyGTE-v0").kwargs == {"robot": "toy"}
+
+
+def test_the_command_line_knows_it(tmp_path, capsys):
+    words = ["--joint", "3", "--no-scatter", "--load", "load", "--out", str(tmp_path / "a")]
+    assert main(["sje", "toy", *words]) == 0
+    rows = read_sje(tmp_path / "a" / "sje.csv")
+    assert {(row.robot, row.iterations) for row in rows} == {("toy", 2)}
+    assert main(["sje", "--help"]) == 0
+    assert f"{', '.join(ARMS)}, or a path" in " ".join(capsys.readouterr().out.split())
+    assert main(["sje", "toys", *words, "--force"]) == 2
+    assert f"unknown robot 'toys': expected one of {', '.join(ARMS)}" in capsys.readouterr().err
+
+
+def test_a_folder_may_be_registered_again(toy):
+    assert register_arm_folder(toy) == ("toy",)
+
+
+BAD = {
+    "no arm": ("", TOML, "no arm: expected NAME.xml and NAME.toml"),
+    "name taken": ("panda", TOML, "arm 'panda': expected .* other than .*panda"),
+    "no name": ("a b", TOML, "arm 'a b': expected letters"),
+    "environment taken": ("new", 'environment = "Iiwa"', "'Iiwa': expected a name other than .*Iiwa"),
+    "no environment": ("new", 'environment = "My Arm"', "environment 'My Arm': expected letters"),
+    "no TOML": ("new", "environment = Toy", r"new\.toml: not a TOML file"),
+}
+
+
+@pytest.mark.parametrize(("name", "toml", "message"), BAD.values(), ids=BAD)
+def test_what_is_no_arm_is_refused(tmp_path, name, toml, message):
+    write_arm(tmp_path, "good", 'environment = "Good"')
+    if name:
+        write_arm(tmp_path, name, toml)
+    else:
+        (tmp_path / "robots" / "good.toml").unlink()
+    with pytest.raises(StictionError, match=message) as error:
+        register_arm_folder(tmp_path)
+    assert "\n" not in str(error.value)
+    assert "good" not in ARMS
+    assert "GoodSJE-v0" not in gym.registry
+
+
+def test_unknown_mounting_and_protocol_are_refused(tmp_path):
+    write_arm(tmp_path, "odd", 'mounting = "wall"\n[experiments.sje]\nramp = { value = 1 }')
+    register_arm_folder(tmp_path)
+    with pytest.raises(StictionError, match="mounting 'wall': expected one of floor, free"):
+        load_arm("odd")
+    with pytest.raises(StictionError, match="'ramp': expected one of ramp_rate, threshold"):
+        load_protocol("odd")
+
+
+def test_an_arm_of_the_package_is_data_only(tmp_path):
+    """A copy of the package with one more arm, nothing but its files, is a package of four."""
+    shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+    rooms = [tmp_path / PACKAGE.name / room for room in ("robots", "friction")]
+    for path in [p for room in rooms for p in room.glob("panda.*")]:
+        text = path.read_text("utf-8").replace('environment = "Panda"', 'environment = "Clone"')
+        path.with_stem("clone").write_text(text.replace('"panda"', '"clone"'), "utf-8")
+    code = """
+import sys, stiction_envs, gymnasium
+from stiction_envs.robots import BUILTIN
+print(*[m for m in ("mujoco", "pinocchio", "scipy") if m in sys.modules], sep=",")
+print(*BUILTIN, sep=",")
+print(gymnasium.spec("CloneSJE-v0").kwargs["robot"], gymnasium.spec("CloneGTE-v0").kwargs["robot"])
+from stiction_envs.friction.model import build
+from stiction_envs.robots import load_arm
+one, other = build(load_arm("clone")), build(load_arm("panda"))
+print(one.arm.on_floor, (one.model.actuator_dynprm == other.model.actuator_dynprm).all())
+from stiction_envs.cli import main
+main(["export", "--help"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[:4] == ["", "clone,iiwa14,iiwa7,panda", "clone clone", "True True"]
+    assert "clone, iiwa14, iiwa7, panda, or a path" in " ".join(done.stdout.split())
