@@ -6,6 +6,7 @@ import dataclasses
 import xml.etree.ElementTree as ET
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
@@ -46,11 +47,9 @@ def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
         _strip(body)
         joint = body.find("joint")
         at = np.zeros(3) if joint is None else mjcf.read_numbers(joint, "pos", (0.0, 0.0, 0.0))
-        mass, com = own[0], own[1:4] / own[0]
-        xx, xy, yy, xz, yz, zz = own[4:]
-        about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        i = about - mass * (com @ com * np.eye(3) - np.outer(com, com))
-        element = ET.Element("inertial", pos=mjcf.numbers(com + at), mass=repr(float(mass)))
+        link = pin.Inertia.FromDynamicParameters(own)
+        mass, i = repr(float(link.mass)), link.inertia
+        element = ET.Element("inertial", pos=mjcf.numbers(link.lever + at), mass=mass)
         full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
         element.set("fullinertia", mjcf.numbers(full))
         body.insert(0, element)

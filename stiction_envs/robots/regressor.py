@@ -63,20 +63,15 @@ def pseudo_inertia(phi: ArrayLike) -> Array:
     identification", IEEE RA-L 2018).
     """
     p = np.asarray(phi, dtype=np.float64)
-    m, x, y, z, xx, xy, yy, xz, yz, zz = np.moveaxis(p, -1, 0)
-    half = (xx + yy + zz) / 2
-    rows = [[half - xx, -xy, -xz, x], [-xy, half - yy, -yz, y], [-xz, -yz, half - zz, z]]
-    return np.moveaxis(np.array([*rows, [x, y, z, m]]), (0, 1), (-2, -1))
+    bodies = [pin.PseudoInertia.FromDynamicParameters(x).toMatrix() for x in p.reshape(-1, 10)]
+    return np.array(bodies).reshape(*p.shape[:-1], 4, 4)
 
 
 def from_pseudo_inertia(j: ArrayLike) -> Array:
     """Return parameters (..., 10) of pseudo-inertias (..., 4, 4)."""
     a = np.asarray(j, dtype=np.float64)
-    trace = a[..., 0, 0] + a[..., 1, 1] + a[..., 2, 2]
-    columns = [a[..., 3, 3], a[..., 0, 3], a[..., 1, 3], a[..., 2, 3]]
-    columns += [trace - a[..., 0, 0], -a[..., 0, 1], trace - a[..., 1, 1]]
-    columns += [-a[..., 0, 2], -a[..., 1, 2], trace - a[..., 2, 2]]
-    return np.stack(columns, axis=-1)
+    bodies = [pin.PseudoInertia.FromMatrix(x).toDynamicParameters() for x in a.reshape(-1, 4, 4)]
+    return np.array(bodies).reshape(*a.shape[:-2], 10)
 
 
 def consistent(phi: ArrayLike) -> NDArray[np.bool_]:

@@ -86,6 +86,7 @@ def payload_inertia(coefficients: tuple[float, ...], mass: float, com: Array) ->
         return None
     xx, xy, yy, xz, yz, zz = coefficients[4:]
     about_flange = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # as pin.Inertia.FromDynamicParameters, whose last bits differ and would be those of model.xml
     own = about_flange - mass * (com @ com * np.eye(3) - np.outer(com, com))
     a, b, c = np.linalg.eigvalsh(own)
     return own if a > 1e-9 and a + b >= c else None
@@ -95,31 +96,16 @@ def _regressor(recording: Recording) -> Array:
     """Return (T, n, 10): torque of a body at the flange per inertial parameter in its axes."""
     model = recording.pinocchio
     frame = model.frames[model.getFrameId(recording.arm.end_effector)]
-    # a body at the flange seen from the last joint: its ten parameters transform linearly
+    # a body at the flange seen from the last joint: its ten parameters transform linearly, and a
+    # pseudo-inertia needs no mass to do so (pin.Inertia divides by it)
+    to_joint = frame.placement.homogeneous
     change = np.empty((10, 10))
-    for k in range(10):
-        unit = np.zeros(10)
-        unit[k] = 1.0
-        change[:, k] = _moved(unit, frame.placement)
+    for k, unit in enumerate(np.eye(10)):
+        body = pin.PseudoInertia.FromDynamicParameters(unit).toMatrix()
+        moved = pin.PseudoInertia.FromMatrix(to_joint @ body @ to_joint.T)
+        change[:, k] = moved.toDynamicParameters()
     work = model.createData()
     out = np.empty((len(recording.t), recording.n, 10))
     for i, (q, dq, ddq) in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):
         out[i] = pin.computeJointTorqueRegressor(model, work, q, dq, ddq)[:, -10:] @ change
     return out
-
-
-def _moved(parameters: Array, placement: pin.SE3) -> Array:
-    """Return pinocchio's ten parameters of a body, given in another frame, in the joint's.
-
-    m; m c; I about the frame's origin as (xx, xy, yy, xz, yz, zz).
-    """
-    m, h = parameters[0], parameters[1:4]
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    r, p = placement.rotation, placement.translation
-    turned, first = r @ inertia @ r.T, r @ h
-    # I' = R I Rᵀ + m (pᵀp 1 − ppᵀ) + 2 pᵀ(Rh) 1 − p (Rh)ᵀ − (Rh) pᵀ
-    moved = turned + m * (p @ p * np.eye(3) - np.outer(p, p))
-    moved += 2 * (p @ first) * np.eye(3) - np.outer(p, first) - np.outer(first, p)
-    i = moved
-    return np.array([m, *(first + m * p), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
