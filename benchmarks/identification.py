@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.recording import GUARD
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.identify import MODELS, identify
@@ -168,7 +168,7 @@ def real():
     held = dict(found.rms)
     # theirs: fitted to the same parts of the time, judged on the others through the same filter
     data = assemble(arm, prepare(logs), link_side=True)
-    folds = identification_settings().validation.folds
+    folds, guard = identification_settings().validation.folds, data.settings.recording.guard
     smooth = JointLog(
         source="filtered",
         t=data.t.copy(),
@@ -180,7 +180,7 @@ def real():
         squares, count = np.zeros(7), 0
         for fold in np.array_split(np.arange(data.block.max() + 1), folds):
             test = np.isin(data.block, fold)
-            low, high = data.t[test].min() - GUARD, data.t[test].max() + GUARD
+            low, high = data.t[test].min() - guard, data.t[test].max() + guard
             fit = rosdyn([without(log, low, high)], arm)
             columns = with_friction(arm, (data.q[test], data.dq[test], data.ddq[test]))
             left = data.tau[test] - columns @ np.concatenate([fit.parameters(), np.zeros(7)])
@@ -200,7 +200,7 @@ def without(log, low, high):
         q=log.q[rows].copy(),
         dq=None if log.dq is None else log.dq[rows].copy(),
         tau=log.tau[rows].copy(),
-        breaks=tuple((np.flatnonzero(np.diff(t) > GUARD) + 1).tolist()),
+        breaks=tuple((np.flatnonzero(np.diff(t) > gap_settings().recording.guard) + 1).tolist()),
     )
 
 

@@ -10,31 +10,21 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns
-from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
+from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
-HUBER = 3.0
-"""Residuals beyond this many robust standard deviations weigh less [-]."""
-UNCERTAIN, SURE = 0.05, 0.9
-"""Weight of rows in which a joint rests off its steady level of friction, and that level [-]: how
-far it sprang back is hardly seen, so that its torque is known to some 0.2 of its friction only,
-five times the noise of a good log (assumed)."""
-MOSTLY = 0.8
-"""Part of the rows at rest from which on they count as the others do [-]; assumed."""
-GIVEN, DIAGNOSED = 0.03, 0.1
-"""Part of the nominal model's friction that it may be off [-], where it is given and where it is
-of an earlier diagnosis; assumed."""
 ARM = -1
 """In the place of a joint, in a `Candidate` of all of them."""
 
 
 def certain(data: Data, joint: int) -> Array:
-    """Return (T,) weights: `UNCERTAIN` where a joint rests between two directions, else one."""
+    """Return (T,) weights: less where a joint rests between two directions, else one."""
+    s = data.settings.candidates
     speed = np.abs(rate(data.reversal_path[:, joint], data.runs(), data.dt))
-    off = (speed < SIGN_SPEED) & (np.abs(data.direction(joint)) < SURE)
+    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.direction(joint)) < s.sure)
     # a joint that hardly ever moves has nothing else to tell
-    return np.where(off, UNCERTAIN, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
+    return np.where(off, s.uncertain, 1.0) if off.mean() < s.mostly else np.ones(len(off))
 
 
 @dataclass(frozen=True, order=True)
@@ -63,7 +53,8 @@ class RegressorLibrary:
         self._blocks: list[list[Array]] = [[] for _ in range(data.n)]
         self._width = [0] * data.n
         self.residual = data.residual
-        share = DIAGNOSED if data.model.diagnosed else GIVEN
+        own = data.settings.candidates
+        share = own.diagnosed if data.model.diagnosed else own.given
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
         """(n,) root mean square over the noise of what the nominal model's friction may be off."""
@@ -172,6 +163,7 @@ class RegressorLibrary:
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""
+        huber = self.data.settings.candidates.huber
         linear = [t for t in self.candidates if not t.shape]
         model = self.model_columns(linear)
         c = self.grams.fit(model)
@@ -179,7 +171,7 @@ class RegressorLibrary:
             e = self.residual[:, j] - self.torque(linear, c, j)
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
             self.weight[:, j] = self.certain[:, j] * np.minimum(
-                1.0, HUBER * scale / np.maximum(np.abs(e), 1e-300)
+                1.0, huber * scale / np.maximum(np.abs(e), 1e-300)
             )
         self.grams = self._sum()
 

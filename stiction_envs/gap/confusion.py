@@ -9,8 +9,6 @@ from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.selection import Gain, gain
 
 Array = NDArray[np.float64]
-ALIKE = 0.1
-"""Part of a cause's own gain that it may lose to another which explains the same [-]; assumed."""
 
 
 def confused_with(
@@ -39,7 +37,7 @@ def confused_with(
                 out.append(other)
             continue
         still = gain(library, [*rest, *swap, *mine], mine)
-        if not still.significant or still.total < ALIKE * own.total:
+        if not still.significant or still.total < data.settings.estimates.hardly_own * own.total:
             out.append(other)
     return tuple(out)
 
@@ -49,6 +47,7 @@ def _looks_the_same(
 ) -> bool:
     """Whether a cause that these data cannot show would look like the one that was found."""
     data, cause = library.data, library.causes[other]
+    most = data.settings.estimates.hardly_own
     if cause.arm_wide or cause.coupled:
         return False
     parts = dict(zip(terms, library.split(terms, c), strict=True))
@@ -62,7 +61,7 @@ def _looks_the_same(
             if t not in mine and j in library.affected_joints(t)
         ]
         target = library.columns(term, j) @ parts[term]
-        if _own_share(library, j, target, [cause.columns(data, j, ()), *others]) > ALIKE:
+        if _own_share(library, j, target, [cause.columns(data, j, ()), *others]) > most:
             return False
     return True
 
@@ -71,6 +70,7 @@ def _hardly_two(
     library: RegressorLibrary, other: str, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> bool:
     """Whether two causes of a model on the same joints are hardly two along this motion."""
+    most = library.data.settings.estimates.hardly_own
     parts = dict(zip(terms, library.split(terms, c), strict=True))
     for term in mine:
         j = term.joint
@@ -82,7 +82,7 @@ def _hardly_two(
             _own_share(library, j, target, [library.columns(t, j) for t in some])
             for some in (rest, [t for t in rest if t.cause != other])
         )
-        if with_it > ALIKE or without <= ALIKE:
+        if with_it > most or without <= most:
             return False
     return True
 

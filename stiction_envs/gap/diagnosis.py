@@ -31,14 +31,6 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
-MOST_ROWS = 40_000
-"""Rows of all logs together; longer logs are thinned out after the filter (stated in the notes)."""
-CLOSE = 3.0
-"""Held-out error over the noise floor under which nothing is left to explain [-]; assumed."""
-SMALL = 0.02
-"""The same over a joint's whole torque, root mean square [-]; assumed."""
-MOVES = 0.05
-"""Angle that some joint must turn before a log can say anything [rad]; assumed."""
 VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
 
 
@@ -85,9 +77,12 @@ class Diagnosis:
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
     """The nominal model."""
-    settings: GapSettings
-    """Constants of the method that found it."""
     notes: tuple[str, ...] = field(default=())
+
+    @property
+    def settings(self) -> GapSettings:
+        """Constants of the method that found it."""
+        return self.data.settings
 
     @property
     def gain_percent(self) -> float:
@@ -165,7 +160,7 @@ def diagnose(
         seed: of the bootstrap.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
-            (``{"torque_sign.opposite": 0.95}``), a TOML file of them, or all.
+            (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Raises:
         StictionError: settings that are none, logs that cannot be read or do not fit the robot, or
@@ -190,11 +185,13 @@ def diagnose(
     read, signals = correct_torques(
         read,
         arm,
-        lambda x: prepare(x, cutoff_hz=cutoff_hz, most_samples=MOST_ROWS, settings=own),
+        lambda x: prepare(
+            x, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own
+        ),
         own,
     )
     say("inverse dynamics", 0.0)
-    base = assemble(arm, signals, friction=baseline.friction, link_side=link_side)
+    base = assemble(arm, signals, friction=baseline.friction, link_side=link_side, settings=own)
     data = baseline.extend(base)
     say("columns of all causes", 0.0)
     if not np.isfinite(data.dt):  # poses without any motion
@@ -215,7 +212,7 @@ def diagnose(
         gone = [t for t in terms if t not in kept]
         terms = settle(library, sharpen(library, choose(library, kept, gone)))
         terms = pruned(library, terms)
-    return _conclude(baseline, base, read, signals, library, terms, seed, say, own)
+    return _conclude(baseline, base, read, signals, library, terms, seed, say)
 
 
 def _conclude(
@@ -227,7 +224,6 @@ def _conclude(
     terms: list[Candidate],
     seed: int,
     say: Callable[[str, float], None],
-    own: GapSettings,
 ) -> Diagnosis:
     data, grams = library.data, library.grams
     nothing = grams.held_out(library.model_columns([]))
@@ -289,7 +285,6 @@ def _conclude(
         coefficients=c,
         base=base,
         baseline=baseline,
-        settings=own,
         notes=(*signals.notes, *_told(logs)),
     )
 
@@ -319,9 +314,11 @@ def _verdict(
     library: RegressorLibrary,
 ) -> str:
     size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
-    enough = np.maximum(CLOSE * noise, SMALL * size)
+    own = library.data.settings
+    enough = np.maximum(own.verdict.close * noise, own.verdict.small * size)
     left = extended > enough
-    seen = len(library.candidates) > 0 and float(np.ptp(library.data.q, axis=0).max()) > MOVES
+    farthest = float(np.ptp(library.data.q, axis=0).max())
+    seen = len(library.candidates) > 0 and farthest > own.motion.travel_span
     if not seen:
         return "cannot tell"
     if not named:

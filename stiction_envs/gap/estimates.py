@@ -11,20 +11,9 @@ from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
+from stiction_envs.gap.settings import EstimateSettings
 
 Array = NDArray[np.float64]
-RESAMPLES = 200
-WIDER = 2.2
-"""Standard deviations of the resamples in an interval: Student's t of 11 degrees of freedom."""
-FAR = 5.0
-"""Robust standard deviations at which resamples are cut off [-]; assumed."""
-MODEL = 0.03
-"""Part of a value to which any model is true at best [-]; assumed."""
-GROWN, NEAR = 2, 0.15
-"""Rounds in which shapes follow sizes, and how far the logarithm of a parameter then moves [-];
-assumed."""
-TANGENT = 0.1
-"""Step in the logarithm of a nonlinear parameter for its tangent [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +29,11 @@ class Estimate:
 def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
     """Refine nonlinear parameters between the grid's neighbours, and by the sizes that are found.
 
-    What hangs on a size is worked out anew with it, as often as `GROWN`.
+    What hangs on a size is worked out anew with it, as often as ``resized``.
     """
+    s = library.data.settings.estimates
     out = _refined(library, terms)
-    for _ in range(GROWN):
+    for _ in range(s.resized):
         c = library.split(out, library.grams.fit(library.model_columns(out)))
         level = library.data.friction.level.copy()
         for term, mine in zip(out, c, strict=True):
@@ -57,7 +47,7 @@ def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate
         if larger == out:
             break
         library.refine(larger)
-        out = _refined(library, larger, NEAR)
+        out = _refined(library, larger, s.resized_reach)
     return out
 
 
@@ -124,6 +114,7 @@ def estimates(
     draws: Draws | None,
 ) -> dict[int, dict[str, Estimate]]:
     """Return the parameters of one cause with intervals of the block bootstrap."""
+    s = library.data.settings.estimates
     out: dict[int, dict[str, Estimate]] = {}
     for i, (term, best) in enumerate(zip(terms, library.split(terms, c), strict=True)):
         if term not in mine:
@@ -139,7 +130,7 @@ def estimates(
             key: Estimate(
                 value=value,
                 ci95=_interval(
-                    np.array([s[key] for s in samples]), np.array(value), neutral.get(key, 0.0)
+                    np.array([x[key] for x in samples]), np.array(value), neutral.get(key, 0.0), s
                 ),
                 on_bound=bound,
             )
@@ -148,17 +139,17 @@ def estimates(
     return out
 
 
-def _interval(samples: Array, value: Array, neutral: float) -> Any:
+def _interval(samples: Array, value: Array, neutral: float, s: EstimateSettings) -> Any:
     """Return [low, high] about a value, or one pair per number.
 
     Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
-    for (`MODEL`): the percentiles of 12 blocks are too narrow. Samples far out, such as a quotient
-    whose divisor came near zero, count as if they were `FAR` deviations out.
+    for (``model_error``): the percentiles of 12 blocks are too narrow. Samples far out, such as a
+    quotient whose divisor came near zero, count as if they were ``far`` deviations out.
     """
     low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
-    far = FAR * (high - low) / 2
+    far = s.far * (high - low) / 2
     near = np.clip(samples, middle - far, middle + far)
-    spread = WIDER * near.std(axis=0) + MODEL * np.max(np.abs(value - neutral))
+    spread = s.interval * near.std(axis=0) + s.model_error * np.max(np.abs(value - neutral))
     return np.stack([value - spread, value + spread], axis=-1).tolist()
 
 
@@ -168,7 +159,7 @@ Draws = list[list[tuple[Array, tuple[float, ...]]]]
 
 def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int) -> Draws:
     """Return resamples of the blocks, in which nonlinear parameters move along their tangents."""
-    data = library.data
+    data, s = library.data, library.data.settings.estimates
     parts = library.split(terms, c)
     start = np.cumsum([0, *(len(x) for x in parts)])
     bent = [i for i, t in enumerate(terms) if t.shape and library.causes[t.cause].refinable]
@@ -185,10 +176,10 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
             at += range(start[i], start[i + 1])
             if i in where:
                 up, down = (
-                    Candidate(term.cause, term.joint, (term.shape[0] * np.exp(s), *term.shape[1:]))
-                    for s in (TANGENT, -TANGENT)
+                    Candidate(term.cause, term.joint, (term.shape[0] * np.exp(x), *term.shape[1:]))
+                    for x in (s.tangent, -s.tangent)
                 )
-                slope = (library.columns(up, j) - library.columns(down, j)) / (2 * TANGENT)
+                slope = (library.columns(up, j) - library.columns(down, j)) / (2 * s.tangent)
                 stacked.append((slope @ parts[i])[:, None])
                 at.append(where[i])
         x = np.concatenate(stacked, axis=1) if stacked else np.zeros((len(data.t), 0))
@@ -202,7 +193,7 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
             term.cause
         ].bounds(data, term.joint)
     model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
-    draws = JointGrams(grams).resample(model, RESAMPLES, np.random.default_rng(seed))
+    draws = JointGrams(grams).resample(model, s.resamples, np.random.default_rng(seed))
     out: Draws = []
     for i, term in enumerate(terms):
         own = draws[:, start[i] : start[i + 1]]

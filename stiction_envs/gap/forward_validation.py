@@ -23,6 +23,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, COULOMB
 from stiction_envs.gap.diagnosis import model_of
 from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.settings import ForwardSettings
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant import steer
 
@@ -30,20 +31,6 @@ if TYPE_CHECKING:
     from stiction_envs.gap.diagnosis import Diagnosis
 
 Array = NDArray[np.float64]
-EVERY = 3
-"""Every third block is simulated and not fitted."""
-SECONDS = 0.5
-"""Length of a window [s]; assumed."""
-REPLAY = 0.2
-"""Start of a window in which the replay counts: its errors grow with the square of time [s];
-assumed."""
-MOST = 64
-"""Windows, evenly picked."""
-LEAST = 2
-BANDWIDTH = 40.0
-"""Of the tracking servo [rad/s]; assumed: faster than the motion of logs, slower than its noise."""
-SETTLE = 0.15
-"""Start of a window in which the servo settles; does not count [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +59,8 @@ class Proof:
     extended: Run
     start: Array
     """(W,) start of each window on its log's clock [s]."""
+    settings: ForwardSettings
+    """Of the windows."""
 
     @property
     def position_gain(self) -> Array:
@@ -100,12 +89,13 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
     """
     base, nominal = diagnosis.base or diagnosis.data, diagnosis.baseline
     blocks = diagnosis.library.grams.blocks
-    held = np.arange(1, blocks, EVERY)
+    s = base.settings.forward
+    held = np.arange(1, blocks, s.every)
     if not np.isfinite(base.dt) or len(held) == 0:
         return "the logs hold no motion"
     windows = _windows(base, held)
-    if len(windows) < LEAST:
-        return f"no {LEAST} windows of {SECONDS:g} s without a gap in the held-out blocks"
+    if len(windows) < s.least:
+        return f"no {s.least} windows of {s.seconds:g} s without a gap in the held-out blocks"
     weight = np.ones(blocks)
     weight[held] = 0.0
     columns = diagnosis.library.model_columns(diagnosis.terms)
@@ -118,21 +108,23 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
     except StictionError as error:
         return str(error)
     return Proof(
-        time=_times(),
+        time=_times(s),
         measured=_resampled(base, windows, base.q),
         nominal=runs[0],
         extended=runs[1],
         start=np.array([base.t[w.start] for w in windows]),
+        settings=s,
     )
 
 
-def _times() -> Array:
-    return np.asarray(np.arange(1, round(SECONDS / 1e-3) + 1) * 1e-3, dtype=np.float64)
+def _times(s: ForwardSettings) -> Array:
+    return np.asarray(np.arange(1, round(s.seconds / 1e-3) + 1) * 1e-3, dtype=np.float64)
 
 
 def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
     """Return rows of windows within one segment and one held-out block, evenly picked."""
-    count = int(np.ceil(SECONDS / data.dt)) + 1
+    s = data.settings.forward
+    count = int(np.ceil(s.seconds / data.dt)) + 1
     out = []
     for run in data.runs():
         block = data.block[run]
@@ -141,8 +133,8 @@ def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
             if block[a] in held:
                 first = run.start + a
                 out += [slice(k, k + count) for k in range(first, run.start + b - count, count)]
-    if len(out) > MOST:
-        out = [out[int(k)] for k in np.linspace(0, len(out) - 1, MOST)]
+    if len(out) > s.most:
+        out = [out[int(k)] for k in np.linspace(0, len(out) - 1, s.most)]
     return out
 
 
@@ -151,12 +143,12 @@ def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) 
     out = []
     for w in windows:
         spline = CubicSpline(np.arange(w.stop - w.start) * data.dt, signal[w])
-        out.append(spline(_times(), order))
+        out.append(spline(_times(data.settings.forward), order))
     return np.array(out)
 
 
 def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthread: int) -> Run:
-    model = mujoco.MjModel.from_xml_string(text)
+    model, s = mujoco.MjModel.from_xml_string(text), data.settings.forward
     names = data.arm.joint_names
     dof = np.array([model.joint(j).dofadr[0] for j in names])
     act = np.array([model.actuator(f"{j}_torque").id for j in names])
@@ -188,17 +180,17 @@ def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthr
         want_speed = speed[:, k - 1] if k else data.dq[starts]
         off = want - batch.bind("qpos")[:, dof]
         off_speed = want_speed - batch.bind("qvel")[:, dof]
-        pull = BANDWIDTH**2 * off + 2 * BANDWIDTH * off_speed
+        pull = s.bandwidth**2 * off + 2 * s.bandwidth * off_speed
         added[:, k] = np.einsum("wij,wj->wi", inertia, pull)
         out = control[:, k].copy()
         out[:, act] += added[:, k]
         return out
 
     steer(model, start, servo, steps, nthread=nthread)
-    settled = _times() > SETTLE
+    settled = _times(s) > s.settle
     return Run(
         angle=angle,
-        position_rms=_rms((angle - measured)[:, _times() <= REPLAY]),
+        position_rms=_rms((angle - measured)[:, _times(s) <= s.replay]),
         torque_rms=_rms(added[:, settled]),
         torque=added,
     )

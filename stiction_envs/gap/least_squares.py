@@ -20,17 +20,6 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
-MOST_ROWS = 20_000
-"""Rows of all logs together; more are thinned out evenly."""
-POOR = 0.1
-"""R² under which the line says nothing [-]; assumed. The thesis reports 1e-6 to 0.04."""
-SLOW = 0.05
-"""Speed under which a joint is near stiction [rad/s]; assumed."""
-NOISY = 2.0
-"""Raw friction torque over the filtered one, both about their means, that counts as noise [-];
-assumed."""
-LAG = 3e-3
-"""Delay of a logged speed that counts [s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +117,9 @@ def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
                 fit += np.where(sign * data.dq[:, j] > 0, m * data.dq[:, j] + b, 0.0)
         rms[j] = float(np.sqrt(np.mean(np.square(data.tau[:, j] - data.rigid[:, j] - fit))))
         lines += mine
-        found = _why(mine, speed[:, j], torque[:, j], data, j) + _lag(logs, j)
+        found = _why(mine, speed[:, j], torque[:, j], data, j) + _lag(
+            logs, j, data.settings.least_squares.lag
+        )
         if found:
             breaks[j + 1] = tuple(found)
     return LeastSquares(lines=tuple(lines), rms=rms, breaks=breaks)
@@ -136,7 +127,9 @@ def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
 
 def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
     """Return (N, n) raw speeds and friction torques; accelerations are plain differences."""
-    step = max(1, sum(len(x.t) for x in logs if not x.static) // MOST_ROWS)
+    step = max(
+        1, sum(len(x.t) for x in logs if not x.static) // data.settings.least_squares.most_rows
+    )
     speeds, torques = [], []
     for log in logs:
         for part in log.segments:
@@ -158,9 +151,10 @@ def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> 
     """Return what breaks the lines of one joint."""
     out = []
     plus, minus = lines
+    s, slowest = data.settings.least_squares, data.settings.motion.near_stiction_speed
     if not np.isfinite(plus.slope + minus.slope):
         return ["it does not move in both directions"]
-    poor = [x for x in lines if x.r2 < POOR]
+    poor = [x for x in lines if x.r2 < s.poor]
     if poor:
         worst = min(x.r2 for x in poor)
         out.append(f"R² is {worst:.2g}: scatter hides the slope; the intercept may hold")
@@ -180,18 +174,18 @@ def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> 
             "gravity counted as friction"
         )
     filtered = data.tau[:, j] - data.rigid[:, j]
-    if torque.std() > NOISY * filtered.std():
+    if torque.std() > s.noisy * filtered.std():
         out.append(
             f"raw differentiation: the friction torque scatters by {torque.std():.3g} N·m, after "
             f"the filter by {filtered.std():.3g} N·m"
         )
-    slow = float(np.mean(np.abs(speed) < SLOW))
+    slow = float(np.mean(np.abs(speed) < slowest))
     if slow < 0.05:
-        out.append(f"only {100 * slow:.1f} % of the samples are slower than {SLOW:g} rad/s")
+        out.append(f"only {100 * slow:.1f} % of the samples are slower than {slowest:g} rad/s")
     return out
 
 
-def _lag(logs: Sequence[JointLog], j: int) -> list[str]:
+def _lag(logs: Sequence[JointLog], j: int, least: float) -> list[str]:
     """Return whether a logged speed lags the angle it is of (by least squares on its rate)."""
     for log in logs:
         if log.dq is None or log.static:
@@ -207,6 +201,6 @@ def _lag(logs: Sequence[JointLog], j: int) -> list[str]:
         power = float(rate[inner] @ rate[inner])
         if power > 0:
             lag = float(rate[inner] @ (mean - other)[inner]) / power
-            if abs(lag) > LAG:
+            if abs(lag) > least:
                 return [f"the logged speed lags the angle by {1e3 * lag:.1f} ms"]
     return []

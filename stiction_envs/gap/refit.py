@@ -16,8 +16,6 @@ from stiction_envs.gap.causes import Shape, TorqueShift
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
-ROUNDS = 3
-"""Times that a delay follows the model it is a part of; assumed."""
 
 
 def refit_given_what_was_found(
@@ -67,7 +65,7 @@ def settle(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candid
     if late is None:
         return out
     at = out.index(late)
-    for _ in range(ROUNDS):
+    for _ in range(library.data.settings.estimates.delay_rounds):
         cause = _shift(library, late)
         if not cause.acts_on_all:
             break

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.gap.causes import parameter_units
-from stiction_envs.gap.diagnosis import CLOSE, Diagnosis, Estimate, NamedCause
+from stiction_envs.gap.diagnosis import Diagnosis, Estimate, NamedCause
 from stiction_envs.gap.extended_model import Extension
-from stiction_envs.gap.forward_validation import EVERY, REPLAY, SECONDS, Proof
+from stiction_envs.gap.forward_validation import Proof
 from stiction_envs.gap.least_squares import LeastSquares
 from stiction_envs.gap.report_figures import (
     Drawn,
@@ -69,9 +69,7 @@ def write_report(
         residuals=_residuals(d),
         validation=proof,
         forward="" if isinstance(proof, str) else _forward(proof),
-        seconds=SECONDS,
-        every=EVERY,
-        replay=REPLAY,
+        windows=d.settings.forward,
         extension=extension,
         squares=squares,
         squares_lines="" if squares is None else _lines(squares),
@@ -102,14 +100,15 @@ def verdict_sentences(d: Diagnosis, nominal_name: str = "rigid") -> str:
 
 
 def _verdict(d: Diagnosis, nominal_name: str) -> dict[str, Any]:
+    close = d.settings.verdict.close
     return {
         "d": d,
         "nominal_name": nominal_name,
         "names": [
             f"{c.name} ({joint_list(c.joints) if c.joints else 'whole arm'})" for c in d.causes
         ],
-        "unexplained": [j + 1 for j in range(d.data.n) if d.nominal_rms[j] > CLOSE * d.noise[j]],
-        "close": CLOSE,
+        "unexplained": [j + 1 for j in range(d.data.n) if d.nominal_rms[j] > close * d.noise[j]],
+        "close": close,
     }
 
 
@@ -132,11 +131,11 @@ def _values(e: Estimate) -> tuple[str, str]:
 
 
 def _residuals(d: Diagnosis) -> str:
-    rows = []
+    rows, close = [], d.settings.verdict.close
     for j in range(d.data.n):
         before, after, noise = d.nominal_rms[j], d.extended_rms[j], d.noise[j]
         gain = f"{number(100 * (1 - after / before), 0)} %"
-        left = f"{after / noise:.1f} × the noise" + ("" if after > CLOSE * noise else ", explained")
+        left = f"{after / noise:.1f} × the noise" + ("" if after > close * noise else ", explained")
         rows.append([f"joint {j + 1}", short(before), short(after), gain, short(noise), left])
     return table_text(["joint", "nominal", "extended", "gain", "noise floor", "left"], rows)
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.gap.forward_validation import REPLAY, Proof
+from stiction_envs.gap.forward_validation import Proof
 from stiction_envs.gap.report_figures import AFTER, BEFORE, Drawn
 from stiction_envs.reporting.png import save_small
 
@@ -71,7 +71,7 @@ def draw_proof(proof: Proof, path: Path) -> Drawn:
         if half == 0:
             axes.legend(fontsize=8, frameon=False)
     best = int(np.argmax(proof.position_gain))
-    shown = proof.time <= REPLAY
+    shown = proof.time <= proof.settings.replay
     for k, w in enumerate(np.linspace(0, len(proof.start) - 1, 4).astype(int)):
         axes = figure.add_subplot(grid[1, k])
         base = proof.measured[w, 0, best]

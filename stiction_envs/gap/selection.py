@@ -14,26 +14,6 @@ from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
 
 Array = NDArray[np.float64]
-CHANCE = 0.01
-"""Chance that anything at all is named by noise, shared out over all that is tried [-]; assumed."""
-CLEAR = 0.1
-"""Part of a joint's held-out squared error that noise never explains [-]: it has thousands of
-rows. A cause that takes away more is not held against chance over all that is tried; assumed."""
-LEAST_TORQUE = 0.5
-"""Least torque of a cause, root mean square, over the noise floor of some joint [-]; assumed."""
-SHAPE = 0.05
-"""Part of the torque of a joint's approximate causes that a refinement must have [-]: better no
-law of friction is known (assumed). Base friction refines nothing."""
-ALIKE_GAIN, ALIKE_ERRORS = 0.01, 2.0
-"""What explains as much but for this part, or for so many standard errors, is as good [-];
-assumed."""
-LEFT = 2.0
-"""Held-out error of a joint over its noise from which on pairs of causes are tried [-]; assumed."""
-ROUNDS = 3
-"""Times that is added and taken out at most."""
-MOST_TERMS = 40
-SHORTLIST = 6
-"""Causes per joint whose held-out error is worked out in each round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,28 +46,28 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     where they are real and zero where not, however much blocks differ in size. Its standard error
     is that between blocks, √(Σ(pᵀe − a pᵀp)²·B/(B − 1))/Σpᵀp (Liang and Zeger, "Longitudinal data
     analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
-    freedom; `CHANCE` is shared out over all terms that are tried (Bonferroni).
+    freedom; ``chance`` is shared out over all terms that are tried (Bonferroni).
     """
-    grams, model = library.grams, library.model_columns(terms)
+    s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
     rest = library.model_columns([t for t in terms if t not in added])
     left = grams.held_out(rest)
     less = left - grams.held_out(model)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
     strict, single = (
-        float(student.ppf(1 - CHANCE / tried, grams.blocks - 1))
+        float(student.ppf(1 - s.chance / tried, grams.blocks - 1))
         for tried in (max(len(library.candidates), 1), 1)
     )
     part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
-    limit = np.where(part > CLEAR, single, strict)
+    limit = np.where(part > s.clear, single, strict)
     whole = _slope(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
     each = np.array([_slope(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)])
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     size, others = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
-    share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else SHAPE
-    least = np.maximum(LEAST_TORQUE, np.maximum(share * others, library.known))
+    share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
+    least = np.maximum(s.least_torque, np.maximum(share * others, library.known))
     # noise of the acceleration is in columns as well as in residuals, and explains itself
     count = np.array([g.count.sum() for g in grams.joints])
-    large = (size > least) & (left.sum(axis=1) > (1 + LEAST_TORQUE**2) * count)
+    large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
     # log-likelihood of joints each of which has noise of its own, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
@@ -159,6 +139,7 @@ class Chooser:
     ) -> None:
         """Begin with some terms; causes of ``without`` are not tried on their joints again."""
         self.library = library
+        self._settings = library.data.settings.selection
         self._progress = progress or (lambda _: None)
         self.terms = list(start)
         self._without = {(t.cause, t.joint) for t in without}
@@ -166,7 +147,7 @@ class Chooser:
     def choose(self) -> list[Candidate]:
         """Return the significant terms, in the order in which they were found."""
         before: list[Candidate] | None = None
-        for _ in range(ROUNDS):
+        for _ in range(self._settings.rounds):
             self._add()
             self.terms = pruned(self.library, self.terms)
             # what was taken out may have kept out something better
@@ -178,7 +159,7 @@ class Chooser:
     def _add(self) -> None:
         """Add what is significant, the best first."""
         known: dict[int, list[Offer]] = {}
-        for step in range(MOST_TERMS):
+        for step in range(self._settings.most_terms):
             for joint in [ARM, *range(self.library.data.n)]:
                 if joint not in known:
                     known[joint] = self._significant(joint)
@@ -221,15 +202,15 @@ class Chooser:
         if not offers:
             return None
         best = max(offers, key=lambda x: x.found.total)
-        size = self.library.complexity
+        size, s = self.library.complexity, self._settings
         for other in sorted(offers, key=lambda x: (size(x.added), -x.found.total)):
             if size(other.added) >= size(best.added):
                 break
             each = (best.found.less - other.found.less).sum(axis=0)
             error = float(each.std(ddof=1) * np.sqrt(len(each)))
             lost = float(each.sum())
-            if lost < ALIKE_GAIN * best.found.total or (
-                lost < ALIKE_ERRORS * error and (lost < 5 * ALIKE_GAIN * best.found.total)
+            if lost < s.as_good * best.found.total or (
+                lost < s.as_good_errors * error and (lost < 5 * s.as_good * best.found.total)
             ):
                 return other
         return best
@@ -263,7 +244,7 @@ class Chooser:
         """
         lib = self.library
         errors = lib.grams.held_out(lib.model_columns(self.terms))[joint].sum()
-        if errors < LEFT**2 * lib.grams.joints[joint].count.sum():
+        if errors < self._settings.pair_error**2 * lib.grams.joints[joint].count.sum():
             return []
         out = []
         for (_, one), (_, two) in combinations(self._offers(joint), 2):
@@ -312,5 +293,7 @@ class Chooser:
             if value > best.get(key, (0.0, []))[0]:
                 best[key] = (value, added)
         ranked = sorted(best.values(), key=lambda x: -x[0])
-        short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[:SHORTLIST]
+        short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[
+            : self._settings.shortlist
+        ]
         return [x for x in ranked if x[1][-1].cause in short]

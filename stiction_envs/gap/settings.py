@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import get_type_hints
 
-from stiction_envs.measured.settings import MeasuredSettings, measured_settings
+from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import check_numbers, load_settings
 
 
@@ -137,6 +138,192 @@ class TorqueLagSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RecordingSettings:
+    """How the logs' time is cut into blocks that are held out."""
+
+    most_rows: int
+    """Rows of all logs together; longer logs are thinned out after the filter, which is told."""
+    blocks: int
+    """Of time that are held out in turn, over all logs: enough to see their spread."""
+    guard: float
+    """Time between two blocks that belongs to none [s]; longer than any filter here."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, from_zero=("guard",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionStateSettings:
+    """What is assumed of dry friction before causes are looked for."""
+
+    presliding_distance: float
+    """Of dry friction [rad]: 0.5 N·m on 2500 N·m/rad."""
+    presliding_distances: tuple[float, ...]
+    """Of which each joint takes the one that its torque at reversals asks for [rad]."""
+    falling_speed: float
+    """Speed over which friction may fall meanwhile [rad/s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseSettings:
+    """The noise floor of the residual."""
+
+    least_noise: float
+    """That is assumed at least [N·m], so that perfect data do not divide by zero."""
+    same_pose: float
+    """Poses nearer than this, over all joints, are one pose [rad]: 0.2 N·m of gravity in
+    7 N·m/rad, before the model takes it out."""
+    least_pairs: int
+    """Fewer pairs of such poses say nothing of the scatter."""
+    seen: float
+    """Times the noise floor by which a torque must change to be seen [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CandidateSettings:
+    """How rows of the logs weigh."""
+
+    huber: float
+    """Residuals beyond this many robust standard deviations weigh less [-]."""
+    uncertain: float
+    """Weight of rows in which a joint rests off its steady level of friction [-]: how far it sprang
+    back is hardly seen, so that its torque is known to some 0.2 of its friction only, five times
+    the noise of a good log."""
+    sure: float
+    """Part of that level from which on friction counts as steady [-]."""
+    mostly: float
+    """Part of the rows at rest from which on they count as the others do [-]."""
+    given: float
+    """Part of the nominal model's friction that it may be off, where it is given [-]."""
+    diagnosed: float
+    """The same where it is of an earlier diagnosis [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(
+            self, shares=("uncertain", "sure", "mostly"), from_zero=("given", "diagnosed")
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionSettings:
+    """When a cause is significant, and which of two that are."""
+
+    chance: float
+    """Chance that anything at all is named by noise, shared out over all that is tried [-]."""
+    clear: float
+    """Part of a joint's held-out squared error that noise never explains [-]: it has thousands of
+    rows. A cause that takes away more is not held against chance over all that is tried."""
+    least_torque: float
+    """Least torque of a cause, root mean square, over the noise floor of some joint [-]."""
+    refinement: float
+    """Part of the torque of a joint's approximate causes that a refinement must have [-]: better no
+    law of friction is known. Base friction refines nothing."""
+    as_good: float
+    """What explains as much but for this part is as good [-]."""
+    as_good_errors: float
+    """The same in standard errors, as long as the part is not five times as large [-]."""
+    pair_error: float
+    """Held-out error of a joint over its noise from which on pairs of causes are tried [-]."""
+    rounds: int
+    """Times that is added and taken out at most."""
+    most_terms: int
+    """Of a model."""
+    shortlist: int
+    """Causes per joint whose held-out error is worked out in each round."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("chance", "clear", "as_good"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateSettings:
+    """Parameters of the causes, and their intervals."""
+
+    resamples: int
+    """Of the blocks."""
+    interval: float
+    """Standard deviations of the resamples in an interval [-]: Student's t of 11 degrees of
+    freedom."""
+    far: float
+    """Robust standard deviations at which resamples are cut off [-]."""
+    model_error: float
+    """Part of a value to which any model is true at best [-]."""
+    resized: int
+    """Rounds in which nonlinear parameters follow sizes."""
+    resized_reach: float
+    """How far the logarithm of a parameter then moves [-]."""
+    tangent: float
+    """Step in the logarithm of a nonlinear parameter for its tangent [-]."""
+    delay_rounds: int
+    """Times that a delay follows the model it is a part of."""
+    hardly_own: float
+    """Part of a cause's own gain that it may lose to another which explains the same [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, from_zero=("model_error",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerdictSettings:
+    """When nothing is left to explain."""
+
+    close: float
+    """Held-out error over the noise floor under which nothing is left [-]."""
+    small: float
+    """The same over a joint's whole torque, root mean square [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForwardSettings:
+    """Windows in which both models are simulated."""
+
+    every: int
+    """Every so many blocks one is simulated and not fitted."""
+    seconds: float
+    """Length of a window [s]."""
+    replay: float
+    """Start of a window in which the replay counts [s]: its errors grow with the square of time."""
+    most: int
+    """Windows, evenly picked."""
+    least: int
+    """With fewer windows nothing is said."""
+    bandwidth: float
+    """Of the tracking servo [rad/s]: faster than the motion of logs, slower than its noise."""
+    settle: float
+    """Start of a window in which the servo settles; does not count [s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, from_zero=("settle",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeastSquaresSettings:
+    """What breaks the thesis's lines."""
+
+    most_rows: int
+    """Of all logs together; more are thinned out evenly."""
+    poor: float
+    """R² under which the line says nothing [-]; the thesis reports 1e-6 to 0.04."""
+    noisy: float
+    """Raw friction torque over the filtered one, both about their means, that counts as noise
+    [-]."""
+    lag: float
+    """Delay of a logged speed that counts [s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class GapSettings:
     """All of this room, and of the logs it reads."""
 
@@ -152,17 +339,35 @@ class GapSettings:
     """Torques counted the other way round."""
     torque_lag: TorqueLagSettings
     """Torques that come late."""
+    recording: RecordingSettings
+    """Blocks of time."""
+    friction_state: FrictionStateSettings
+    """Dry friction before causes are looked for."""
+    noise: NoiseSettings
+    """The noise floor."""
+    candidates: CandidateSettings
+    """Weights of rows."""
+    selection: SelectionSettings
+    """Which causes."""
+    estimates: EstimateSettings
+    """Their parameters."""
+    verdict: VerdictSettings
+    """When nothing is left to explain."""
+    forward: ForwardSettings
+    """Both models in simulation."""
+    least_squares: LeastSquaresSettings
+    """The thesis's lines."""
+
+    @property
+    def motion(self) -> MotionThresholds:
+        """When a joint moves: that of `measured`."""
+        return self.measured.motion
 
 
 @cache
 def gap_settings() -> GapSettings:
     """Return the defaults."""
     path = Path(__file__).with_name("settings.toml")
-    return GapSettings(
-        measured=measured_settings(),
-        spectra=load_settings(SpectraSettings, path, "spectra"),
-        prepare=load_settings(PrepareSettings, path, "prepare"),
-        reversal_path=load_settings(ReversalPathSettings, path, "reversal_path"),
-        torque_sign=load_settings(TorqueSignSettings, path, "torque_sign"),
-        torque_lag=load_settings(TorqueLagSettings, path, "torque_lag"),
-    )
+    kinds = get_type_hints(GapSettings)
+    own = {x: load_settings(kinds[x], path, x) for x in kinds if x != "measured"}
+    return GapSettings(measured=measured_settings(), **own)

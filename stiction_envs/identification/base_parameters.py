@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.friction_state import DISTANCES
 from stiction_envs.identification.settings import BaseParameterSettings, identification_settings
 from stiction_envs.robots.regressor import (
     BaseSet,
@@ -117,7 +116,9 @@ def design(
         step = max(1, int(1.0 / (s.rows_per_period * data.cutoff * data.dt)))
         shared = max(1.0, 1.0 / (2 * data.cutoff * data.dt * step))
     yields = data.friction.presliding_distance if distance is None else distance
-    direction = data.smooth(bristles(data.reversal_path, data.runs(), yields[:, None])[..., 0])
+    direction = data.smooth(
+        bristles(data.reversal_path, data.runs(), yields[:, None], data.settings.motion)[..., 0]
+    )
     rows = slice(None, None, step)
     q, dq, ddq = data.q[rows], data.dq[rows], data.ddq[rows]
     links = torque_regressor(data.pinocchio, q, dq, ddq)
@@ -143,11 +144,12 @@ def presliding(
     Chosen with free base parameters: with the nominal links their errors would choose.
     """
     scores = []
-    for distance in DISTANCES:
+    distances = data.settings.friction_state.presliding_distances
+    for distance in distances:
         d = design(data, rotor=rotor, distance=np.full(data.n, distance), settings=settings)
         found = fit(d.columns[:, :, base.kept], d.torque, settings=settings)
         scores.append(np.square(found.residual).mean(axis=0))
-    return np.array(DISTANCES)[np.argmin(scores, axis=0)]
+    return np.array(distances)[np.argmin(scores, axis=0)]
 
 
 def structural_base(

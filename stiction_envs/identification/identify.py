@@ -216,7 +216,7 @@ def identify(
     most = chosen.validation.most_samples
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=most, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
-    data = assemble(arm, signals, link_side=link_side)
+    data = assemble(arm, signals, link_side=link_side, settings=gap)
     found = identify_data(data, progress=say, settings=chosen)
     notes = (c.text for log in turned[:1] for c in log.corrections if c.kind == "sign")
     return dataclasses.replace(found, notes=(*signals.notes, *notes))

@@ -171,18 +171,34 @@ class MotionThresholds:
     reversal_speed: float
     """Speed between which and its opposite a joint reverses; one that varies by less says nothing
     of lags [rad/s]."""
+    moving_speed: float
+    """A joint that is faster moves for certain [rad/s]: ten times the width of a direction."""
+    near_stiction_speed: float
+    """A joint that is slower is near stiction [rad/s]."""
     stir_span: float
     """A joint that covers a smaller angle does not even stir [rad]."""
+    hold_span: float
+    """A joint that covers a smaller angle only holds [rad]."""
+    travel_span: float
+    """Angle that a joint must turn for its motion to say anything [rad]."""
+    start_span: float
+    """A joint that turns this far in its first `start_samples` moves from the start [rad]."""
+    start_samples: int
+    """See `start_span`."""
     mover_ratio: float
     """A joint slower than this part of the fastest only shakes along [-]."""
     mover_power: float
     """The same as a part of the power of the speed [-]."""
+    acting_share: float
+    """Least part of the samples in which a joint must move for a cause to act [-]."""
     both_ways_share: float
     """Part of the samples in which a joint must move there, and back, for its friction to have a
     say [-]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("mover_ratio", "mover_power", "both_ways_share"))
+        check_numbers(
+            self, shares=("mover_ratio", "mover_power", "acting_share", "both_ways_share")
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

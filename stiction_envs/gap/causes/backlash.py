@@ -15,7 +15,7 @@ from stiction_envs.gap.causes.deflection import (
     seen_by,
     torque_of,
 )
-from stiction_envs.gap.causes.motion import SLOW, rests, reversals
+from stiction_envs.gap.causes.motion import rests, reversals
 from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.reversal_path import play
@@ -200,6 +200,6 @@ class Backlash(Cause):
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether nothing turns."""
         loads = reversals(data.rigid[:, joint], data.noise[joint])
-        if loads < 3 and reversals(data.dq[:, joint], SLOW) < 2:
+        if loads < 3 and reversals(data.dq[:, joint], data.settings.motion.reversal_speed) < 2:
             return f"neither motion nor load of joint {joint + 1} changes sign"
         return ""

@@ -9,7 +9,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, log_grid
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.motion import SLOW, along_runs, lacks_both_directions, reversals
+from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, reversals
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.bristle import bristles
@@ -58,7 +58,7 @@ class PreslidingHysteresis(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m, and its rate [rad/s]."""
         path, distance = data.reversal_path[:, [joint]], np.array([[shape[0]]])
-        zeta = bristles(path, data.runs(), distance)[:, 0, 0]
+        zeta = bristles(path, data.runs(), distance, data.settings.motion)[:, 0, 0]
         lag = zeta - data.dry_friction_ratio(joint)
         return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
 
@@ -82,7 +82,7 @@ class PreslidingHysteresis(Cause):
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether reversals are missing."""
         missing = lacks_both_directions(data, joint)
-        count = reversals(data.dq[:, joint], SLOW)
+        count = reversals(data.dq[:, joint], data.settings.motion.reversal_speed)
         if not missing and count < 2:
             missing = f"joint {joint + 1} reverses only {count} times"
         return missing

@@ -12,7 +12,7 @@ from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, moving
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View, speed
-from stiction_envs.gap.signals.dataset import SIGN_SPEED, Data
+from stiction_envs.gap.signals.dataset import Data
 
 MOST_RATIO = 5.0
 """ΔF over the level in motion past which bristles are taken as at this [-]; assumed."""
@@ -58,7 +58,7 @@ class StribeckFriction(Cause):
         Motion that is slower than that never leaves the effect behind: it is as good as constant.
         """
         top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
-        low = 3 * SIGN_SPEED
+        low = 3 * data.settings.motion.rest_speed
         return log_grid(low, min(0.3, top), 10) if top > 1.1 * low else []
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
@@ -74,7 +74,7 @@ class StribeckFriction(Cause):
         """Return whether slow or fast motion is missing."""
         v = np.abs(data.dq[:, joint])
         if not (missing := lacks_both_directions(data, joint)):
-            if ((v > SIGN_SPEED) & (v < 0.1)).mean() < 0.01:
+            if ((v > data.settings.motion.rest_speed) & (v < 0.1)).mean() < 0.01:
                 missing = f"joint {joint + 1} never moves slowly"
             elif moving(data, joint).mean() < 0.1:
                 missing = f"joint {joint + 1} hardly moves"

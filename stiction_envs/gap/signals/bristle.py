@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 Array = NDArray[np.float64]
 
-START, CLEARLY = 10, 5e-4
-"""A joint that turns this far [rad] in so many first samples moves from the start; assumed."""
 
-
-def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
+def bristles(
+    path: Array, runs: list[slice], distance: Array, motion: MotionThresholds | None = None
+) -> Array:
     """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
 
     Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
@@ -25,17 +25,19 @@ def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
         path: (T, n) [rad].
         runs: rows of each segment.
         distance: (n, k) d [rad].
+        motion: when a joint moves from the start; None for ``settings.toml``'s.
     """
+    moves = motion or measured_settings().motion
     out = np.zeros((*path.shape, distance.shape[-1]))
     for run in runs:
         if run.stop - run.start < 2:
             continue
         for j in range(path.shape[1]):
-            out[run, j] = _bristle(path[run, j], distance[j])
+            out[run, j] = _bristle(path[run, j], distance[j], moves)
     return out
 
 
-def _bristle(x: Array, distance: Array) -> Array:
+def _bristle(x: Array, distance: Array, motion: MotionThresholds) -> Array:
     """Return (K, k) along one segment of one joint."""
     out = np.zeros((len(x), len(distance)))
     side = np.sign(np.diff(x))
@@ -45,7 +47,7 @@ def _bristle(x: Array, distance: Array) -> Array:
     turns = moves[1:][side[moves[1:]] != side[moves[:-1]]].tolist()
     starts = [int(moves[0]), *turns]
     ends = [*turns, len(x) - 1]
-    begun = abs(x[min(START, len(x) - 1)] - x[0]) > CLEARLY
+    begun = abs(x[min(motion.start_samples, len(x) - 1)] - x[0]) > motion.start_span
     zeta = np.full(len(distance), side[moves[0]] if begun else 0.0)
     out[: starts[0] + 1] = zeta
     for a, b in zip(starts, ends, strict=True):

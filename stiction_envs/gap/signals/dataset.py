@@ -15,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.friction_state import (
     FrictionState,
@@ -23,12 +24,10 @@ from stiction_envs.gap.signals.friction_state import (
 )
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.recording import BLOCKS, Recording, join, rate
+from stiction_envs.gap.signals.recording import Recording, join, rate
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-SIGN_SPEED = 2e-3
-"""Speed below which the direction of motion is not certain in a filtered log [rad/s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +65,11 @@ class Data:
     def arm(self) -> Arm:
         """The nominal rigid arm."""
         return self.recording.arm
+
+    @property
+    def settings(self) -> GapSettings:
+        """Constants of the method."""
+        return self.recording.settings
 
     @property
     def pinocchio(self) -> pin.Model:
@@ -217,7 +221,9 @@ class Data:
         A joint that stops keeps its friction until it goes back by the presliding distance.
         """
         distance = self.friction.presliding_distance
-        return bristles(self.reversal_path, self.runs(), distance[:, None])[..., 0]
+        return bristles(self.reversal_path, self.runs(), distance[:, None], self.settings.motion)[
+            ..., 0
+        ]
 
     def direction(self, joint: int) -> Array:
         """Return (T,) that of `directions` of a joint (from 0)."""
@@ -265,7 +271,7 @@ def assemble(
     *,
     friction: FrictionParameters | None = None,
     link_side: bool = False,
-    blocks: int = BLOCKS,
+    settings: GapSettings | None = None,
 ) -> Data:
     """Hold signals against the nominal model.
 
@@ -274,9 +280,9 @@ def assemble(
         signals: of its logs.
         friction: nominal friction; None for a rigid body without any.
         link_side: whether torque was measured behind the gear.
-        blocks: number of blocks; logs are blocks where there are at least as many of them.
+        settings: constants of the method; None for those of ``settings.toml``.
     """
-    recording = join(arm, signals, link_side=link_side, blocks=blocks)
+    recording = join(arm, signals, link_side=link_side, settings=settings)
     if friction is None:
         state, nominal = FrictionState.unknown(recording), recording.rigid
     else:

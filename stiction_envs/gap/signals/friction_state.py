@@ -13,10 +13,6 @@ from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording, rate
 
 Array = NDArray[np.float64]
-DISTANCE = 2e-4
-"""Presliding distance of dry friction [rad]: 0.5 N·m on 2500 N·m/rad; assumed."""
-DISTANCES = (2e-5, 6e-5, DISTANCE, 6e-4)
-"""Distances of which each joint takes the one that its torque at reversals asks for [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +87,10 @@ def friction_torque(recording: Recording, friction: FrictionParameters) -> Array
     """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m]."""
     state = FrictionState.of(friction)
     direction = bristles(
-        recording.reversal_path, recording.runs, state.presliding_distance[:, None]
+        recording.reversal_path,
+        recording.runs,
+        state.presliding_distance[:, None],
+        recording.settings.motion,
     )[..., 0]
     if recording.link_side:
         friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
@@ -103,7 +102,7 @@ def friction_torque(recording: Recording, friction: FrictionParameters) -> Array
 def presliding_distances(
     recording: Recording, residual: Array, logged: Callable[[Array], Array] = lambda x: x
 ) -> Array:
-    """Return (n,) the one of `DISTANCES` with which friction explains most of a residual [rad].
+    """Return (n,) the presliding distances with which friction explains most of a residual [rad].
 
     It turns the sign of friction some milliseconds later, which moves what else is found.
 
@@ -112,22 +111,25 @@ def presliding_distances(
         residual: (T, n) measured less nominal torque [N·m].
         logged: makes of a torque (T,) what is logged of it.
     """
+    s = recording.settings.friction_state
+    distances = s.presliding_distances
     path, dq, ddq = recording.reversal_path, recording.dq, recording.ddq
-    zeta = bristles(path, recording.runs, np.tile(DISTANCES, (recording.n, 1)))
+    zeta = bristles(
+        path, recording.runs, np.tile(distances, (recording.n, 1)), recording.settings.motion
+    )
     zeta = recording.smooth(zeta)
-    out = np.full(recording.n, DISTANCE)
+    out = np.full(recording.n, s.presliding_distance)
     for j in range(recording.n):
+        falls = np.exp(-np.abs(dq[:, j]) / s.falling_speed)
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []
-        for k in range(len(DISTANCES)):
+        for k in range(len(distances)):
             # what friction falls by with speed may show apart from when it turns
-            x = np.column_stack(
-                [common, zeta[:, j, k], zeta[:, j, k] * np.exp(-np.abs(dq[:, j]) / 0.1)]
-            )
+            x = np.column_stack([common, zeta[:, j, k], zeta[:, j, k] * falls])
             x = np.stack([logged(column) for column in x.T], axis=1)
             r = residual[:, j]
             xx = x.T @ x
             c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]
             left.append(float(np.sum(np.square(r - x @ c))))
-        out[j] = DISTANCES[int(np.argmin(left))]
+        out[j] = distances[int(np.argmin(left))]
     return out

@@ -13,16 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from stiction_envs.gap.settings import NoiseSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment
+from stiction_envs.measured.settings import MotionThresholds
 
 Array = NDArray[np.float64]
-SAME = 0.03
-"""Poses nearer than this, over all joints, are one pose [rad]; assumed: 0.2 N·m of gravity in 7
-N·m/rad, before the model takes it out."""
-PAIRS = 10
-"""Fewer pairs say nothing of the scatter (assumed)."""
-STILL = 0.05
-"""A joint that turns by less does not move [rad]; assumed."""
 
 
 def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
@@ -42,25 +37,29 @@ def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
     return np.concatenate(out)
 
 
-def scatter(q: Array, residual: Array) -> Array | None:
+def scatter(q: Array, residual: Array, settings: NoiseSettings | None = None) -> Array | None:
     """Return (n,) scatter of the residual between poses that are the same [N·m], if there are any.
 
     Args:
         q: (T, n) [rad].
         residual: (T, n) measured less nominal torque [N·m].
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    s = settings or gap_settings().noise
     if len(q) < 2:
         return None
     distance, nearest = cKDTree(q).query(q, k=2)
-    first = np.flatnonzero(distance[:, 1] < SAME)
+    first = np.flatnonzero(distance[:, 1] < s.same_pose)
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
-    if len(pairs) < PAIRS:
+    if len(pairs) < s.least_pairs:
         return None
     difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
     return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
 
 
-def wander(q: Array, residual: Array, rigid: Array) -> Array:
+def wander(
+    q: Array, residual: Array, rigid: Array, motion: MotionThresholds | None = None
+) -> Array:
     """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0.
 
     Sensors see it creep within the friction band, far below their own noise in frequency: it is
@@ -70,9 +69,11 @@ def wander(q: Array, residual: Array, rigid: Array) -> Array:
         q: (T, n) [rad].
         residual: (T, n) measured less nominal torque [N·m].
         rigid: (T, n) torque of the rigid body, which others' motion changes [N·m].
+        motion: when a joint moves; None for ``settings.toml``'s.
     """
+    least = (motion or gap_settings().motion).travel_span
     out = np.zeros(q.shape[1])
-    for j in np.flatnonzero(np.ptp(q, axis=0) < STILL):
+    for j in np.flatnonzero(np.ptp(q, axis=0) < least):
         x = np.stack([np.ones(len(q)), rigid[:, j]], axis=1)
         left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
         out[j] = left.std()

@@ -11,16 +11,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
 from stiction_envs.gap.signals.poses import segment_numbers
 from stiction_envs.gap.signals.prepare import Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-BLOCKS = 12
-"""Blocks of time that are held out in turn, over all logs (assumed: enough to see their spread)."""
-GUARD = 0.25
-"""Time between two blocks that belongs to none [s]; longer than any filter here (assumed)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +54,8 @@ class Recording:
     """(T,) number of the segment: time runs on within one."""
     block: NDArray[np.int64]
     """(T,) number of the block that is held out together, −1 in a guard."""
+    settings: GapSettings
+    """Constants of the method, for all that is worked out from it."""
 
     def __post_init__(self) -> None:
         for x in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
@@ -106,15 +105,23 @@ class Recording:
         return filtered(x, self.runs, self.dt, self.cutoff)
 
 
-def join(arm: Arm, signals: Signals, *, link_side: bool = False, blocks: int = BLOCKS) -> Recording:
+def join(
+    arm: Arm,
+    signals: Signals,
+    *,
+    link_side: bool = False,
+    settings: GapSettings | None = None,
+) -> Recording:
     """Put the segments of all logs into one piece.
 
     Args:
         arm: nominal rigid arm.
         signals: of its logs.
         link_side: whether torque was measured behind the gear.
-        blocks: number of blocks; logs are blocks where there are at least as many of them.
+        settings: constants of the method; None for those of ``settings.toml``. Logs are blocks
+            where there are at least as many of them as blocks.
     """
+    own = settings or gap_settings()
     parts = signals.segments
     q, dq, ddq, tau, path = (
         np.concatenate([getattr(s, x) for s in parts])
@@ -135,7 +142,8 @@ def join(arm: Arm, signals: Signals, *, link_side: bool = False, blocks: int = B
         tau=tau,
         reversal_path=path,
         segment=segment,
-        block=_blocks(log, segment, signals.dt, blocks),
+        block=_blocks(log, segment, signals.dt, own.recording),
+        settings=own,
     )
 
 
@@ -165,16 +173,16 @@ def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
 
 
 def _blocks(
-    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, wanted: int
+    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, s: RecordingSettings
 ) -> NDArray[np.int64]:
     """Return (T,) block numbers: by log where there are many, else equal spans of each log's time.
 
     Never rows at random: neighbours share noise, filter and friction state.
     """
     logs = np.unique(log)
-    each = max(1, -(-wanted // len(logs)))
+    each = max(1, -(-s.blocks // len(logs)))
     block = np.empty(len(log), dtype=np.int64)
-    guard = round(GUARD / dt) if np.isfinite(dt) else 0
+    guard = round(s.guard / dt) if np.isfinite(dt) else 0
     for i, number in enumerate(logs):
         rows = np.flatnonzero(log == number)
         part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)
