@@ -35,10 +35,10 @@ from stiction_envs.envs.gte_layout import (
     drawn_stiffness,
     stiffness_units,
 )
-from stiction_envs.envs.gte_log import Recorder, pose_error
+from stiction_envs.envs.gte_log import Recorder
 from stiction_envs.envs.sje_layout import action_bounds
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES, pose_error
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import CONTROL_DT
@@ -204,7 +204,7 @@ class GTECore(Slots):
             self._trajectory[i], self._stiffness[i] = case
             self._set_base(int(i), base[case])
         self.steps[ids], self.alive[ids] = 0, True
-        self.recorder.start(ids)
+        self.recorder.start(ids, self.goals[ids])
 
     def _draw(
         self, rng: np.random.Generator, options: Mapping[str, Any]
@@ -240,10 +240,10 @@ class GTECore(Slots):
         rig, recorder = self.rig, self.recorder
         self.action[ids] = action
         rig.retune(self.action[:, : self.n], self.action[:, self.n :])
-        recorder.advance(self.goals)
+        recorder.advance()
         rig.flange.read()
         self.steps[ids] += 1
-        if recorder.record:
+        if recorder.trace is not None:
             recorder.keep(ids, self.action[:, : self.n])
         return self._outcome(ids, action)
 
@@ -254,9 +254,9 @@ class GTECore(Slots):
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
         power, rate = self._loads(action)
-        shaking = r.vibration[ids] / default("reward.shaking_unit")
+        shaking = r.step_vibration[ids] / default("reward.shaking_unit")
         terms = {
-            "tracking": -np.mean(r.tracked[ids] / unit, axis=1),
+            "tracking": -np.mean(r.step_error[ids] / unit, axis=1),
             "power": -self.power_weight * share * power,
             "torque_rate": -self.torque_rate_weight * share * rate,
             "shaking": -self.shaking_weight * share * shaking,
@@ -269,8 +269,8 @@ class GTECore(Slots):
             truncated=truncated,
             time=rig.step[ids].astype(float) * CONTROL_DT,
             goals_reached=rig.keeper.index[ids],
-            vibration=r.vibration[ids],
-            error=r.window_error[ids],
+            vibration=r.step_vibration[ids],
+            error=r.window.sum[ids],
             undithered_error=self._base_error[ids],
             tracking_error=self.tracking_error(ids),
             shaking=r.shaking[ids],
@@ -280,7 +280,7 @@ class GTECore(Slots):
 
     def tracking_error(self, ids: Index) -> Array:
         """Return (M,) error over the episode so far over that of a whole undithered one [-]."""
-        return np.mean(self.recorder.total[ids] / self._unit[ids], axis=1)
+        return np.mean(self.recorder.total_error[ids] / self._unit[ids], axis=1)
 
     # ---- what is seen ------------------------------------------------------------------------
 

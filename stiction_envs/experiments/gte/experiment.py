@@ -14,15 +14,12 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.gte.protocol import (
-    FLAGS,
     TRAJECTORIES,
     Case,
     GTEProtocol,
@@ -31,6 +28,7 @@ from stiction_envs.experiments.gte.protocol import (
     named_path,
 )
 from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.gte.run_log import RunLog
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters
@@ -42,7 +40,6 @@ Index = NDArray[np.int64]
 MAX_SLOTS = 128
 """Simulations run at once."""
 _PART = 10  # samples between two looks whether all arms are done
-_RECORDS = ("reference", "actual", "shaking", "power", "rate", "flags")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,17 +227,15 @@ class GeneratedTrajectoryExperiment:
         )
         dither = [self.dither_of(c) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
-        watch = _Watch(rig, self.protocol)
-        block = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        block = _PART * round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        log = RunLog(rig, self.protocol, block)
         horizon = np.array([self.horizon(paths[i]) for i in of])
-        while watch.time < np.max(watch.end(horizon)):
-            for _ in range(_PART):
-                rig.advance(block, watch.step)
-                watch.sample()
+        while log.time < np.max(log.end(horizon)):
+            log.advance()
             if progress is not None:
-                progress(nsim * _PART * block * CONTROL_DT)
+                progress(nsim * block * CONTROL_DT)
         return [
-            watch.run(case, np.array(of) == i, len(paths[i].position), horizon)
+            log.run(case, np.array(of) == i, len(paths[i].position), horizon)
             for i, case in enumerate(cases)
         ]
 
@@ -271,94 +266,3 @@ class GeneratedTrajectoryExperiment:
         if case.phases == "spread":
             out["phase"] = 2 * np.pi * np.arange(n) / n
         return out
-
-
-class _Watch:
-    """Writes down what a rig does, sample by sample."""
-
-    def __init__(self, rig: GTERig, protocol: GTEProtocol) -> None:
-        self._rig, self._protocol = rig, protocol
-        self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
-        self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
-        # the arms have rested where they are: the filter starts settled
-        self._state = np.zeros((len(self._band), rig.nsim, 3, 2))
-        self._still = rig.flange.position.copy()
-        self._previous = rig.applied.copy()
-        self._positions: list[Array] = []
-        self._records: dict[str, list[Array]] = {name: [] for name in _RECORDS}
-        self._fresh()
-
-    def _fresh(self) -> None:
-        """Begin a sample."""
-        rig = self._rig
-        self._positions = []
-        self._power, self._rate = np.zeros(rig.nsim), np.zeros((rig.nsim, rig.n))
-        self._flags = np.zeros((rig.nsim, len(FLAGS)), dtype=bool)
-
-    @property
-    def time(self) -> float:
-        """Simulated since the first goal [s]."""
-        return len(self._records["actual"]) / self._protocol.sample_rate
-
-    def step(self) -> None:
-        """One control step."""
-        rig = self._rig
-        if not self._positions:
-            position, quaternion = rig.controller.reference
-            self._put("reference", np.concatenate([position, to_rpy(quaternion)], axis=1))
-            pose = [rig.flange.position, to_rpy(rig.flange.quaternion)]
-            self._put("actual", np.concatenate(pose, axis=1))
-        self._positions.append(rig.flange.position - self._still)
-        self._power += np.abs(rig.shaking * self._speed[:, self._motor]).sum(axis=1)
-        np.maximum(self._rate, np.abs(rig.applied - self._previous) / CONTROL_DT, out=self._rate)
-        self._previous[:] = rig.applied
-        flags = rig.controller.flags
-        for k, name in enumerate(FLAGS):
-            self._flags[:, k] |= getattr(flags, name)
-
-    def sample(self) -> None:
-        """End of a sample's control steps."""
-        block = np.stack(self._positions, axis=-1)
-        # the filter's state runs on from block to block
-        filter_sections(self._band, block, self._state)
-        self._put("shaking", np.sqrt(np.mean(block**2, axis=-1)))
-        self._put("power", self._power / block.shape[-1])
-        self._put("rate", self._rate)
-        self._put("flags", self._flags)
-        self._fresh()
-
-    def _put(self, name: str, value: Array) -> None:
-        self._records[name].append(value)
-
-    def end(self, horizon: Array) -> Array:
-        """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
-
-        Args:
-            horizon: (N,) when each is given up [s].
-        """
-        keeper = self._rig.keeper
-        last = np.nanmax(keeper.reached_at, axis=1, where=np.isfinite(keeper.reached_at), initial=0)
-        known = keeper.finished | (self.time >= horizon)
-        last = np.where(keeper.finished, np.minimum(last, horizon), horizon)
-        return np.where(known, last + self._protocol.tail, np.inf)
-
-    def run(self, case: Case, mine: NDArray[np.bool_], goals: int, horizon: Array) -> Run:
-        """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
-        rate, keeper = self._protocol.sample_rate, self._rig.keeper
-        count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))
-        record = {k: np.stack([x[mine] for x in v[:count]], 1) for k, v in self._records.items()}
-        given_up = horizon[mine][:, None]
-        accepted, reached = keeper.accepted_at[mine, :goals], keeper.reached_at[mine, :goals]
-        flags = np.any(record["flags"], axis=1)
-        return Run(
-            case=case,
-            time=np.arange(count) / rate,
-            reference=record["reference"],
-            actual=record["actual"],
-            accepted=np.where(accepted > given_up, np.nan, accepted),
-            reached=np.where(reached > given_up, np.nan, reached),
-            shaking=record["shaking"],
-            dither_power=record["power"],
-            torque_rate=record["rate"].max(axis=1),
-            flags={name: flags[:, k] for k, name in enumerate(FLAGS)},
-        )

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from stiction_envs.control.rotation import from_rpy, multiply, to_rpy
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.errors import unknown
+from stiction_envs.experiments.gte.accumulator import Accumulator, ErrorWindow
 from stiction_envs.experiments.gte.protocol import GTEProtocol, Run, load_gte_protocol
 
 Array = NDArray[np.float64]
@@ -63,17 +64,14 @@ def window(run: Run, *, half: float | None = None, centre: str = "accepted") -> 
     """
     if centre not in CENTRES:
         raise unknown("centre of the window", centre, CENTRES)
-    half = load_gte_protocol().window if half is None else half
     last = (run.accepted if centre == "accepted" else run.reached)[:, -1]
     error, period = run.error, sample_period(run)
-    width = round(half / period)
-    out = np.full((len(error), 2 * width, 6), np.nan)
-    for i in np.flatnonzero(np.isfinite(last)):
-        k = round(float(last[i]) / period) + np.arange(-width, width)
-        # past the record's end, which the protocol's tail rules out, its last error is held
-        taken = error[i, np.clip(k, 0, error.shape[1] - 1)]
-        out[i] = np.where((k < 0)[:, None], 0.0, taken)
-    return out
+    half = load_gte_protocol().window if half is None else half
+    out = ErrorWindow(len(error), round(half / period))
+    out.add(error, np.zeros(len(error), dtype=np.int64), np.rint(last / period))
+    # past the record's end, which the protocol's tail rules out, its last error is held
+    out.close(error[:, -1], np.full(len(error), error.shape[1]))
+    return out.error
 
 
 def window_sums(run: Run, *, half: float | None = None, centre: str = "accepted") -> Array:
@@ -155,33 +153,37 @@ def measure(
         motion: whose tolerances; None for the defaults.
     """
     motion = MotionLimits() if motion is None else motion
-    half = (load_gte_protocol() if protocol is None else protocol).window
-    error, period = run.error, sample_period(run)
-    absolute, finished = np.abs(error), run.reached[:, -1]
-    end = np.where(np.isfinite(finished), finished, np.inf)
-    # samples are counted: their times and the end may differ by rounding
-    moving = (np.arange(len(run.time)) < np.rint(end / period)[:, None])[..., None]
-    count = moving.sum(axis=1)
-    last = _before(error, run.accepted[:, 1:], period)
-    rest = np.where(np.isfinite(finished)[:, None], error[:, -1], np.nan)
-    settling = np.concatenate([last, rest[:, None]], axis=1)
+    protocol = load_gte_protocol() if protocol is None else protocol
+    count, goals = run.accepted.shape
+    sums = Accumulator(
+        count, goals, rate=1.0 / sample_period(run), window=protocol.window, tail=protocol.tail
+    )
+    sums.start(np.arange(count), np.full(count, goals))
+    sums.feed(
+        run.error,
+        np.ascontiguousarray(run.mean_square.transpose(0, 2, 1)),
+        run.accepted,
+        run.reached,
+        run.dither_power,
+    )
+    sums.close()
+    finished = run.reached[:, -1]
+    rest = np.where(np.isfinite(finished)[:, None], sums.last, np.nan)
+    settling = np.concatenate([sums.corner[:, 1:], rest[:, None]], axis=1)
     distance, angle = (np.sqrt((settling[..., k] ** 2).sum(axis=-1)) for k in _POSITION_ANGLES)
     return Measures(
-        window_sum=window_sums(run, half=half),
-        window_sum_of_mean=window_sum_of_mean(run, half=half),
-        mean=np.where(moving, absolute, 0.0).sum(axis=1) / count,
-        rms=np.sqrt(np.where(moving, error**2, 0.0).sum(axis=1) / count),
-        maximum=np.where(moving, absolute, 0.0).max(axis=1),
-        corner=last,
+        window_sum=sums.window.sum,
+        window_sum_of_mean=np.abs(sums.window.error.mean(axis=0)).sum(axis=0),
+        mean=sums.mean,
+        rms=sums.rms,
+        maximum=sums.maximum,
+        corner=sums.corner[:, 1:],
         settling=settling,
         # NaN is not near either
         missed=~((distance <= motion.position_tolerance) & (angle <= motion.rotation_tolerance)),
-        vibration=np.sqrt(np.where(moving, run.shaking**2, 0.0).sum(axis=1) / count),
-        vibration_at_rest=np.sqrt(
-            np.where(moving, 0.0, run.shaking**2).sum(axis=1)
-            / np.where(np.isfinite(finished), len(run.time) - count[:, 0], np.nan)[:, None]
-        ),
-        dither_energy=np.where(moving[..., 0], run.dither_power, 0.0).sum(axis=1) * period,
+        vibration=sums.vibration,
+        vibration_at_rest=sums.vibration_at_rest,
+        dither_energy=sums.dither_energy,
         torque_rate=run.torque_rate.max(axis=1),
         duration=finished,
     )
@@ -212,10 +214,3 @@ def turned_frame(run: Run, angle: float) -> Run:
 def sample_period(run: Run) -> float:
     """Return the time between two samples [s]; a run has at least two."""
     return float(run.time[1] - run.time[0])
-
-
-def _before(error: Array, when: Array, period: float) -> Array:
-    """Return the error (I, G, 6) in the last sample before the times (I, G); NaN for NaN."""
-    k = np.where(np.isfinite(when), np.rint(when / period) - 1, 0).astype(np.int64)
-    taken = np.take_along_axis(error, np.maximum(k, 0)[..., None], axis=1)
-    return np.where(np.isfinite(when)[..., None], taken, np.nan)

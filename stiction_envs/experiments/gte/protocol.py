@@ -110,6 +110,16 @@ class Case:
         return any(r.amplitude_nm > 0 for r in self.dither)
 
 
+def pose_error(actual: Array, reference: Array) -> Array:
+    """Return actual less reference, (..., 6) poses x, y, z [m], roll, pitch, yaw [rad].
+
+    Angles are in (−π, π].
+    """
+    error: Array = actual - reference
+    error[..., 3:] = np.angle(np.exp(1j * error[..., 3:]))
+    return error
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
     """All iterations of one case; K samples at the sample rate, from the first goal on."""
@@ -125,8 +135,9 @@ class Run:
     """(iterations, goals) times at which goals were accepted [s]; NaN where never."""
     reached: Array
     """(iterations, goals) times at which goals were reached [s]; NaN where never."""
-    shaking: Array
-    """(iterations, K, 3) the flange's position above `vibration_low`, RMS per sample [m]."""
+    mean_square: Array
+    """(iterations, K, 3) mean square of the flange's position above `vibration_low` within each
+    sample [m²]."""
     dither_power: Array
     """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
     torque_rate: Array
@@ -137,6 +148,4 @@ class Run:
     @property
     def error(self) -> Array:
         """(iterations, K, 6) actual less reference, angles in (−π, π] [m, rad]."""
-        e = self.actual - self.reference
-        e[..., 3:] = np.angle(np.exp(1j * e[..., 3:]))
-        return e
+        return pose_error(self.actual, self.reference)

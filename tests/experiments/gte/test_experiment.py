@@ -88,7 +88,7 @@ def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
     """The iterations ``rows`` of both are the same bits, as far as the shorter record goes."""
     k = min(len(a.time), len(b.time))
     assert k > 100
-    for name in ("reference", "actual", "shaking", "dither_power"):
+    for name in ("reference", "actual", "mean_square", "dither_power"):
         np.testing.assert_array_equal(getattr(a, name)[rows, :k], getattr(b, name)[rows, :k])
     for name in ("accepted", "reached", "torque_rate"):
         np.testing.assert_array_equal(getattr(a, name)[rows], getattr(b, name)[rows])

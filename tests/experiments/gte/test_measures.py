@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,9 +10,9 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import experiment as gte
 from stiction_envs.experiments.gte import measures as gte_measures
 from stiction_envs.experiments.gte import rows as gte_table
-from stiction_envs.experiments.gte.protocol import AXES, FLAGS, load_gte_protocol
+from stiction_envs.experiments.gte.protocol import AXES, load_gte_protocol
 from stiction_envs.measured import thesis_table
-from tests.experiments.gte.made_up import RATE, made_up
+from tests.experiments.gte.made_up import made_up
 
 NAN = float("nan")
 
@@ -252,128 +250,6 @@ def test_thesis_dither_is_the_final_column_of_table_4_9():
     assert [r.joint for r in rows] == [1, 2, 3, 4, 5, 6, 7]
     assert [r.frequency_hz for r in rows] == [50, 30, 30, 50, 15, 15, 15]
     assert [r.amplitude_nm for r in rows] == [0.85, 1.2, 1.6044, 1.9968, 0.8669, 0.5854, 0.8041]
-
-
-# ---- what a run is written down from ---------------------------------------------------------
-
-
-class Stub:
-    """As much of a rig as `_Watch` looks at; two arms at different places."""
-
-    nsim, n = 2, 7
-
-    def __init__(self) -> None:
-        self.flange = SimpleNamespace(
-            position=np.array([[0.3, 0.0, 0.5], [1.0, 2.0, 3.0]]),
-            quaternion=np.tile([0.0, 1.0, 0.0, 0.0], (2, 1)),
-        )
-        self.flags = {name: np.zeros(2, dtype=bool) for name in FLAGS}
-        self.controller = SimpleNamespace(
-            reference=(self.flange.position.copy(), self.flange.quaternion.copy()),
-            flags=SimpleNamespace(**self.flags),
-        )
-        self.speed = np.zeros((2, 7))
-        self.plant = SimpleNamespace(
-            batch=SimpleNamespace(bind=lambda name: self.speed),
-            sticking=SimpleNamespace(motor=np.arange(7)),
-        )
-        self.shaking, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
-        self.keeper = SimpleNamespace(
-            finished=np.ones(2, dtype=bool),
-            accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
-            reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
-        )
-
-
-def watched(move, seconds: float = 3.0) -> gte.Run:
-    """The run of a stub that ``move(stub, t)`` moves every 1 ms."""
-    stub = Stub()
-    watch = gte._Watch(stub, load_gte_protocol())
-    for k in range(round(seconds * 1000)):
-        move(stub, k * 1e-3)
-        watch.step()
-        if k % 10 == 9:
-            watch.sample()
-    return watch.run(made_up().case, np.ones(2, dtype=bool), 2, np.full(2, 9.0))
-
-
-def test_samples_are_the_first_of_their_control_steps():
-    def move(stub, t):
-        stub.flange.position[:, 0] = t
-
-    run = watched(move)
-    assert run.actual.shape == (2, 300, 6)
-    np.testing.assert_allclose(run.actual[0, :, 0], run.time)
-    np.testing.assert_allclose(np.diff(run.time), 1 / RATE)
-    np.testing.assert_array_equal(run.actual[:, :, 3], np.pi)
-
-
-@pytest.mark.parametrize("frequency", [15.0, 30.0, 80.0])
-def test_vibration_of_a_pure_sine(frequency):
-    """RMS is amplitude/√2 times the high-pass's gain, from the first period to the last."""
-
-    def move(stub, t):
-        stub.flange.position[:, 1] = [1e-3 * np.sin(2 * np.pi * frequency * t), 2.0]
-
-    run = watched(move)
-    gain = 1 / np.sqrt(1 + (load_gte_protocol().vibration_low / frequency) ** 4)
-    rms = np.sqrt(np.mean(run.shaking[0, 100:, 1] ** 2))
-    assert rms == pytest.approx(gain * 1e-3 / np.sqrt(2), rel=0.01)
-    assert run.shaking[0, :, 1].max() < 1.1e-3  # nothing rings from block to block
-    assert not run.shaking[1].any()
-    assert not run.shaking[:, :, [0, 2]].any()
-
-
-def test_arm_that_rests_does_not_vibrate():
-    """Wherever it rests: the filter starts settled."""
-    assert not watched(lambda stub, t: None).shaking.any()
-
-
-def test_slow_motion_is_no_vibration():
-    """1 Hz is let through by (1/8)²."""
-
-    def move(stub, t):
-        stub.flange.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
-
-    shaking = watched(move).shaking[0, :, 2]
-    assert np.sqrt(np.mean(shaking**2)) < 1.1 * 0.01 / np.sqrt(2) / 64
-
-
-def test_dither_power_and_torque_rate():
-    """|τ q̇| of every joint, also while the joint moves against the torque; N·m per second."""
-
-    def move(stub, t):
-        stub.shaking[:], stub.speed[:] = 0.5, -2.0
-        stub.applied[1, 3] = 7.0 * t
-
-    run = watched(move)
-    np.testing.assert_allclose(run.dither_power, 7 * 0.5 * 2.0)
-    assert run.torque_rate.shape == (2, 7)
-    assert not run.torque_rate[0].any()
-    assert run.torque_rate[1, 3] == pytest.approx(7.0)
-
-
-def test_flags_are_remembered():
-    def move(stub, t):
-        stub.flags["saturated"][1] = 1.2 < t < 1.2045  # seen, however short
-
-    flags = watched(move).flags
-    assert set(flags) == set(FLAGS)
-    np.testing.assert_array_equal(flags["saturated"], [False, True])
-    assert not flags["singular"].any()
-
-
-def test_record_ends_with_its_own_tail():
-    """What happens later does not count: a case's run is the same in any company."""
-
-    def move(stub, t):
-        stub.applied[:] = 1e6 * (t > 3.5)
-        stub.flags["singular"][:] = t > 3.5
-
-    run = watched(move, seconds=5.0)
-    assert run.time[-1] == pytest.approx(2.99)
-    assert not run.torque_rate.any()
-    assert not run.flags["singular"].any()
 
 
 def test_protocol_whose_record_ends_before_the_window():

@@ -1,0 +1,115 @@
+"""Sums over paths: what they count, and that it does not matter how samples come in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.gte.accumulator import Accumulator, ErrorWindow
+
+RATE, COUNT = 100.0, 700
+ACCEPTED = np.array([[0.0, 2.0, 4.1], [0.0, 3.0, np.nan], [0.0, 1.5, np.nan]])
+"""Of three arms with 3, 2 and 3 goals, the last of which never comes to its last."""
+REACHED = np.array([[2.0, 4.1, 5.6], [3.0, 4.2, np.nan], [1.5, np.nan, np.nan]])
+GOALS = np.array([3, 2, 3])
+
+
+def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    error = rng.normal(size=(3, COUNT, 6))
+    return error, rng.uniform(size=(3, 3, COUNT)), rng.uniform(size=(3, COUNT))
+
+
+def fed(block: int) -> Accumulator:
+    """Made with blocks of samples; goals are known when a block is over, as from a rig."""
+    out = Accumulator(3, 3, rate=RATE, window=1.0, tail=1.0)
+    out.start(np.arange(3), GOALS)
+    error, square, power = samples()
+    for k in range(0, COUNT, block):
+        known = (k + block) / RATE
+        part = slice(k, k + block)
+        times = (np.where(t < known, t, np.nan) for t in (ACCEPTED, REACHED))
+        out.feed(error[:, part], square[:, :, part].copy(), *times, power[:, part])
+    return out
+
+
+RESULTS = (
+    *("total_error", "maximum", "corner", "last", "over", "count", "mean", "rms", "vibration"),
+    *("vibration_at_rest", "shaking", "dither_energy"),
+)
+
+
+@pytest.mark.parametrize("block", [1, 10, 28, 100, 350])
+def test_blocks_do_not_matter(block):
+    """Not a bit; corners fall on the edges of some blocks."""
+    one, many = fed(COUNT), fed(block)
+    for name in RESULTS:
+        np.testing.assert_array_equal(getattr(many, name), getattr(one, name), err_msg=name)
+    np.testing.assert_array_equal(many.window.sum, one.window.sum)
+    np.testing.assert_array_equal(many.window.error, one.window.error)
+
+
+def test_what_is_counted():
+    """The motion ends with the last goal; the total with the tail; a path without end does not."""
+    error, square, power = samples()
+    sums = fed(70)
+    for i, (end, tail) in enumerate(((560, 660), (420, 520), (COUNT, COUNT))):
+        moving = error[i, :end]
+        np.testing.assert_allclose(sums.total_error[i], np.abs(error[i, :tail]).sum(axis=0))
+        np.testing.assert_allclose(sums.mean[i], np.abs(moving).mean(axis=0))
+        np.testing.assert_allclose(sums.rms[i], np.sqrt((moving**2).mean(axis=0)))
+        np.testing.assert_array_equal(sums.maximum[i], np.abs(moving).max(axis=0))
+        np.testing.assert_allclose(sums.vibration[i] ** 2, square[i, :, :end].mean(axis=1))
+        np.testing.assert_allclose(sums.dither_energy[i], power[i, :end].sum() / RATE)
+        if end < COUNT:
+            rest = square[i, :, end:].mean(axis=1)
+            np.testing.assert_allclose(sums.vibration_at_rest[i] ** 2, rest)
+    assert np.isnan(sums.vibration_at_rest[2]).all()
+    np.testing.assert_array_equal(sums.over, [True, True, False])
+    np.testing.assert_allclose(sums.step_error[2], np.abs(error[2, -70:]).sum(axis=0))
+    assert not sums.step_error[1].any()
+
+
+def test_corners_and_windows():
+    error = samples()[0]
+    sums = fed(10)
+    np.testing.assert_array_equal(sums.corner[0, 1:], error[0, [199, 409]])
+    np.testing.assert_array_equal(sums.corner[1:, 1], error[[1, 2], [299, 149]])
+    assert np.isnan(sums.corner[:, 0]).all()
+    assert np.isnan(sums.corner[1:, 2]).all()
+    np.testing.assert_array_equal(sums.window.error[0], error[0, 310:510])
+    np.testing.assert_array_equal(sums.window.error[1], error[1, 200:400])
+    np.testing.assert_allclose(sums.window.sum[:2], np.abs(sums.window.error[:2]).sum(axis=1))
+    assert np.isnan(sums.window.sum[2]).all()
+    assert np.isnan(sums.window.error[2]).all()
+
+
+def test_starting_anew_forgets():
+    """One arm begins a second path while the others go on: it counts like a first one."""
+    sums, fresh = fed(100), Accumulator(3, 3, rate=RATE, window=1.0, tail=1.0)
+    fresh.start(np.arange(3), GOALS)
+    sums.start(np.array([1]), np.array([1]))
+    fresh.start(np.array([1]), np.array([1]))
+    error, square, _ = samples()
+    times = np.array([[np.nan] * 3, [0.0, np.nan, np.nan], [np.nan] * 3])
+    for x in (sums, fresh):
+        x.feed(error[:, :150], square[:, :, :150].copy(), times, times + 1.2)
+    for name in (*RESULTS, "step_error"):
+        a, b = getattr(sums, name)[1], getattr(fresh, name)[1]
+        np.testing.assert_array_equal(a, b, err_msg=name)
+    np.testing.assert_array_equal(sums.window.sum[1], fresh.window.sum[1])
+    assert sums.count[0] == COUNT + 150
+
+
+def test_window_ends_with_the_record():
+    """Its last error is held; what is complete stays as it is."""
+    error = samples()[0]
+    window = ErrorWindow(3, 50)
+    window.add(error, np.zeros(3, dtype=np.int64), np.array([300.0, 680.0, np.nan]))
+    before = window.sum.copy()
+    assert np.isnan(before[1:]).all()
+    window.close(error[:, -1], np.full(3, COUNT))
+    np.testing.assert_array_equal(window.sum[0], before[0])
+    held = np.concatenate([error[1, 630:], np.repeat(error[1, -1:], 30, axis=0)])
+    np.testing.assert_array_equal(window.error[1], held)
+    assert np.isnan(window.sum[2]).all()

@@ -1,0 +1,134 @@
+"""What a run is written down from, on arms whose motion is known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.gte.protocol import FLAGS, Run, load_gte_protocol
+from stiction_envs.experiments.gte.run_log import RunLog
+from tests.experiments.gte.made_up import RATE, made_up
+
+
+class Stub:
+    """As much of a rig as a log looks at; two arms at different places, moved by ``move``."""
+
+    nsim, n = 2, 7
+
+    def __init__(self, move) -> None:
+        self.move, self.count = move, 0
+        self.flange = SimpleNamespace(
+            position=np.array([[0.3, 0.0, 0.5], [1.0, 2.0, 3.0]]),
+            quaternion=np.tile([0.0, 1.0, 0.0, 0.0], (2, 1)),
+        )
+        self.flags = {name: np.zeros(2, dtype=bool) for name in FLAGS}
+        self.controller = SimpleNamespace(
+            reference=(self.flange.position.copy(), self.flange.quaternion.copy()),
+            flags=SimpleNamespace(**self.flags),
+        )
+        self.speed = np.zeros((2, 7))
+        self.plant = SimpleNamespace(
+            batch=SimpleNamespace(bind=lambda name: self.speed),
+            sticking=SimpleNamespace(motor=np.arange(7)),
+        )
+        self.shaking, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
+        self.keeper = SimpleNamespace(
+            finished=np.ones(2, dtype=bool),
+            accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
+            reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
+        )
+
+    def advance(self, steps, watch) -> None:
+        for _ in range(steps):
+            self.move(self, self.count * 1e-3)
+            watch()
+            self.count += 1
+
+
+def logged(move, seconds: float = 3.0) -> Run:
+    """The run of a stub that ``move(stub, t)`` moves every 1 ms."""
+    log = RunLog(Stub(move), load_gte_protocol(), 100)
+    for _ in range(round(seconds * 10)):
+        log.advance()
+    return log.run(made_up().case, np.ones(2, dtype=bool), 2, np.full(2, 9.0))
+
+
+def test_samples_are_the_first_of_their_control_steps():
+    def move(stub, t):
+        stub.flange.position[:, 0] = t
+
+    run = logged(move)
+    assert run.actual.shape == (2, 300, 6)
+    np.testing.assert_allclose(run.actual[0, :, 0], run.time)
+    np.testing.assert_allclose(np.diff(run.time), 1 / RATE)
+    np.testing.assert_array_equal(run.actual[:, :, 3], np.pi)
+
+
+@pytest.mark.parametrize("frequency", [15.0, 30.0, 80.0])
+def test_vibration_of_a_pure_sine(frequency):
+    """RMS is amplitude/√2 times the high-pass's gain, from the first period to the last."""
+
+    def move(stub, t):
+        stub.flange.position[:, 1] = [1e-3 * np.sin(2 * np.pi * frequency * t), 2.0]
+
+    run = logged(move)
+    gain = 1 / np.sqrt(1 + (load_gte_protocol().vibration_low / frequency) ** 4)
+    rms = np.sqrt(np.mean(run.mean_square[0, 100:, 1]))
+    assert rms == pytest.approx(gain * 1e-3 / np.sqrt(2), rel=0.01)
+    assert run.mean_square[0, :, 1].max() < 1.1e-3**2  # nothing rings from block to block
+    assert not run.mean_square[1].any()
+    assert not run.mean_square[:, :, [0, 2]].any()
+
+
+def test_arm_that_rests_does_not_vibrate():
+    """Wherever it rests: the filter starts settled."""
+    assert not logged(lambda stub, t: None).mean_square.any()
+
+
+def test_slow_motion_is_no_vibration():
+    """1 Hz is let through by (1/8)²."""
+
+    def move(stub, t):
+        stub.flange.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
+
+    assert np.sqrt(np.mean(logged(move).mean_square[0, :, 2])) < 1.1 * 0.01 / np.sqrt(2) / 64
+
+
+def test_dither_power_and_torque_rate():
+    """|τ q̇| of every joint, also while the joint moves against the torque; N·m per second."""
+
+    def move(stub, t):
+        stub.shaking[:], stub.speed[:] = 0.5 * (t > 0.9995), -2.0
+        stub.applied[1, 3] = 7.0 * t
+
+    run = logged(move)
+    assert not run.dither_power[:, :100].any()
+    np.testing.assert_allclose(run.dither_power[:, 100:], 7 * 0.5 * 2.0)
+    assert run.torque_rate.shape == (2, 7)
+    assert not run.torque_rate[0].any()
+    assert run.torque_rate[1, 3] == pytest.approx(7.0)
+
+
+def test_flags_are_remembered():
+    def move(stub, t):
+        stub.flags["saturated"][1] = 1.2 < t < 1.2045  # seen, however short
+
+    flags = logged(move).flags
+    assert set(flags) == set(FLAGS)
+    np.testing.assert_array_equal(flags["saturated"], [False, True])
+    assert not flags["singular"].any()
+
+
+def test_record_ends_with_its_own_tail():
+    """What happens later does not count: a case's run is the same in any company."""
+
+    def move(stub, t):
+        stub.applied[:] = 1e6 * (t > 3.5)
+        stub.flags["singular"][:] = t > 3.5
+
+    run = logged(move, seconds=5.0)
+    assert run.time[-1] == pytest.approx(2.99)
+    assert not run.torque_rate.any()
+    assert not run.flags["singular"].any()
