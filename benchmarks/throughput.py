@@ -44,8 +44,8 @@ def busy_rig(threads):
         amplitude=np.array([[j.amplitude_nm] for j in jobs]),
         frequency=np.array([[j.frequency_hz] for j in jobs]),
     )
-    while not (rig.phase == RAMP).all():
-        rig.advance(ids[rig.phase != RAMP])
+    while not (rig.stage == RAMP).all():
+        rig.advance(ids[rig.stage != RAMP])
     return rig, ids
 
 

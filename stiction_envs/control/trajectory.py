@@ -162,7 +162,7 @@ def _sized(values: ArrayLike, m: int, k: int) -> Array:
     return np.broadcast_to(np.asarray(values, dtype=float), (m, k)).copy()
 
 
-class GoalKeeper:
+class GoalSequencer:
     """N arms, each with its own list of goals: what is accepted when, and the reference there.
 
     A goal is reached when its movement has ended and the measured pose is within both tolerances,
@@ -171,7 +171,7 @@ class GoalKeeper:
     """
 
     def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
-        """Make N keepers for at most ``capacity`` goals each; all are finished until `start`."""
+        """Make N sequencers of at most ``capacity`` goals each; all are finished until `start`."""
         if nsim < 1 or capacity < 1:
             raise StictionError(f"goals of {nsim} arms, {capacity} each: allowed are 1 and more")
         self.limits, self.segment = limits, Segment(nsim, limits)

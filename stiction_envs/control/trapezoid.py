@@ -155,7 +155,7 @@ def accept(
     profile: Profile,
     course: Course,
 ) -> NDArray[np.bool_]:
-    """`GoalKeeper.accept` at times ``now`` (N,), its arrays in the order in which it has them."""
+    """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its own order."""
     near_position, near_rotation, patience = tolerances
     goal, goal_q, count, index = goals
     accepted, reached, begun, due = times

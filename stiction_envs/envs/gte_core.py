@@ -268,14 +268,14 @@ class GTECore(Slots):
             terminated=terminated,
             truncated=truncated,
             time=rig.step[ids].astype(float) * CONTROL_DT,
-            goals_reached=rig.keeper.index[ids],
+            goals_reached=rig.sequencer.index[ids],
             vibration=r.step_vibration[ids],
             error=r.window.sum[ids],
             undithered_error=self._base_error[ids],
             tracking_error=self.tracking_error(ids),
             shaking=r.shaking[ids],
             undithered_shaking=self._base_shaking[ids],
-            duration=rig.keeper.reached_at[ids, self.goals[ids] - 1],
+            duration=rig.sequencer.reached_at[ids, self.goals[ids] - 1],
         )
 
     def tracking_error(self, ids: Index) -> Array:
@@ -287,14 +287,14 @@ class GTECore(Slots):
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of slots ``ids``: a fresh array."""
         rig, m = self.rig, len(ids)
-        keeper, limits = rig.keeper, self.experiment.motion
+        sequencer, limits = rig.sequencer, self.experiment.motion
         t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
-        x, quaternion, velocity, turning = keeper.reference(t)
+        x, quaternion, velocity, turning = sequencer.reference(t)
         pose = np.concatenate([rig.flange.position, to_rpy(rig.flange.quaternion)], axis=1)
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
-        index = keeper.index
+        index = sequencer.index
         at = np.minimum(index, self.goals - 1)
-        since = t - keeper.accepted_at[np.arange(self.num_envs), at]
+        since = t - sequencer.accepted_at[np.arange(self.num_envs), at]
         amplitude, frequency = self._scaled(ids)
         stiffness = self._stiffness[ids, :2] / stiffness_units()
         values = {
@@ -303,7 +303,7 @@ class GTECore(Slots):
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
-            "remaining": np.nan_to_num(keeper.segment.duration - since)[ids],
+            "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
             "goal": (index[ids, None] == np.arange(CAPACITY)) & (index < self.goals)[ids, None],
             "pentagon": self._trajectory[ids] == "pentagon",
             "translational": stiffness[:, 0],

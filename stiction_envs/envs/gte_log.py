@@ -72,7 +72,7 @@ class Recorder(Accumulator):
     def advance(self) -> None:
         """Let all arms follow for one environment step."""
         self._samples = s = self._sampler.advance()
-        sequencer = self._rig.keeper
+        sequencer = self._rig.sequencer
         self.feed(s.error, s.mean_square, sequencer.accepted_at, sequencer.reached_at)
         self.step_vibration = np.sqrt(s.mean_square.mean(axis=-1).sum(axis=-1))
 

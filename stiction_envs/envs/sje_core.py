@@ -139,7 +139,7 @@ class Core(Slots):
         rig.set_dither(ids, amplitude=0.0, frequency=0.0)
         self.action[ids] = self._low
         # slots come to rest at different times; no ramp may start before the first action
-        while len(moving := ids[rig.phase[ids] == APPROACH]):
+        while len(moving := ids[rig.stage[ids] == APPROACH]):
             rig.advance(moving)
         self._level[ids], self.steps[ids], self.alive[ids] = 0.0, 0, True
         if self.trace is not None:
@@ -185,7 +185,7 @@ class Core(Slots):
     def _outcome(self, ids: Index, action: Array) -> Step:
         rig = self.rig
         tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
-        running = rig.phase[ids] == RAMP
+        running = rig.stage[ids] == RAMP
         terminated = ~running & np.isfinite(tau)
         truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
         torque = np.where(terminated, tau, self.torque(ids))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
-from stiction_envs.experiments.sje.rig import Rig
+from stiction_envs.experiments.sje.rig import SJERig
 from stiction_envs.measured import DitheredRow, thesis_dithered, thesis_robots
 
 Array = NDArray[np.float64]
@@ -25,19 +25,19 @@ PHASES = 7
 """Phases from 0 to a quarter turn; the other quarters give the same ±A sin φ."""
 
 
-class _PhasedRig(Rig):
+class _PhasedRig(SJERig):
     """A rig whose dithers start at a chosen phase: the last number of a slot's key."""
 
     def approach(self, ids: NDArray[np.int64], keys: Sequence[tuple[int, ...]]) -> None:
         super().approach(ids, keys)
         turn = np.array([key[-1] for key in keys]) / (PHASES - 1)
-        self.phi[ids] = (np.pi / 2 * turn)[:, None]
+        self.dither_phase[ids] = (np.pi / 2 * turn)[:, None]
 
 
 class _Phased(SingleJointExperiment):
     """Single Joint Experiment in which a job's replica is the step of its phase."""
 
-    def rig(self, nsim: int, **_: object) -> Rig:
+    def rig(self, nsim: int, **_: object) -> SJERig:
         return _PhasedRig(
             self.sticking,
             nsim,

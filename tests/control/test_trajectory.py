@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.trajectory import (
-    GoalKeeper,
+    GoalSequencer,
     MotionLimits,
     Segment,
     pentagon,
@@ -178,9 +178,9 @@ def test_bits_do_not_depend_on_the_batch():
 # ---- goals -----------------------------------------------------------------------------------
 
 
-def keeper(n: int = 3, **limits: object) -> tuple[GoalKeeper, np.ndarray, np.ndarray]:
+def sequencer(n: int = 3, **limits: object) -> tuple[GoalSequencer, np.ndarray, np.ndarray]:
     """Arms at different places with the triangle before them, started at 10 s."""
-    out = GoalKeeper(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
+    out = GoalSequencer(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
     p, q = np.arange(3.0 * n).reshape(n, 3), np.tile(HERE, (n, 1))
     out.start(None, *triangle().goals(p, q), p, q, 10.0)
     return out, p, q
@@ -188,7 +188,7 @@ def keeper(n: int = 3, **limits: object) -> tuple[GoalKeeper, np.ndarray, np.nda
 
 def test_next_goal_starts_from_the_measured_pose():
     """physics.md 6.2: the standing error is forgotten at the corner; the goals stay where put."""
-    k, p, q = keeper()
+    k, p, q = sequencer()
     goals, _ = triangle().goals(p, q)
     off = np.array([[0.03, 0, 0], [0, 0.02, 0.01], [0, 0, -0.03]])
     assert not k.accept(goals[:, 0] + off, q, 11.999).any()
@@ -208,7 +208,7 @@ def test_next_goal_starts_from_the_measured_pose():
 
 def test_goals_wait_for_time_and_tolerance():
     """Reached: the movement has ended, and under 0.04 m and 0.25 rad; each arm for itself."""
-    k, p, q = keeper(4)
+    k, p, q = sequencer(4)
     goal = triangle().goals(p, q)[0][:, 0]
     off = np.array([[0.0399, 0, 0], [0.0401, 0, 0], [0, 0, 0], [0, 0, 0]])
     tilt = rotation.from_rotation_vector([[0.0, 0, 0], [0, 0, 0], [0.2499, 0, 0], [0, 0.2501, 0]])
@@ -222,13 +222,13 @@ def test_goals_wait_for_time_and_tolerance():
     )
     np.testing.assert_array_equal(k.reached_at[:, 0], [12.5, 13, 12.5, 13])
     assert np.isnan(k.accepted_at[:, 2:]).all()
-    far, _, _ = keeper(4, position_tolerance=np.inf, rotation_tolerance=np.inf)
+    far, _, _ = sequencer(4, position_tolerance=np.inf, rotation_tolerance=np.inf)
     assert far.accept(goal + 1.0, q, 12.5).all()
 
 
 def test_walks_through_all_goals_and_finishes():
     """Perfect arms on clocks of their own: three goals, then rest at the last, once each."""
-    k, p, q = keeper()
+    k, p, q = sequencer()
     clock = np.array([10.0, 10.5, 11.0])
     k.start([1, 2], *triangle().goals(p[1:], q[1:]), p[1:], q[1:], clock[1:])
     count = np.zeros(3)
@@ -251,10 +251,10 @@ def test_walks_through_all_goals_and_finishes():
 def test_arms_have_lists_of_their_own():
     """Triangle, pentagon and nothing side by side; bits as when alone."""
     p, q = np.arange(9.0).reshape(3, 3), np.tile(HERE, (3, 1))
-    k = GoalKeeper(3, MotionLimits(), 5)
+    k = GoalSequencer(3, MotionLimits(), 5)
     k.start([0], *triangle().goals(p[:1], q[:1]), p[:1], q[:1])
     k.start([1], *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
-    alone = GoalKeeper(1, MotionLimits(), 5)
+    alone = GoalSequencer(1, MotionLimits(), 5)
     alone.start(None, *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
     np.testing.assert_array_equal(k.finished, [False, False, True])
     for t in np.arange(0, 12, 0.01):
@@ -266,7 +266,7 @@ def test_arms_have_lists_of_their_own():
 
 
 def test_sizes_are_checked():
-    k, p, q = keeper()
+    k, p, q = sequencer()
     with pytest.raises(StictionError, match=r"\(2, 3\) and \(3, 4\): allowed are \(3, 3\)"):
         k.accept(p[:2], q, 11.0)
     with pytest.raises(ValueError, match="broadcast"):
@@ -275,11 +275,11 @@ def test_sizes_are_checked():
 
 @pytest.mark.parametrize("count", [0, 6])
 def test_number_of_goals_is_checked(count):
-    k, p, q = keeper()
+    k, p, q = sequencer()
     with pytest.raises(StictionError, match=f"path of {count} goals: allowed are 1 to 5"):
         k.start(None, np.zeros((3, count, 3)), np.zeros((3, count, 4)), p, q)
     with pytest.raises(StictionError, match="allowed are 1 and more"):
-        GoalKeeper(0, MotionLimits(), 5)
+        GoalSequencer(0, MotionLimits(), 5)
 
 
 # ---- paths -----------------------------------------------------------------------------------

@@ -229,10 +229,10 @@ def test_dither_can_come_and_go_without_losing_its_phase(panda):
     off = action.copy()
     off[:7] = 0.0
     before, _, _, _, info = panda.step(off)
-    assert not rig.shaking.any()
+    assert not rig.dither_torque.any()
     assert info["reward_terms"]["power"] == 0
     panda.step(action)
-    assert rig.shaking.any()
+    assert rig.dither_torque.any()
     assert np.array_equal(rig.dither.phase, phase)
     faster = action.copy()
     faster[7:] += 1.7
@@ -265,12 +265,12 @@ def test_observations_mean_what_they_are_called(panda):
     assert see["rotational"] == 1
     assert [see[f"goal_{k}"] for k in range(1, 6)] == [1, 0, 0, 0, 0]
     assert see["error_x"] == see["reference_x"] == 0
-    assert see["remaining"] == pytest.approx(float(core.rig.keeper.segment.duration[0]))
+    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]))
     observation, _, _, _, info = panda.step(mild(panda, 6, share=0.25))
     see = dict(zip(names, observation, strict=True))
     assert see["amplitude_6"] == pytest.approx(-0.5)
-    assert see["remaining"] == pytest.approx(float(core.rig.keeper.segment.duration[0]) - 0.2)
-    x, _, velocity, _ = core.rig.keeper.reference(0.2)
+    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]) - 0.2)
+    x, _, velocity, _ = core.rig.sequencer.reference(0.2)
     error = core.rig.flange.position[0] - x[0]
     assert [see[f"error_{k}"] for k in "xyz"] == pytest.approx(error / 0.04, rel=1e-5)
     assert [see[f"reference_{k}"] for k in "xyz"] == pytest.approx(velocity[0] / 0.5, rel=1e-5)

@@ -66,7 +66,7 @@ class PathRenderer(Renderer):
         core = self._core
         capsule, arrow = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ARROW
         self._draw_chain(scene, 0.03)
-        path, reached = core.path_points(i), int(core.rig.keeper.index[i])
+        path, reached = core.path_points(i), int(core.rig.sequencer.index[i])
         for a, b in pairwise(path):
             connect(scene, capsule, _LINE, a, b, PATH)
         for k, goal in enumerate(path[1:]):
@@ -81,6 +81,6 @@ class PathRenderer(Renderer):
             for a, b in pairwise(points):
                 connect(scene, capsule, _LINE, a, b, MARK)
         t = np.multiply(core.rig.step, CONTROL_DT, dtype=np.float64)
-        x, quaternion, _, _ = core.rig.keeper.reference(t)
+        x, quaternion, _, _ = core.rig.sequencer.reference(t)
         for axis, colour in zip(to_matrix(quaternion[i]).T, _AXES, strict=True):
             connect(scene, arrow, 2.0 * _LINE, x[i], x[i] + _AXIS * axis, colour)

@@ -46,7 +46,7 @@ def draw_gte_panel(core: GTECore, i: int, width: int, height: int) -> NDArray[np
     time = np.concatenate([[0.0], *trace.time])[1:]
     error = np.concatenate([np.zeros((1, 6)), *trace.error])[1:]
     end = round_up(max(core.undithered_duration(i), float(time[-1]) if len(time) else 0.0))
-    accepted = core.rig.keeper.accepted_at[i]
+    accepted = core.rig.sequencer.accepted_at[i]
     accepted = accepted[np.isfinite(accepted) & (accepted > 0)]
     right = width - 14
     for top, bottom, part, title, least in (
@@ -66,7 +66,7 @@ def draw_gte_panel(core: GTECore, i: int, width: int, height: int) -> NDArray[np
 
 
 def _state_line(core: GTECore, i: int) -> str:
-    reached, goals = int(core.rig.keeper.index[i]), int(core.goals[i])
+    reached, goals = int(core.rig.sequencer.index[i]), int(core.goals[i])
     seconds = float(core.rig.step[i]) * 1e-3
     if not core.alive[i]:
         ratio = core.tracking_error(np.array([i]))[0]

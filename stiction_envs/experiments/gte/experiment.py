@@ -152,7 +152,7 @@ class GeneratedTrajectoryExperiment:
             interface=self.interface,
             capacity=capacity,
             start=self.start,
-            belief=self.belief,
+            controller_model=self.belief,
             scatter=self.scatter,
             seed=self.seed,
             nthread=self.nthread,

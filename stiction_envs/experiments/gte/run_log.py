@@ -22,7 +22,7 @@ class RunLog(Sampler):
     def __init__(self, rig: GTERig, protocol: GTEProtocol, steps: int) -> None:
         """Log blocks of ``steps`` control steps; the arms have just begun to follow."""
         super().__init__(rig, protocol, steps)
-        self._protocol, self._sequencer = protocol, rig.keeper
+        self._protocol, self._sequencer = protocol, rig.sequencer
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
         self._previous = rig.applied.copy()
         self._blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in _SAMPLED}
@@ -59,7 +59,7 @@ class RunLog(Sampler):
     def _watch(self) -> None:
         rig, s = self._rig, self._tick // self.stride
         super()._watch()
-        self._power[:, s] += np.abs(rig.shaking * self._speed[:, self._motor]).sum(axis=1)
+        self._power[:, s] += np.abs(rig.dither_torque * self._speed[:, self._motor]).sum(axis=1)
         rate, change = self._rate[:, s], np.abs(rig.applied - self._previous)
         np.maximum(rate, change / CONTROL_DT, out=rate)
         self._previous[:] = rig.applied

@@ -25,7 +25,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
-from stiction_envs.experiments.sje.rig import BLOCK, RAMP, Rig
+from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -102,9 +102,9 @@ class SingleJointExperiment:
         *,
         parameters: FrictionParameters | None = None,
         dither_all: bool = False,
-    ) -> Rig:
+    ) -> SJERig:
         """Return the machine that runs ``nsim`` slots of this experiment."""
-        return Rig(
+        return SJERig(
             self.sticking,
             nsim,
             protocol=self.protocol,
@@ -178,7 +178,7 @@ class SingleJointExperiment:
             if again:
                 self._begin(rig, np.array(again), book)
 
-    def _begin(self, rig: Rig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
+    def _begin(self, rig: SJERig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
         jobs = [book[int(i)].job for i in ids]
         keys = [
             (*j.configuration.index, len(book[int(i)].tau), j.replica)
@@ -196,9 +196,9 @@ class SingleJointExperiment:
 
     @staticmethod
     def _trace(
-        rig: Rig, busy: NDArray[np.int64], ended: NDArray[np.int64], book: dict[int, _Page]
+        rig: SJERig, busy: NDArray[np.int64], ended: NDArray[np.int64], book: dict[int, _Page]
     ) -> None:
-        ramping = np.concatenate([busy[rig.phase[busy] == RAMP], ended])
+        ramping = np.concatenate([busy[rig.stage[busy] == RAMP], ended])
         if not len(ramping):
             return
         joint = rig.joint[ramping]
@@ -219,7 +219,7 @@ class _Page:
         self.trace: list[float] = []
         self.traces: list[NDArray[np.float32]] = []
 
-    def close(self, rig: Rig, i: int) -> None:
+    def close(self, rig: SJERig, i: int) -> None:
         """End one iteration."""
         self.tau.append(float(rig.tau[i]))
         self.start.append(float(rig.start_angle[i] - rig.pose[i, rig.joint[i]]))

@@ -11,17 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from stiction_envs.control.torque_path import TorqueInterface, TorquePath
-from stiction_envs.dither.dither import Dither
-from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
-from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.plant import CONTROL_DT, SLOW_STEPS, Plant
+from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,8 +29,8 @@ BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
 
 
-class Rig:
-    """N slots of the experiment on one plant."""
+class SJERig(Rig):
+    """N simulations of the experiment on one plant."""
 
     def __init__(
         self,
@@ -61,36 +60,37 @@ class Rig:
             parameters: friction of one arm or of each slot, None for the model's.
             nthread: threads, 0 for all processors.
         """
-        self.plant = Plant(sticking, nsim, parameters=parameters, nthread=nthread)
-        self.protocol, self.interface, self.poses = protocol, interface, poses
-        self.scatter, self.seed = scatter, seed
-        self.nsim, self.n = nsim, sticking.n
-        limits = sticking.arm.limits
-        self._hold = protocol.hold_stiffness * limits.torque
-        links = link_inertia(sticking.arm, poses.q.reshape(-1, self.n)).reshape(poses.q.shape)
-        inertia = links + sticking.parameters.rotor_inertia
-        # (n, 2, n): of every pose, as the arm's inertia changes with it
-        self._pose_damping = 2 * protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+        super().__init__(
+            sticking,
+            nsim,
+            approach=protocol,
+            interface=interface,
+            scatter=scatter,
+            seed=seed,
+            parameters=parameters,
+            nthread=nthread,
+            columns=None if dither_all else 1,
+        )
+        self.protocol, self.poses = protocol, poses
+        # (n, 2, n): of every pose
+        damping = self._hold_damping_at(poses.q.reshape(-1, self.n))
+        self._pose_damping = damping.reshape(poses.q.shape)
         self._hold_damping = np.zeros((nsim, self.n))
-        self.columns = sticking.n if dither_all else 1
-        self._path = TorquePath(interface, nsim, self.columns)
-        self._limits = limits
-        self._set(Dither.none(nsim, self.columns))
-        self.phase = np.full(nsim, IDLE)
-        self.step = np.zeros(nsim, dtype=np.int64)
+        self._limits = sticking.arm.limits
+        self.dither_seed[:] = seed
+        self.stage = np.full(nsim, IDLE)
+        """(N,) what each simulation is doing: `IDLE`, `APPROACH` or `RAMP`."""
         self.joint = np.zeros(nsim, dtype=np.int64)
         self.sign = np.ones(nsim)
         self.target = np.zeros((nsim, self.n))
         self.pose = np.zeros((nsim, self.n))
         self.start_torque = np.zeros(nsim)
         self.start_angle = np.zeros(nsim)
-        self.phi = np.zeros((nsim, self.n))
         self.noise = np.zeros(nsim)
         self.tau = np.full(nsim, np.nan)
         self.deviation = np.zeros(nsim)
         self._origin = np.zeros((nsim, self.n))
         self._torque_noise = np.zeros(nsim)
-        self._dither_seed = np.full(nsim, seed, dtype=np.uint64)
         self._give_up = np.zeros(nsim)
         self._approach_steps = round((protocol.return_time + protocol.settle_time) / CONTROL_DT)
         self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
@@ -107,7 +107,7 @@ class Rig:
         start = self.pose[ids].copy()
         start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
         self.plant.reset(ids, start)
-        self.phase[ids] = IDLE
+        self.stage[ids] = IDLE
         self._path.set_limits(ids, *self._column_limits(joint))
 
     def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
@@ -116,57 +116,30 @@ class Rig:
         self._origin[ids] = self.plant.motor_position[ids]
         target, factor = self.pose[ids].copy(), np.ones((len(ids), self.n))
         for row, (i, key) in enumerate(zip(ids, keys, strict=True)):
-            self.phi[i], self.noise[i], self._torque_noise[i] = 0.0, 0.0, 0.0
+            self.dither_phase[i], self.noise[i], self._torque_noise[i] = 0.0, 0.0, 0.0
             if self.scatter:
                 rng = np.random.default_rng([self.seed, *key])
-                shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -0.05, 0.05)
+                shift, factor[row] = self._draw_pose_and_friction(rng)
                 target[row] += shift
-                factor[row] += np.clip(p.friction_scatter * rng.normal(size=self.n), -0.5, 0.5)
                 self.noise[i] = p.torque_noise * rng.normal()
                 samples = max(1.0, p.averaging_time / CONTROL_DT)
                 self._torque_noise[i] = p.torque_noise * rng.normal() / np.sqrt(samples)
-                self.phi[i] = rng.uniform(0, 2 * np.pi, size=self.n)
-                self._dither_seed[i] = rng.integers(2**32)
+                self._draw_dither(i, rng)
         self.target[ids] = target
         self.plant.scale_friction(ids, factor)
         self.plant.set_servo(ids, self._hold, self._hold_damping[ids], self._origin[ids])
-        self.phase[ids], self.step[ids] = APPROACH, 0
+        self.stage[ids], self.step[ids] = APPROACH, 0
         self.tau[ids] = np.nan
 
-    def set_dither(
-        self,
-        ids: Index,
-        *,
-        amplitude: ArrayLike,
-        frequency: ArrayLike,
-        waveform: ArrayLike = DEFAULT_WAVEFORM,
-        offset: ArrayLike = 0.0,
-        gate_velocity: ArrayLike = np.inf,
-    ) -> None:
-        """Dither slots ``ids``; arguments broadcast to (M, columns); phases are the slots' own."""
-        phi = self.phi[ids]
-        if self.columns == 1:
-            phi = phi[np.arange(len(ids)), self.joint[ids]][:, None]
-        shape = (len(ids), self.columns)
-        new = Dither(
-            amplitude=np.broadcast_to(np.asarray(amplitude, float), shape),
-            frequency=np.broadcast_to(np.asarray(frequency, float), shape),
-            phase=phi,
-            offset=np.broadcast_to(np.asarray(offset, float), shape),
-            waveform=np.broadcast_to(np.asarray(waveform), shape),
-            gate_velocity=np.broadcast_to(np.asarray(gate_velocity, float), shape),
-            seed=self._dither_seed[ids],
-        )
-        self._set(self.dither.set_rows(ids, new))
+    def _drawn_phase(self, ids: Index) -> Array:
+        phase = self.dither_phase[ids]
+        return phase if self.columns > 1 else phase[np.arange(len(ids)), self.joint[ids]][:, None]
 
-    def retune(self, amplitude: Array, frequency: Array) -> None:
-        """Change A [N·m] and f [Hz] of all slots, (N, columns), keeping each phase continuous."""
-        t = np.multiply(self.interface.tick(self.step), CONTROL_DT, dtype=np.float64)
-        self._set(self.dither.retune(t, amplitude=amplitude, frequency=frequency))
-
-    def _set(self, dither: Dither) -> None:
-        self.dither = dither
-        self._dithered = bool(dither.amplitude.any() or dither.offset.any())
+    def _gate_speed(self) -> Array | None:
+        speed = super()._gate_speed()
+        if speed is None or self.columns > 1:
+            return speed
+        return speed[np.arange(self.nsim), self.joint][:, None]
 
     def displacement(self) -> Array:
         """Return (N,) angle of the joint under test since its ramp started [rad]."""
@@ -184,7 +157,7 @@ class Rig:
         A slot that ended is idle; ``tau`` holds its torque [N·m], NaN if it was given up as stuck.
         """
         m = len(ids)
-        ramping = self.phase[ids] == RAMP
+        ramping = self.stage[ids] == RAMP
         step = self.step[ids][:, None] + np.arange(BLOCK)
         torque = np.zeros((m, BLOCK, self.n))
         rows = np.flatnonzero(ramping)
@@ -205,16 +178,12 @@ class Rig:
         command = np.zeros((len(ids), BLOCK, self.columns))
         mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
         command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
-        if self._dithered:
-            speed = None
-            if self.dither.gated:
-                v = self.plant.velocity
-                speed = v if self.columns > 1 else v[np.arange(self.nsim), self.joint][:, None]
-            hold = self.interface.hold_steps
+        if self.dither.amplitude.any() or self.dither.offset.any():
+            speed, hold = self._gate_speed(), self.interface.hold_steps
             stride = hold if BLOCK % hold == 0 else 1
             for k in range(0, BLOCK, stride):
-                t = np.multiply(self.interface.tick(self.step + k), CONTROL_DT, dtype=np.float64)
-                command[:, k : k + stride] += self.dither.torque(t, speed)[ids][:, None]
+                shaken = self.dither.torque(self._command_time(k), speed)[ids]
+                command[:, k : k + stride] += shaken[:, None]
         out = self._path.run(command, ids)
         if self.columns > 1:
             torque[rows] = out
@@ -224,7 +193,7 @@ class Rig:
     def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array:
         """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held."""
         x = np.clip(step / self._move_steps, 0.0, 1.0)
-        x = np.where(ramping[:, None], 1.0, x * x * x * (10.0 - 15.0 * x + 6.0 * x * x))
+        x = np.where(ramping[:, None], 1.0, minimum_jerk(x))
         origin, target = self._origin[ids][:, None], self.target[ids][:, None]
         return origin + x[:, :, None] * (target - origin)
 
@@ -258,7 +227,7 @@ class Rig:
         start = np.zeros((len(ids), self.columns))
         start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
         self._path.reset(ids, start)
-        self.phase[ids], self.step[ids] = RAMP, 0
+        self.stage[ids], self.step[ids] = RAMP, 0
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
         """Record ramps that reached the threshold or were given up; return their slots."""
@@ -274,7 +243,7 @@ class Rig:
         done = np.flatnonzero(reached | stuck)
         tau = torque[done, first[done]] + self.noise[ids[done]]
         self.tau[ids[done]] = np.where(reached[done], tau, np.nan)
-        self.phase[ids[done]] = IDLE
+        self.stage[ids[done]] = IDLE
         return ids[done]
 
     def _column_limits(self, joint: Index) -> tuple[Array, Array]:

@@ -315,7 +315,7 @@ def test_iiwa_holds_its_command_for_5_ms():
     case = Case(trajectory="there", stiffness=STIFF, dither=tuple(rows))
     rig.set_dither(ids, **{k: v[None] for k, v in b.dither_of(case).items()})
     seen: list[np.ndarray] = []
-    rig.advance(200, lambda: seen.append(rig.shaking.copy()))
+    rig.advance(200, lambda: seen.append(rig.dither_torque.copy()))
     changed = [k for k in range(1, 200) if not np.array_equal(seen[k], seen[k - 1])]
     assert changed == list(range(5, 200, 5))
     error = one(b, case).error[0, -1]
@@ -324,11 +324,11 @@ def test_iiwa_holds_its_command_for_5_ms():
 
 def one_by_one(rig: GTERig, due: bool) -> None:
     """`GTERig._control_step` by the public calls of its parts."""
-    flange, model = rig.flange, rig._belief
+    flange, model = rig.flange, rig._model
     flange.read()
     if due:
         q, dq = rig.plant.position, rig.plant.velocity
-        rig.shaking[:] = rig.dither.torque(rig.step * 1e-3, dq)
+        rig.dither_torque[:] = rig.dither.torque(rig.step * 1e-3, dq)
         rig.controller.torque(
             flange.position,
             flange.quaternion,
@@ -336,7 +336,7 @@ def one_by_one(rig: GTERig, due: bool) -> None:
             q,
             dq,
             coriolis=model.coriolis,
-            dither=rig.shaking,
+            dither=rig.dither_torque,
         )
     rig.applied[:] = rig._path.cycle(rig.controller.command)
     rig._torque[:] = rig.applied + model.missing
@@ -379,12 +379,12 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
         rig.advance(
             437,
             lambda rig=rig, rows=rows: rows.append(
-                [*rig.applied.copy(), *rig.shaking.copy(), *rig.flange.position.copy()]
+                [*rig.applied.copy(), *rig.dither_torque.copy(), *rig.flange.position.copy()]
             ),
         )
         seen.append([np.concatenate(row) for row in rows])
     np.testing.assert_array_equal(*seen)
-    assert rig.shaking.any()
+    assert rig.dither_torque.any()
 
 
 def test_slow_controller_takes_what_fell_due_between_its_cycles():

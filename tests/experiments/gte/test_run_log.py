@@ -33,8 +33,8 @@ class Stub:
             batch=SimpleNamespace(bind=lambda name: self.speed),
             sticking=SimpleNamespace(motor=np.arange(7)),
         )
-        self.shaking, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
-        self.keeper = SimpleNamespace(
+        self.dither_torque, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
+        self.sequencer = SimpleNamespace(
             finished=np.ones(2, dtype=bool),
             accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
             reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
@@ -100,7 +100,7 @@ def test_dither_power_and_torque_rate():
     """|τ q̇| of every joint, also while the joint moves against the torque; N·m per second."""
 
     def move(stub, t):
-        stub.shaking[:], stub.speed[:] = 0.5 * (t > 0.9995), -2.0
+        stub.dither_torque[:], stub.speed[:] = 0.5 * (t > 0.9995), -2.0
         stub.applied[1, 3] = 7.0 * t
 
     run = logged(move)

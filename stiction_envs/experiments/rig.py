@@ -1,0 +1,141 @@
+"""What both experiments' machines share: arms on a plant, scatter, servos, dither, torques."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface, TorquePath
+from stiction_envs.dither.dither import Dither
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT, Plant
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Rig:
+    """N arms that servos bring to their poses, and whose joints are dithered."""
+
+    def __init__(
+        self,
+        sticking: StickingModel,
+        nsim: int,
+        *,
+        approach: Protocol,
+        interface: TorqueInterface,
+        scatter: bool,
+        seed: int,
+        parameters: FrictionParameters | None,
+        nthread: int,
+        columns: int | None = None,
+        closed_loop: bool = False,
+    ) -> None:
+        """Make the arms.
+
+        Args:
+            sticking: the model.
+            nsim: number of arms.
+            approach: numbers of the move to a pose, and of the scatter.
+            interface: what the robot does to commanded torques.
+            scatter: whether iterations differ by pose, friction and dither.
+            seed: of that scatter.
+            parameters: friction of one arm or of each, None for the model's.
+            nthread: threads, 0 for all processors.
+            columns: torques and dithers of an arm; None: one per joint.
+            closed_loop: whether the torque depends on the state in every control step.
+        """
+        self.plant = Plant(
+            sticking, nsim, parameters=parameters, nthread=nthread, closed_loop=closed_loop
+        )
+        self.approach_protocol, self.interface = approach, interface
+        self.nsim, self.n = nsim, sticking.n
+        self.columns = self.n if columns is None else columns
+        self.scatter, self.seed = scatter, seed
+        self.dither = Dither.none(nsim, self.columns)
+        self.dither_phase = np.zeros((nsim, self.n))
+        """(N, n) phase drawn for the dither of this iteration [rad]."""
+        self.dither_seed = np.zeros(nsim, dtype=np.uint64)
+        """(N,) seed drawn for the waveform ``random``."""
+        self.step = np.zeros(nsim, dtype=np.int64)
+        """(N,) control steps of the present stage."""
+        self._path = TorquePath(interface, nsim, self.columns)
+        self._hold = approach.hold_stiffness * sticking.arm.limits.torque
+
+    # ---- where arms are put ------------------------------------------------------------------
+
+    def _hold_damping_at(self, q: Array) -> Array:
+        """Return the damping (M, n) of the servos that hold poses q (M, n) [N·m·s/rad].
+
+        It differs from pose to pose, as the arm's inertia does.
+        """
+        sticking = self.plant.sticking
+        inertia = link_inertia(sticking.arm, q) + sticking.parameters.rotor_inertia
+        return 2 * self.approach_protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+
+    def _draw_pose_and_friction(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Return by how much a pose is missed (n,) [rad], and factors of the dry friction (n,)."""
+        p = self.approach_protocol
+        shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -0.05, 0.05)
+        return shift, 1.0 + np.clip(p.friction_scatter * rng.normal(size=self.n), -0.5, 0.5)
+
+    def _draw_dither(self, i: int, rng: np.random.Generator) -> None:
+        """Draw phases and seed of the dither of arm ``i``."""
+        self.dither_phase[i] = rng.uniform(0, 2 * np.pi, size=self.n)
+        self.dither_seed[i] = rng.integers(2**32)
+
+    # ---- dither ------------------------------------------------------------------------------
+
+    def set_dither(
+        self,
+        ids: Index,
+        *,
+        amplitude: ArrayLike,
+        frequency: ArrayLike,
+        waveform: ArrayLike = DEFAULT_WAVEFORM,
+        offset: ArrayLike = 0.0,
+        gate_velocity: ArrayLike = np.inf,
+        phase: ArrayLike = 0.0,
+        drawn: ArrayLike = True,
+    ) -> None:
+        """Set the dither of arms ``ids``; arguments broadcast to (M, columns).
+
+        Where ``drawn``, the phase drawn for the iteration is added to ``phase``; the others are as
+        in `dither.Dither`.
+        """
+        new = Dither(
+            amplitude=np.broadcast_to(amplitude, (len(ids), self.columns)),
+            frequency=frequency,
+            waveform=waveform,
+            offset=offset,
+            gate_velocity=gate_velocity,
+            phase=np.asarray(phase) + np.where(drawn, self._drawn_phase(ids), 0.0),
+            seed=self.dither_seed[ids],
+        )
+        self.dither = self.dither.set_rows(ids, new)
+
+    def retune(self, amplitude: Array, frequency: Array) -> None:
+        """Change A [N·m] and f [Hz] of all arms, (N, columns), keeping each phase continuous."""
+        self.dither = self.dither.retune(
+            self._command_time(), amplitude=amplitude, frequency=frequency
+        )
+
+    def _drawn_phase(self, ids: Index) -> Array:
+        """Return the drawn phases (M, columns) of arms ``ids`` [rad]."""
+        return self.dither_phase[ids]
+
+    def _command_time(self, ahead: int = 0) -> Array:
+        """Return (N,) when the command of ``ahead`` control steps from now is computed [s]."""
+        return np.multiply(self.interface.tick(self.step + ahead), CONTROL_DT, dtype=np.float64)
+
+    def _gate_speed(self) -> Array | None:
+        """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
+        return self.plant.velocity if self.dither.gated else None
+
+
+def minimum_jerk(x: Array) -> Array:
+    """Return the share of a smooth move from rest to rest that is done after a share x of it."""
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
