@@ -1,9 +1,9 @@
-"""What the environments' cores share: spaces, actions, episodes that end, the next observation.
+"""N simulations of one environment: spaces, actions, how episodes start, go on and end.
 
-A core is N slots of one environment. The single environment has one slot, the vector environment
-one per environment; `skin.py` makes both from a core. Nothing in a core may depend on how many
-slots there are: row i of a batch and a single environment with the same random generator are the
-same bits.
+What an environment has of its own is in `sje_core.py` and `gte_core.py`. The single environment has
+a core of one simulation, the vector environment of as many as it has; `gym_env.py` makes both.
+Nothing in a core may depend on how many there are: row i of a batch and a single environment with
+the same random generator are the same bits.
 """
 
 from __future__ import annotations
@@ -11,25 +11,32 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from stiction_envs.envs.sje_layout import Group, observation_bounds, observation_names
+from stiction_envs.envs.layout import Group, action_bounds, observation_bounds, observation_names
 from stiction_envs.errors import StictionError
-from stiction_envs.robots import Arm
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.plant import CONTROL_DT
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Index = NDArray[np.int64]
+ScatterKey = tuple[int, ...]
+"""Seed of the scatter of one episode."""
 _ROUNDING = 1e-5  # of an action's range: what float32 and RescaleAction may be off by
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What one step of M slots gave; arrays (M,)."""
+    """What one step of M simulations gave; arrays (M,)."""
 
     reward: Array
     terms: dict[str, Array]
@@ -38,8 +45,8 @@ class Outcome:
     truncated: Bools
 
 
-class Slots(ABC):
-    """N slots of an environment whose action is amplitudes and frequencies of all joints."""
+class BatchCore(ABC):
+    """N simulations of an environment that dithers all joints: amplitudes, then frequencies."""
 
     terms: ClassVar[tuple[str, ...]]
     """Terms of the reward, in the order in which they are summed."""
@@ -48,31 +55,42 @@ class Slots(ABC):
     final: ClassVar[tuple[str, ...]]
     """Fields of the outcome that are in the info of an episode's last step."""
 
+    rig: Any
+    """The experiment's machine with all N arms."""
+
     def __init__(
         self,
         num_envs: int,
-        arm: Arm,
+        experiment: SingleJointExperiment | GeneratedTrajectoryExperiment,
         *,
+        poses: Poses,
         groups: Sequence[Group],
-        low: Array,
-        high: Array,
         interval: float,
         max_episode_steps: int,
+        power_weight: float,
+        torque_rate_weight: float,
+        fixed_options: Mapping[str, Any] | None,
     ) -> None:
         """Make the spaces.
 
         Args:
-            num_envs: number of slots N.
-            arm: of n joints.
+            num_envs: number of simulations N.
+            experiment: what is simulated.
+            poses: whose loads decide the largest amplitudes.
             groups: the observation.
-            low: (2n,) lowest action [N·m, Hz].
-            high: (2n,) highest action.
             interval: time of a step [s].
             max_episode_steps: steps after which an episode is truncated.
+            power_weight: of that penalty [-].
+            torque_rate_weight: of that penalty [-].
+            fixed_options: reset options of all episodes.
         """
-        self.arm, self.n, self.num_envs = arm, arm.n, num_envs
+        self.arm = arm = experiment.sticking.arm
+        self.n, self.num_envs = arm.n, num_envs
         self.interval, self.max_episode_steps = interval, int(max_episode_steps)
+        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
+        self.fixed_options = self._check_options(fixed_options)
         self._groups = groups
+        low, high = action_bounds(experiment.sticking.parameters, poses, experiment.interface)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.observation_space = Box(*observation_bounds(arm.n, groups), dtype=np.float32)
         self.observation_names = observation_names(arm.n, groups)
@@ -82,32 +100,92 @@ class Slots(ABC):
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.alive = np.zeros(num_envs, dtype=bool)
 
+    # ---- what an environment has of its own --------------------------------------------------
+
     @abstractmethod
+    def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
+        """Return valid reset options; a StictionError says what is wrong."""
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator, options: Mapping[str, Any]) -> tuple[Any, ScatterKey]:
+        """Return the case of an episode and the seed of its scatter.
+
+        A generator gives the same number of draws whatever the options say.
+        """
+
+    @abstractmethod
+    def _cases(self, options: Mapping[str, Any]) -> set[Any]:
+        """Return every case that may be drawn with some options."""
+
+    @abstractmethod
+    def _undithered(self, cases: Sequence[Any]) -> Mapping[Any, Any]:
+        """Return what cases are without dither: the unit of their rewards."""
+
+    @abstractmethod
+    def _begin(
+        self, ids: Index, cases: Sequence[Any], keys: Sequence[ScatterKey], base: Any
+    ) -> None:
+        """Put simulations ``ids`` at the start of their cases, not dithered."""
+
+    @abstractmethod
+    def _advance(self, ids: Index) -> None:
+        """Let simulations ``ids`` go on for one interval."""
+
+    @abstractmethod
+    def _outcome(self, ids: Index) -> Any:
+        """Return the `Outcome` of the step that simulations ``ids`` have done."""
+
+    @abstractmethod
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+
+    @abstractmethod
+    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+        """Return what the episodes of ``ids`` are, by name of the info: fresh arrays."""
+
+    # ---- episodes ----------------------------------------------------------------------------
+
     def reset(
         self,
         ids: Index,
         rngs: Sequence[np.random.Generator],
         options: Sequence[Mapping[str, Any] | None],
     ) -> None:
-        """Start an episode in slots ``ids``, each drawn from its own generator."""
+        """Start an episode in simulations ``ids``, each drawn from its own generator.
 
-    @abstractmethod
+        Raises:
+            StictionError: an option that does not exist.
+        """
+        checked = [{**self.fixed_options, **self._check_options(o)} for o in options]
+        drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
+        cases, keys = [case for case, _ in drawn], [key for _, key in drawn]
+        wanted = set(cases)
+        if any(len(self._cases(o)) > 1 for o in checked):
+            # further episodes will draw as well: one batch for all is the fastest
+            wanted |= self._cases(self.fixed_options)
+        base = self._undithered(sorted(wanted))
+        self.action[ids] = self._low
+        self._begin(ids, cases, keys, [base[case] for case in cases])
+        self.steps[ids], self.alive[ids] = 0, True
+
     def step(self, ids: Index, action: Any) -> Any:
-        """Dither slots ``ids`` with ``action`` (M, 2n) for one interval; return an `Outcome`."""
+        """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
 
-    @abstractmethod
-    def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of slots ``ids``: a fresh array."""
+        Returns:
+            An `Outcome`.
 
-    @abstractmethod
-    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return what the episodes of slots ``ids`` are, by name of the info: fresh arrays."""
-
-    # ---- what the cores use ------------------------------------------------------------------
-
-    def _need_alive(self, ids: Index) -> None:
+        Raises:
+            StictionError: an action outside the space, or an episode that is over.
+        """
         if not np.all(self.alive[ids]):
             raise StictionError("step: the episode is over or was never started: call reset")
+        self.action[ids] = self._check_action(action, len(ids))
+        self.rig.retune(self.action[:, : self.n], self.action[:, self.n :])
+        self._advance(ids)
+        self.steps[ids] += 1
+        return self._outcome(ids)
+
+    # ---- what the cores use ------------------------------------------------------------------
 
     def _check_action(self, action: Any, m: int) -> Array:
         """Return the action as float64 within the space."""
@@ -129,12 +207,23 @@ class Slots(ABC):
             )
         return np.clip(out, self._low, self._high)
 
-    def _loads(self, action: Array) -> tuple[Array, Array]:
-        """Return mean over joints of (A / A_max)² and of the dither's (2πfA)², each (M,)."""
-        amplitude, frequency = action[:, : self.n], action[:, self.n :]
+    def _penalties(self, ids: Index, share: Array) -> dict[str, Array]:
+        """Return the penalties (M,) of the last action, in a step that is ``share`` (M,) of a run.
+
+        They are the means over joints of (A / A_max)² and of the dither's (2πfA / limit)².
+        """
+        amplitude, frequency = self.action[ids, : self.n], self.action[ids, self.n :]
         rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
         top = self._high[: self.n]
-        return np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)
+        power, rates = np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)
+        return {
+            "power": -self.power_weight * share * power,
+            "torque_rate": -self.torque_rate_weight * share * rates,
+        }
+
+    def _time(self, ids: Index) -> Array:
+        """Return the time (M,) since the episodes of ``ids`` began [s]."""
+        return np.asarray(self.rig.step[ids].astype(float) * CONTROL_DT)
 
     def _sum(self, terms: Mapping[str, Array]) -> Array:
         reward = np.zeros(len(terms[self.terms[0]]))
@@ -163,6 +252,13 @@ def check_arguments(max_episode_steps: Any, **weights: float) -> None:
         raise StictionError(
             f"max_episode_steps {max_episode_steps}: allowed are whole numbers from 1"
         )
+
+
+def read_friction(
+    friction: str | Path | FrictionParameters | None, n: int
+) -> FrictionParameters | None:
+    """Return the friction of an arm of ``n`` joints, read where it is a path."""
+    return load_friction(Path(friction), n) if isinstance(friction, (str, Path)) else friction
 
 
 def count_blocks(interval: float, block: float) -> int:

@@ -1,7 +1,7 @@
-"""The GTE environment for N slots: what the single and the vector environment share.
+"""N simulations of the GTE environment. One episode is one run along one path.
 
-One episode is one run along one path. The plant steps all slots together: the episodes that `step`
-is not asked about go on as well, which is only seen where they are stepped later.
+The plant steps all of them together: the episodes that `step` is not asked about go on as well,
+which is only seen where they are stepped later.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.batch_core import (
     Array,
+    BatchCore,
     Index,
     Outcome,
-    Slots,
+    ScatterKey,
     check_arguments,
     count_blocks,
+    read_friction,
 )
 from stiction_envs.envs.gte_base import Key, Undithered, undithered
 from stiction_envs.envs.gte_layout import (
@@ -36,11 +38,10 @@ from stiction_envs.envs.gte_layout import (
     stiffness_units,
 )
 from stiction_envs.envs.gte_log import Recorder
-from stiction_envs.envs.sje_layout import action_bounds
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, pose_error
 from stiction_envs.experiments.sje.poses import find_poses
-from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
@@ -50,7 +51,7 @@ TERMS = ("tracking", "power", "torque_rate", "shaking")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step(Outcome):
-    """What one step of M slots gave; arrays (M,) or (M, 6)."""
+    """What one step of M simulations gave; arrays (M,) or (M, 6)."""
 
     time: Array
     """Time since the first goal was accepted [s]."""
@@ -73,8 +74,8 @@ class Step(Outcome):
     """When the last goal was reached [s]; NaN while it is not."""
 
 
-class GTECore(Slots):
-    """N slots of the GTE environment."""
+class GTECore(BatchCore):
+    """N simulations of the GTE environment."""
 
     terms = TERMS
     each = ("time", "goals_reached", "vibration")
@@ -109,10 +110,8 @@ class GTECore(Slots):
         nthread: int = 0,
         record: bool = False,
     ) -> None:
-        """Make the slots; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
+        """Make them; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
-        if isinstance(friction, (str, Path)):
-            friction = load_friction(Path(friction), arm.n)
         check_arguments(
             max_episode_steps,
             power_weight=power_weight,
@@ -121,7 +120,7 @@ class GTECore(Slots):
         )
         self.experiment = e = GeneratedTrajectoryExperiment.of(
             arm,
-            friction=friction,
+            friction=read_friction(friction, arm.n),
             settings=settings,
             motion=motion,
             belief=belief,
@@ -129,22 +128,21 @@ class GTECore(Slots):
             seed=scatter_seed,
             nthread=nthread,
         )
-        # slots start at different times: only between such blocks are all their cycles in step
+        # episodes start at different times: only between such blocks are all their cycles in step
         block = self.block_steps(e)
         blocks = count_blocks(control_interval_s, block * CONTROL_DT)
-        low, high = action_bounds(e.sticking.parameters, find_poses(arm), e.interface)
         super().__init__(
             num_envs,
-            arm,
+            e,
+            poses=find_poses(arm),
             groups=GROUPS,
-            low=low,
-            high=high,
             interval=blocks * block * CONTROL_DT,
             max_episode_steps=max_episode_steps,
+            power_weight=power_weight,
+            torque_rate_weight=torque_rate_weight,
+            fixed_options=fixed_options,
         )
-        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
         self.shaking_weight = shaking_weight
-        self.fixed_options = check_gte_options(fixed_options)
         self.rig = e.rig(num_envs, CAPACITY)
         self.recorder = Recorder(
             self.rig, e.protocol, steps=blocks * block, record=record, capacity=CAPACITY
@@ -171,44 +169,12 @@ class GTECore(Slots):
             round(1.0 / (e.protocol.sample_rate * CONTROL_DT)),
         )
 
-    # ---- reset -------------------------------------------------------------------------------
+    # ---- episodes ----------------------------------------------------------------------------
 
-    def reset(
-        self,
-        ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Mapping[str, Any] | None],
-    ) -> None:
-        """Start an episode in slots ``ids``, each drawn from its own generator.
+    def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
+        return check_gte_options(options)
 
-        A generator gives the same number of draws whatever the options say.
-
-        Raises:
-            StictionError: an option that does not exist.
-        """
-        checked = [{**self.fixed_options, **check_gte_options(o)} for o in options]
-        drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
-        cases, keys = [c for c, _ in drawn], [k for _, k in drawn]
-        wanted = set(cases)
-        if any(not {"trajectory", "stiffness"} <= set(o) for o in checked):
-            # further episodes will draw as well: one batch for all is the fastest
-            wanted |= self._possible()
-        base = undithered(self.experiment, sorted(wanted))
-        rig = self.rig
-        paths = [self.experiment.path(t) for t, _ in cases]
-        rig.begin(ids, paths, np.array([k for _, k in cases]), keys)
-        rig.set_dither(ids, amplitude=0.0, frequency=1.0)
-        self.action[ids] = self._low
-        for i, case, path in zip(ids, cases, paths, strict=True):
-            self.case[i], self.goals[i] = case, len(path.position)
-            self._trajectory[i], self._stiffness[i] = case
-            self._set_base(int(i), base[case])
-        self.steps[ids], self.alive[ids] = 0, True
-        self.recorder.start(ids, self.goals[ids])
-
-    def _draw(
-        self, rng: np.random.Generator, options: Mapping[str, Any]
-    ) -> tuple[Key, tuple[int, ...]]:
+    def _draw(self, rng: np.random.Generator, options: Mapping[str, Any]) -> tuple[Key, ScatterKey]:
         trajectory = TRAJECTORIES[int(rng.integers(len(TRAJECTORIES)))]
         stiffness = drawn_stiffness()[int(rng.integers(len(drawn_stiffness())))]
         key = tuple(int(k) for k in rng.integers(2**32, size=2))
@@ -217,48 +183,47 @@ class GTECore(Slots):
         case = options.get("trajectory", trajectory), options.get("stiffness", stiffness)
         return case, key
 
-    def _possible(self) -> set[Key]:
-        fixed = self.fixed_options
-        trajectories = [fixed["trajectory"]] if "trajectory" in fixed else TRAJECTORIES
-        stiffness = [fixed["stiffness"]] if "stiffness" in fixed else drawn_stiffness()
+    def _cases(self, options: Mapping[str, Any]) -> set[Key]:
+        trajectories = [options["trajectory"]] if "trajectory" in options else TRAJECTORIES
+        stiffness = [options["stiffness"]] if "stiffness" in options else drawn_stiffness()
         return {(t, k) for t in trajectories for k in stiffness}
 
-    def _set_base(self, i: int, base: Undithered) -> None:
-        self._unit[i], self._base_error[i] = base.total, base.window
-        self._base_duration[i], self._base_shaking[i] = base.duration, base.shaking
+    def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
+        return undithered(self.experiment, cases)
 
-    # ---- step --------------------------------------------------------------------------------
+    def _begin(
+        self,
+        ids: Index,
+        cases: Sequence[Key],
+        keys: Sequence[ScatterKey],
+        base: Sequence[Undithered],
+    ) -> None:
+        rig = self.rig
+        paths = [self.experiment.path(t) for t, _ in cases]
+        rig.begin(ids, paths, np.array([k for _, k in cases]), keys)
+        rig.set_dither(ids, amplitude=0.0, frequency=1.0)
+        for i, case, path, b in zip(ids, cases, paths, base, strict=True):
+            self.case[i], self.goals[i] = case, len(path.position)
+            self._trajectory[i], self._stiffness[i] = case
+            self._unit[i], self._base_error[i] = b.total, b.window
+            self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
+        self.recorder.start(ids, self.goals[ids])
 
-    def step(self, ids: Index, action: Any) -> Step:
-        """Dither slots ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
+    def _advance(self, ids: Index) -> None:
+        self.recorder.advance()
+        self.rig.flange.read()
+        if self.recorder.trace is not None:
+            self.recorder.keep(ids, self.action[:, : self.n])
 
-        Raises:
-            StictionError: an action outside the space, or a slot whose episode is over.
-        """
-        self._need_alive(ids)
-        action = self._check_action(action, len(ids))
-        rig, recorder = self.rig, self.recorder
-        self.action[ids] = action
-        rig.retune(self.action[:, : self.n], self.action[:, self.n :])
-        recorder.advance()
-        rig.flange.read()
-        self.steps[ids] += 1
-        if recorder.trace is not None:
-            recorder.keep(ids, self.action[:, : self.n])
-        return self._outcome(ids, action)
-
-    def _outcome(self, ids: Index, action: Array) -> Step:
+    def _outcome(self, ids: Index) -> Step:
         r, rig = self.recorder, self.rig
-        unit = self._unit[ids]
         terminated = r.over[ids]
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
-        power, rate = self._loads(action)
         shaking = r.step_vibration[ids] / default("reward.shaking_unit")
         terms = {
-            "tracking": -np.mean(r.step_error[ids] / unit, axis=1),
-            "power": -self.power_weight * share * power,
-            "torque_rate": -self.torque_rate_weight * share * rate,
+            "tracking": -np.mean(r.step_error[ids] / self._unit[ids], axis=1),
+            **self._penalties(ids, share),
             "shaking": -self.shaking_weight * share * shaking,
         }
         self.alive[ids] = ~(terminated | truncated)
@@ -267,7 +232,7 @@ class GTECore(Slots):
             terms=terms,
             terminated=terminated,
             truncated=truncated,
-            time=rig.step[ids].astype(float) * CONTROL_DT,
+            time=self._time(ids),
             goals_reached=rig.sequencer.index[ids],
             vibration=r.step_vibration[ids],
             error=r.window.sum[ids],
@@ -285,7 +250,7 @@ class GTECore(Slots):
     # ---- what is seen ------------------------------------------------------------------------
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of slots ``ids``: a fresh array."""
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         rig, m = self.rig, len(ids)
         sequencer, limits = rig.sequencer, self.experiment.motion
         t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
@@ -314,17 +279,17 @@ class GTECore(Slots):
         return self._pack({k: np.asarray(v, dtype=float) for k, v in values.items()}, m)
 
     def path_points(self, i: int) -> Array:
-        """Return (goals + 1, 3) the nominal start and the goals of slot ``i`` [m]."""
+        """Return (goals + 1, 3) the nominal start and the goals of simulation ``i`` [m]."""
         path, rig = self.experiment.path(self.case[i][0]), self.rig
         goals, _ = path.goals(rig.start_position[None], rig.start_quaternion[None])
         return np.concatenate([rig.start_position[None], goals[0]])
 
     def undithered_duration(self, i: int) -> float:
-        """Return how long the episode of slot ``i`` lasts without dither [s]."""
+        """Return how long the episode of simulation ``i`` lasts without dither [s]."""
         return float(self._base_duration[i])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return trajectory and stiffness (M, 3) of the episodes of slots ``ids``."""
+        """Return trajectory and stiffness (M, 3) of the episodes of ``ids``."""
         return {
             "trajectory": self._trajectory[ids],
             "stiffness": self._stiffness[ids],

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.control.trajectory import POSITION
-from stiction_envs.envs.sje_layout import GROUPS as SJE_GROUPS
-from stiction_envs.envs.sje_layout import Group, named_options
+from stiction_envs.envs.layout import DITHER, Group, named_options
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case, named_path
 from stiction_envs.robots.tables import lookup, read_toml
@@ -45,7 +44,6 @@ def stiffness_units() -> tuple[float, float]:
     return float(top[0]), float(top[1])
 
 
-_SHAKEN = tuple(g for g in SJE_GROUPS if g.name in ("amplitude", "frequency"))
 GROUPS = (
     Group(
         name="displacement",
@@ -122,7 +120,7 @@ GROUPS = (
         unit=f"{stiffness_units()[1]:g} N·m/rad",
         meaning="rotational stiffness",
     ),
-    *_SHAKEN,
+    *DITHER,
 )
 """The observation, in order."""
 

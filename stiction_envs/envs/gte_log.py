@@ -5,11 +5,10 @@ The experiment's own `Accumulator`, fed from step to step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.envs.trace import PathTrace
 from stiction_envs.experiments.gte.accumulator import Accumulator
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.rig import GTERig
@@ -17,20 +16,6 @@ from stiction_envs.experiments.gte.sampling import Sampler
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-
-@dataclass
-class PathTrace:
-    """What one episode did over time, kept to be drawn; lists of one array per step."""
-
-    time: list[Array] = field(default_factory=list)
-    """(S,) of the samples [s]."""
-    error: list[Array] = field(default_factory=list)
-    """(S, 6) [m, rad]."""
-    position: list[Array] = field(default_factory=list)
-    """(S, 3) of the flange [m]."""
-    amplitude: list[Array] = field(default_factory=list)
-    """(1, n) of the step's dither [N·m]."""
 
 
 class Recorder(Accumulator):

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stiction_envs.envs.batch_core import Index, Outcome, Slots
+from stiction_envs.envs.batch_core import BatchCore, Index, Outcome
 from stiction_envs.envs.render.frames import RENDER_MODES, Renderer, check_render_mode
 from stiction_envs.errors import StictionError, unknown
 
@@ -21,13 +21,13 @@ Action = NDArray[np.float32]
 
 
 class ArmEnv(gymnasium.Env[Observation, Action]):
-    """One slot of a core as a Gymnasium environment; subclasses say which core."""
+    """A core of one simulation as a Gymnasium environment; subclasses say which core."""
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
-        make_core: Callable[..., Slots],
+        make_core: Callable[..., BatchCore],
         make_renderer: Callable[[Any], Renderer],
         render_mode: str | None,
         arguments: Mapping[str, Any],
@@ -35,7 +35,7 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
         """Make the environment.
 
         Args:
-            make_core: called with the number of slots, ``record`` and ``arguments``.
+            make_core: called with the number of simulations, ``record`` and ``arguments``.
             make_renderer: called with the core at the first frame.
             render_mode: one of `RENDER_MODES`, or None.
             arguments: of the core.
@@ -101,12 +101,12 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
 
 
 class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
-    """N slots of a core, stepped in one batch; infos are Gymnasium's dict of arrays."""
+    """A core of N simulations, stepped in one batch; infos are Gymnasium's dict of arrays."""
 
     def __init__(
         self,
         num_envs: int,
-        make_core: Callable[..., Slots],
+        make_core: Callable[..., BatchCore],
         make_renderer: Callable[[Any], Renderer],
         autoreset_mode: str | AutoresetMode,
         render_mode: str | None,
@@ -305,5 +305,5 @@ def _first(values: NDArray[Any]) -> Any:
     return row.item() if isinstance(row, np.generic) else row
 
 
-def _metadata(core: Slots) -> dict[str, Any]:
+def _metadata(core: BatchCore) -> dict[str, Any]:
     return {**ArmEnv.metadata, "render_fps": max(1, round(1 / core.interval))}

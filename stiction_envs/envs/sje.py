@@ -7,8 +7,8 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.envs.render.frames import JointRenderer
-from stiction_envs.envs.sje_core import Core
+from stiction_envs.envs.render.frames_sje import JointRenderer
+from stiction_envs.envs.sje_core import SJECore
 
 
 class SJEEnv(ArmEnv):
@@ -114,7 +114,7 @@ class SJEEnv(ArmEnv):
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         """Make the environment; the class explains the arguments."""
-        super().__init__(Core, JointRenderer, render_mode, arguments)
+        super().__init__(SJECore, JointRenderer, render_mode, arguments)
 
 
 class SJEVectorEnv(ArmVectorEnv):
@@ -141,4 +141,4 @@ class SJEVectorEnv(ArmVectorEnv):
             render_mode: one frame per environment; `human` is for the single environment.
             arguments: as for `SJEEnv`.
         """
-        super().__init__(num_envs, Core, JointRenderer, autoreset_mode, render_mode, arguments)
+        super().__init__(num_envs, SJECore, JointRenderer, autoreset_mode, render_mode, arguments)

@@ -1,10 +1,8 @@
-"""The SJE environment for N slots: what the single and the vector environment share.
-
-One episode is one ramp of one configuration.
-"""
+"""N simulations of the SJE environment. One episode is one ramp of one configuration."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +13,21 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.batch_core import (
     Array,
+    BatchCore,
     Index,
     Outcome,
-    Slots,
+    ScatterKey,
     check_arguments,
     count_blocks,
+    read_friction,
 )
 from stiction_envs.envs.sje_base import base_torques
-from stiction_envs.envs.sje_layout import GROUPS, action_bounds, check_options
-from stiction_envs.envs.trace import Trace
+from stiction_envs.envs.sje_layout import GROUPS, check_sje_options
+from stiction_envs.envs.trace import RampTrace
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP
-from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
 
@@ -39,7 +39,7 @@ BLOCK_S = BLOCK * CONTROL_DT
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step(Outcome):
-    """What one step of M slots gave; arrays (M,)."""
+    """What one step of M simulations gave; arrays (M,)."""
 
     torque: Array
     """Commanded torque of the tested joint, dither excluded [N·m]."""
@@ -55,8 +55,8 @@ class Step(Outcome):
     """1 − |τ_SJE| / |τ_base|; NaN while not terminated [-]."""
 
 
-class Core(Slots):
-    """N slots of the SJE environment."""
+class SJECore(BatchCore):
+    """N simulations of the SJE environment."""
 
     terms = TERMS
     each = ("torque", "displacement", "time")
@@ -79,110 +79,87 @@ class Core(Slots):
         nthread: int = 0,
         record: bool = False,
     ) -> None:
-        """Make the slots; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
+        """Make them; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
-        if isinstance(friction, (str, Path)):
-            friction = load_friction(Path(friction), arm.n)
         check_arguments(
             max_episode_steps, power_weight=power_weight, torque_rate_weight=torque_rate_weight
         )
         self.blocks = count_blocks(control_interval_s, BLOCK_S)
         self.experiment = e = SingleJointExperiment.of(
-            arm, friction=friction, scatter=scatter, nthread=nthread
+            arm, friction=read_friction(friction, arm.n), scatter=scatter, nthread=nthread
         )
-        low, high = action_bounds(e.sticking.parameters, e.poses, e.interface)
         super().__init__(
             num_envs,
-            arm,
+            e,
+            poses=e.poses,
             groups=GROUPS,
-            low=low,
-            high=high,
             interval=self.blocks * BLOCK_S,
             max_episode_steps=max_episode_steps,
+            power_weight=power_weight,
+            torque_rate_weight=torque_rate_weight,
+            fixed_options=fixed_options,
         )
-        self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
-        self.fixed_options = check_options(fixed_options, arm.n)
         self.rig = e.rig(num_envs, dither_all=True)
         self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
         self.tau_base = np.ones(num_envs)
         self._level = np.zeros(num_envs)
-        self.trace: list[Trace] | None = [Trace() for _ in range(num_envs)] if record else None
+        self.trace = [RampTrace() for _ in range(num_envs)] if record else None
 
-    # ---- reset -------------------------------------------------------------------------------
+    # ---- episodes ----------------------------------------------------------------------------
 
-    def reset(
+    def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
+        return check_sje_options(options, self.n)
+
+    def _draw(
+        self, rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> tuple[Configuration, ScatterKey]:
+        drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
+        key = tuple(int(k) for k in rng.integers(2**32, size=2))
+        return dataclasses.replace(drawn, **options), key
+
+    def _cases(self, options: Mapping[str, Any]) -> set[Configuration]:
+        return {
+            c
+            for c in configurations(self.n)
+            if all(getattr(c, name) == value for name, value in options.items())
+        }
+
+    def _undithered(self, cases: Sequence[Configuration]) -> Mapping[Configuration, float]:
+        return base_torques(self.experiment, cases)
+
+    def _begin(
         self,
         ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Mapping[str, Any] | None],
+        cases: Sequence[Configuration],
+        keys: Sequence[ScatterKey],
+        base: Sequence[float],
     ) -> None:
-        """Start an episode in slots ``ids``, each drawn from its own generator.
-
-        A generator gives the same number of draws whatever the options say.
-
-        Raises:
-            StictionError: an option that does not exist.
-        """
-        checked = [{**self.fixed_options, **check_options(o, self.n)} for o in options]
-        drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
-        chosen, keys = [c for c, _ in drawn], [k for _, k in drawn]
-        wanted = set(chosen)
-        if any(set(o) != {"joint", "load", "direction"} for o in checked):
-            # further episodes will draw as well: one batch for all is the fastest
-            wanted |= {c for c in configurations(self.n) if _fits(c, self.fixed_options)}
-        base = base_torques(self.experiment, sorted(wanted))
-        for i, c in zip(ids, chosen, strict=True):
-            self.configuration[i], self.tau_base[i] = c, base[c]
+        for i, c, tau in zip(ids, cases, base, strict=True):
+            self.configuration[i], self.tau_base[i] = c, tau
         rig = self.rig
-        rig.place(ids, chosen)
+        rig.place(ids, cases)
         rig.approach(ids, keys)
         rig.set_dither(ids, amplitude=0.0, frequency=0.0)
-        self.action[ids] = self._low
-        # slots come to rest at different times; no ramp may start before the first action
+        # arms come to rest at different times; no ramp may start before the first action
         while len(moving := ids[rig.stage[ids] == APPROACH]):
             rig.advance(moving)
-        self._level[ids], self.steps[ids], self.alive[ids] = 0.0, 0, True
+        self._level[ids] = 0.0
         if self.trace is not None:
             for i in ids:
                 self.trace[i].clear()
 
-    def _draw(
-        self, rng: np.random.Generator, options: Mapping[str, Any]
-    ) -> tuple[Configuration, tuple[int, ...]]:
-        drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
-        key = tuple(int(k) for k in rng.integers(2**32, size=2))
-        return Configuration(
-            options.get("joint", drawn.joint),
-            options.get("load", drawn.load),
-            options.get("direction", drawn.direction),
-        ), key
-
-    # ---- step --------------------------------------------------------------------------------
-
-    def step(self, ids: Index, action: Any) -> Step:
-        """Dither slots ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
-
-        Raises:
-            StictionError: an action outside the space, or a slot whose episode is over.
-        """
-        self._need_alive(ids)
-        action = self._check_action(action, len(ids))
-        rig = self.rig
-        self.action[ids] = action
-        rig.retune(self.action[:, : self.n], self.action[:, self.n :])
+    def _advance(self, ids: Index) -> None:
         busy = ids
         for _ in range(self.blocks):
-            ended = rig.advance(busy)
+            ended = self.rig.advance(busy)
             if self.trace is not None:
                 self._record(busy)
             if len(ended):
                 busy = np.setdiff1d(busy, ended)
             if not len(busy):
                 break
-        self.steps[ids] += 1
-        return self._outcome(ids, action)
 
-    def _outcome(self, ids: Index, action: Array) -> Step:
+    def _outcome(self, ids: Index) -> Step:
         rig = self.rig
         tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
         running = rig.stage[ids] == RAMP
@@ -190,10 +167,11 @@ class Core(Slots):
         truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
         torque = np.where(terminated, tau, self.torque(ids))
         level = np.abs(torque)
+        share = self.interval * rig.protocol.ramp_rate / base
         terms = {
             "breakaway": terminated.astype(float),
             "torque": -(level - self._level[ids]) / base,
-            **self._penalties(action, base),
+            **self._penalties(ids, share),
         }
         self._level[ids] = level
         self.alive[ids] = ~(terminated | truncated)
@@ -205,19 +183,11 @@ class Core(Slots):
             truncated=truncated,
             torque=torque,
             displacement=rig.displacement()[ids],
-            time=rig.step[ids].astype(float) * CONTROL_DT,
+            time=self._time(ids),
             tau_sje=tau,
             tau_base=self.tau_base[ids].copy(),
             reduction=1.0 - np.abs(tau) / base,
         )
-
-    def _penalties(self, action: Array, base: Array) -> dict[str, Array]:
-        share = self.interval * self.experiment.protocol.ramp_rate / base
-        power, rate = self._loads(action)
-        return {
-            "power": -self.power_weight * share * power,
-            "torque_rate": -self.torque_rate_weight * share * rate,
-        }
 
     # ---- what is seen ------------------------------------------------------------------------
 
@@ -227,7 +197,7 @@ class Core(Slots):
         return self.rig.ramp_torque(ids, last[:, None])[:, 0]
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of slots ``ids``: a fresh array."""
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         rig, rows = self.rig, np.arange(len(ids))
         threshold = rig.protocol.threshold
         base = np.abs(self.tau_base[ids])
@@ -250,7 +220,7 @@ class Core(Slots):
         return self._pack(values, len(ids))
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return joint (from 1), load and direction of the episodes of slots ``ids``."""
+        """Return joint (from 1), load and direction of the episodes of ``ids``."""
         rows = [self.configuration[i] for i in ids]
         return {
             "joint": np.array([c.joint for c in rows]),
@@ -270,7 +240,3 @@ class Core(Slots):
                 frequency=float(self.action[i, self.n + k]),
                 displacement=float(moved[row]),
             )
-
-
-def _fits(configuration: Configuration, options: Mapping[str, Any]) -> bool:
-    return all(getattr(configuration, k) == v for k, v in options.items())

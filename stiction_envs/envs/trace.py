@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 
 @dataclass
-class Trace:
-    """Samples of one ramp, one per block of control steps."""
+class RampTrace:
+    """Samples of one ramp of the SJE, one per block of control steps."""
 
     time: list[float] = field(default_factory=list)
     """Since the ramp started [s]."""
@@ -29,3 +34,17 @@ class Trace:
         """Append one sample: every field by name."""
         for name, value in sample.items():
             getattr(self, name).append(value)
+
+
+@dataclass
+class PathTrace:
+    """One path of the GTE; lists of one array per step."""
+
+    time: list[Array] = field(default_factory=list)
+    """(S,) of the samples [s]."""
+    error: list[Array] = field(default_factory=list)
+    """(S, 6) [m, rad]."""
+    position: list[Array] = field(default_factory=list)
+    """(S, 3) of the flange [m]."""
+    amplitude: list[Array] = field(default_factory=list)
+    """(1, n) of the step's dither [N·m]."""

@@ -10,19 +10,20 @@ import pytest
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs import gte_core, gte_layout
 from stiction_envs.envs.gte import GTEEnv
-from stiction_envs.envs.sje import SJEEnv
-from stiction_envs.envs.sje_core import BLOCK_S, TERMS
-from stiction_envs.envs.sje_layout import (
+from stiction_envs.envs.layout import (
     action_table,
     observation_bounds,
     observation_names,
     observation_table,
 )
+from stiction_envs.envs.sje import SJEEnv
+from stiction_envs.envs.sje_core import BLOCK_S, TERMS, SJECore
+from stiction_envs.envs.sje_layout import GROUPS
 
 PAGE = inspect.getdoc(SJEEnv) or ""
 
 
-@pytest.mark.parametrize("table", [action_table(7), observation_table(7)])
+@pytest.mark.parametrize("table", [action_table(7), observation_table(7, GROUPS)])
 def test_tables_are_the_generated_ones(table):
     assert table in PAGE
 
@@ -30,7 +31,7 @@ def test_tables_are_the_generated_ones(table):
 def test_every_reward_term_and_argument_is_explained():
     for term in TERMS:
         assert f"* `{term}`" in PAGE
-    core = inspect.signature(SJEEnv.__init__.__globals__["Core"].__init__).parameters
+    core = inspect.signature(SJECore.__init__).parameters
     for name in set(core) - {"self", "num_envs", "record"}:
         assert f"`{name}`" in PAGE
     assert f"a multiple of {BLOCK_S:g} s" in PAGE
@@ -38,8 +39,8 @@ def test_every_reward_term_and_argument_is_explained():
 
 @pytest.mark.parametrize("n", [2, 7, 9])
 def test_names_and_bounds_belong_together(n):
-    low, high = observation_bounds(n)
-    names = observation_names(n)
+    low, high = observation_bounds(n, GROUPS)
+    names = observation_names(n, GROUPS)
     assert len(names) == len(set(names)) == len(low) == 5 * n + 5
     assert np.all(low < high)
     assert np.all(np.isfinite([low, high]))

@@ -1,6 +1,6 @@
 """Frames of the environments: the arm in a scene, a panel of plots beside it.
 
-`JointRenderer` is the SJE's: the joint under test marked, its torque and angle.
+What is drawn into it is the environments' own: `frames_sje.py`, `frames_gte.py`.
 
 The graphics context is made at the first frame; without OpenGL only rendering fails.
 """
@@ -20,23 +20,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.render.panel_sje import draw_panel
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.robots import Arm
 
 if TYPE_CHECKING:
-    from stiction_envs.envs.batch_core import Slots
-    from stiction_envs.envs.sje_core import Core
+    from stiction_envs.envs.batch_core import BatchCore
 
 Array = NDArray[np.float64]
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel beside it [pixel]."""
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
-"""Colour of the joint under test."""
+"""Colour of what an episode is about: the joint under test, the goal."""
 GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
 """Colour of an arm without geometry."""
-_RING = 36  # segments
 _FARTHER, _ASIDE = 1.3, 0.2  # of the window: its panel is drawn over the scene
 
 
@@ -93,11 +90,11 @@ def scene_model(arm: Arm) -> mujoco.MjModel:
 
 
 class Renderer(ABC):
-    """Draws slots of one environment; made lazily, closed by the environment."""
+    """Draws the simulations of one environment; made lazily, closed by the environment."""
 
-    def __init__(self, core: Slots) -> None:
+    def __init__(self, core: BatchCore) -> None:
         """Prepare the scene; OpenGL is not touched yet."""
-        self._slots = core
+        self._core = core
         self._model = scene_model(core.arm)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).id for name in core.arm.joint_names]
@@ -109,7 +106,7 @@ class Renderer(ABC):
         self._shown = 0.0
 
     def frame(self, i: int, mode: str) -> Any:
-        """Return the frame of slot ``i``; in human mode show it and return None."""
+        """Return the frame of simulation ``i``; in human mode show it and return None."""
         self._pose(i)
         if mode == "human":
             self._show(i)
@@ -133,29 +130,25 @@ class Renderer(ABC):
         return np.concatenate([picture, self._panel(i)], axis=1)
 
     @abstractmethod
-    def _angles(self, i: int) -> Array:
-        """Return (n,) link angles of slot ``i`` [rad]."""
-
-    @abstractmethod
     def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
         """Draw what the arm is about into the scene."""
 
     @abstractmethod
     def _panel(self, i: int) -> NDArray[np.uint8]:
-        """Return the panel of slot ``i``, (HEIGHT, PANEL_WIDTH, 3)."""
+        """Return the panel of simulation ``i``, (HEIGHT, PANEL_WIDTH, 3)."""
 
     @abstractmethod
     def _words(self, i: int) -> tuple[str, str]:
-        """Return names and values, in lines, of what slot ``i`` is doing."""
+        """Return names and values, in lines, of what simulation ``i`` is doing."""
 
     def _pose(self, i: int) -> None:
         addresses = self._model.jnt_qposadr[self._joints]
-        self._data.qpos[addresses] = self._angles(i)
+        self._data.qpos[addresses] = self._core.rig.plant.position[i]
         mujoco.mj_forward(self._model, self._data)
 
     def _points(self, i: int) -> Array:
         """Return (K, 3) points [m] that must be in the frame: joints, last flange and base."""
-        flange = self._data.site(self._slots.arm.end_effector).xpos
+        flange = self._data.site(self._core.arm.end_effector).xpos
         base = self._data.xpos[self._model.jnt_bodyid[self._joints[0]]] * [1, 1, 0]
         return np.vstack([self._data.xanchor[self._joints], flange[None], base[None]])
 
@@ -178,7 +171,7 @@ class Renderer(ABC):
         if self._model.ngeom > 1:
             return
         points = self._data.xanchor[self._joints]
-        chain = [*points, self._data.site(self._slots.arm.end_effector).xpos]
+        chain = [*points, self._data.site(self._core.arm.end_effector).xpos]
         for a, b in pairwise(chain):
             connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, width, a, b, GREY)
 
@@ -212,7 +205,7 @@ class Renderer(ABC):
         self._viewer.sync()
         # real time, as far as the machine is fast enough
         late = time.monotonic() - self._shown
-        time.sleep(max(0.0, self._slots.interval - late))
+        time.sleep(max(0.0, self._core.interval - late))
         self._shown = time.monotonic()
 
     def close(self) -> None:
@@ -225,46 +218,6 @@ class Renderer(ABC):
             for thread in self._threads:
                 thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it
             self._viewer, self._threads = None, []
-
-
-class JointRenderer(Renderer):
-    """Draws slots of the SJE: a ring about the joint under test, its torque and angle."""
-
-    def __init__(self, core: Core) -> None:
-        """Prepare the scene; OpenGL is not touched yet."""
-        super().__init__(core)
-        self._core = core
-
-    def _angles(self, i: int) -> Array:
-        angles: Array = self._core.rig.plant.position[i]
-        return angles
-
-    def _panel(self, i: int) -> NDArray[np.uint8]:
-        return draw_panel(self._core, i, PANEL_WIDTH, HEIGHT)
-
-    def _words(self, i: int) -> tuple[str, str]:
-        c = self._core.configuration[i]
-        return "joint\nload\ndirection", f"{c.joint}\n{c.load}\n{c.direction}"
-
-    def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
-        """Draw a ring about the axis of the joint under test, with an arrow along the ramp."""
-        joint = self._joints[self._core.rig.joint[i]]
-        centre, axis = self._data.xanchor[joint], self._data.xaxis[joint]
-        first = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.9 else [0, 1.0, 0])
-        first /= np.linalg.norm(first)
-        second = np.cross(axis, first)
-        radius = 0.15 * max(0.3, min(1.0, float(np.ptp(self._points(i), axis=0).max())))
-        sign = self._core.rig.sign[i]
-        turn = sign * np.linspace(0, 1.75 * np.pi, _RING)[:, None]
-        ring = centre + radius * (np.cos(turn) * first + np.sin(turn) * second)
-        for a, b in pairwise(ring):
-            connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.06 * radius, a, b)
-        tangent = sign * (np.cos(turn[-1]) * second - np.sin(turn[-1]) * first)
-        tip = ring[-1] + 0.45 * radius * tangent
-        connect(scene, mujoco.mjtGeom.mjGEOM_ARROW, 0.12 * radius, ring[-1], tip)
-        ends = centre - 1.3 * radius * axis, centre + 1.3 * radius * axis
-        connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.03 * radius, *ends)
-        self._draw_chain(scene, 0.3 * radius)
 
 
 def connect(

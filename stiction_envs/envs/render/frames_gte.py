@@ -29,16 +29,9 @@ _NEARER = 0.8  # the arm keeps its shape: the camera can come nearer than for an
 
 
 class PathRenderer(Renderer):
-    """Draws slots of the GTE."""
+    """Draws the GTE."""
 
-    def __init__(self, core: GTECore) -> None:
-        """Prepare the scene; OpenGL is not touched yet."""
-        super().__init__(core)
-        self._core = core
-
-    def _angles(self, i: int) -> Array:
-        angles: Array = self._core.rig.plant.position[i]
-        return angles
+    _core: GTECore
 
     def _panel(self, i: int) -> NDArray[np.uint8]:
         return draw_gte_panel(self._core, i, PANEL_WIDTH, HEIGHT)

@@ -1,4 +1,4 @@
-"""The panel beside the scene of the GTE: where the arm is on its path, its errors, its dither."""
+"""The panel of the GTE: where the arm is on its path, its errors, its dither."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import ImageDraw
 
-from stiction_envs.envs.render.panel_sje import (
+from stiction_envs.envs.render.panel import (
     BAND,
     BLUE,
     GRID,
     INK,
-    ORANGE,
-    PAPER,
     PURPLE,
     SOFT,
     Plot,
     font,
+    new_panel,
     round_up,
 )
 
@@ -29,17 +28,13 @@ Array = NDArray[np.float64]
 
 
 def draw_gte_panel(core: GTECore, i: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Return the panel of slot ``i``, (height, width, 3)."""
+    """Return the panel of simulation ``i``, (height, width, 3)."""
     trajectory, (translational, rotational, nullspace) = core.case[i]
-    image = Image.new("RGB", (width, height), PAPER)
-    draw = ImageDraw.Draw(image)
-    title = f"{core.arm.name}  {trajectory}"
-    draw.text((14, 8), title, font=font(17, bold=True), fill=INK)
     stiffness = f"{translational:g} N/m, {rotational:g} N·m/rad"
     if nullspace:
         stiffness += f", {nullspace:g} N·m/rad"
-    draw.text((14, 31), f"stiffness {stiffness}", font=font(13), fill=INK)
-    draw.text((14, 50), _state_line(core, i), font=font(13, bold=True), fill=ORANGE)
+    lines = [f"{core.arm.name}  {trajectory}", f"stiffness {stiffness}"]
+    image, draw = new_panel(width, height, lines, _state_line(core, i))
 
     assert core.recorder.trace is not None
     trace = core.recorder.trace[i]

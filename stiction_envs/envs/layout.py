@@ -1,0 +1,153 @@
+"""What actions and observations of every environment are called and bounded by.
+
+The tables on an environment's page (its class docstring) are made here, from the same groups that
+make the spaces; `tests/envs/test_page.py` compares them. What an environment has of its own is in
+`sje_layout.py` and `gte_layout.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.sje.protocol import LOADS
+from stiction_envs.friction.parameters import FrictionParameters
+
+Array = NDArray[np.float64]
+STICTION_FACTOR = 2.5
+"""Largest dither amplitude over the joint's largest stiction [-]; the thesis went up to 2 τ_b."""
+F_MIN, F_MAX = 5.0, 100.0
+"""Dither frequencies [Hz]: thesis 3.3 tried 15 to 80 Hz on the Panda, to 200 Hz on the iiwa."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Neighbouring elements of the observation."""
+
+    name: str
+    per_joint: bool = False
+    """Whether there is one for every joint (name_1 … name_n)."""
+    labels: tuple[str, ...] = ()
+    """Otherwise: of each element (name_label); empty for a single one."""
+    low: float
+    high: float
+    unit: str
+    meaning: str
+
+    def names(self, n: int) -> list[str]:
+        """Return the names of the elements for an arm of ``n`` joints."""
+        labels = [str(j + 1) for j in range(n)] if self.per_joint else self.labels
+        return [f"{self.name}_{label}" for label in labels] or [self.name]
+
+
+DITHER = (
+    Group(
+        name="amplitude",
+        per_joint=True,
+        low=-1.0,
+        high=1.0,
+        unit="1",
+        meaning="last amplitude; −1 is 0, +1 is A_max",
+    ),
+    Group(
+        name="frequency",
+        per_joint=True,
+        low=-1.0,
+        high=1.0,
+        unit="1",
+        meaning="last frequency; −1 is f_min, +1 is f_max",
+    ),
+)
+"""Groups of the last action: every environment's observation ends with them."""
+
+
+def observation_names(n: int, groups: Sequence[Group]) -> tuple[str, ...]:
+    """Return the name of every element of the observation for an arm of ``n`` joints."""
+    return tuple(name for g in groups for name in g.names(n))
+
+
+def observation_bounds(
+    n: int, groups: Sequence[Group]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest observation for an arm of ``n`` joints."""
+    counts = [len(g.names(n)) for g in groups]
+    low = np.repeat([g.low for g in groups], counts).astype(np.float32)
+    return low, np.repeat([g.high for g in groups], counts).astype(np.float32)
+
+
+def action_bounds(
+    parameters: FrictionParameters, poses: Poses, interface: TorqueInterface
+) -> tuple[Array, Array]:
+    """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
+
+    A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
+    f_max = min(100 Hz, half the controller's rate).
+    """
+    levels = [parameters.stiction_at(poses.load[:, k]).max(axis=-1) for k in range(len(LOADS))]
+    top = np.minimum(interface.torque_limit, STICTION_FACTOR * np.maximum(*levels))
+    n = len(top)
+    f_max = min(F_MAX, interface.controller_rate_hz / 2)
+    if f_max <= F_MIN:
+        raise StictionError(
+            f"controller rate {interface.controller_rate_hz} Hz: the environments need more than "
+            f"{2 * F_MIN:g} Hz"
+        )
+    low = np.concatenate([np.zeros(n), np.full(n, F_MIN)])
+    return low, np.concatenate([top, np.full(n, f_max)])
+
+
+def named_options(options: Mapping[str, Any] | None, allowed: Sequence[str]) -> dict[str, Any]:
+    """Return reset options as a dict.
+
+    Raises:
+        StictionError: something else, or a name that does not exist.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise StictionError(
+            f"reset options are a {type(options).__name__}: allowed is a dict with "
+            f"{', '.join(allowed)}"
+        )
+    for name in options:
+        if name not in allowed:
+            raise unknown("reset option", name, allowed)
+    return dict(options)
+
+
+def _grid(header: list[str], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(r) + " |" for r in lines)
+
+
+def observation_table(n: int, groups: Sequence[Group]) -> str:
+    """Return the Markdown table of the observation for an arm of ``n`` joints."""
+    rows, at = [], 0
+    for g in groups:
+        names = g.names(n)
+        many = len(names) > 1
+        index = f"{at}–{at + len(names) - 1}" if many else f"{at}"
+        name = f"{names[0]} … {names[-1]}" if many else names[0]
+        rows.append([index, name, f"{g.low:g}", f"{g.high:g}", g.unit, g.meaning])
+        at += len(names)
+    return _grid(["index", "name", "min", "max", "unit", "meaning"], rows)
+
+
+def action_table(n: int) -> str:
+    """Return the Markdown table of the action for an arm of ``n`` joints."""
+    top = f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)"
+    rate = f"min({F_MAX:g}, controller rate / 2)"
+    return _grid(
+        ["index", "meaning", "min", "max", "unit"],
+        [
+            [f"0–{n - 1}", f"amplitude, joint 1 … {n}", "0", top, "N·m"],
+            [f"{n}–{2 * n - 1}", f"frequency, joint 1 … {n}", f"{F_MIN:g}", rate, "Hz"],
+        ],
+    )
