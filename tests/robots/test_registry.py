@@ -127,7 +127,11 @@ BAD = {
     "no arm": ("", TOML, "no arm: expected NAME.xml and NAME.toml"),
     "name taken": ("panda", TOML, "arm 'panda': expected .* other than .*panda"),
     "no name": ("a b", TOML, "arm 'a b': expected letters"),
-    "environment taken": ("new", 'environment = "Iiwa"', "'Iiwa': expected a name other than .*Iiwa"),
+    "environment taken": (
+        "new",
+        'environment = "Iiwa"',
+        "'Iiwa': expected a name other than .*Iiwa",
+    ),
     "no environment": ("new", 'environment = "My Arm"', "environment 'My Arm': expected letters"),
     "no TOML": ("new", "environment = Toy", r"new\.toml: not a TOML file"),
 }
