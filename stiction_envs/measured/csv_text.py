@@ -16,7 +16,7 @@ from stiction_envs.reporting.atomic import write_text_atomic
 
 
 class Line:
-    """One line of a table: its fields by column name, and where it stands."""
+    """One line of a table: its fields by column name, and where it is."""
 
     def __init__(self, where: str, fields: dict[str, str]) -> None:
         self.where = where

@@ -174,7 +174,7 @@ def _registered(files: ArmFiles) -> dict[str, Any]:
 
 
 def _shipped(files: ArmFiles) -> dict[str, Any]:
-    """From the package's files, whose MJCF is bare and taken as it stands, bit for bit."""
+    """From the package's files, whose MJCF is bare and taken as it is, bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]

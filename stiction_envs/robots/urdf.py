@@ -29,7 +29,7 @@ def prepare(root: ET.Element, path: Path) -> str:
 
     Args:
         root: the ``robot`` element; changed in place.
-        path: file it came from; meshes are looked for beside it and in the folders above.
+        path: file it came from; meshes are looked for next to it and in the folders above.
     """
     for link in root.iter("link"):
         for kind in ("visual", "collision"):
