@@ -27,7 +27,8 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 from _real_logs_fits import masses, tx40_arm, usual, without_body  # noqa: E402
-from _real_logs_page import draw, page  # noqa: E402
+from _real_logs_page import page  # noqa: E402
+from _real_logs_pictures import draw  # noqa: E402
 
 import stiction_envs  # noqa: E402
 from stiction_envs.gap.causes import CAUSES  # noqa: E402
@@ -39,6 +40,7 @@ from stiction_envs.gap.diagnosis import (  # noqa: E402
 from stiction_envs.gap.signals.prepare import prepare  # noqa: E402
 from stiction_envs.gap.signals.torque_lag import correct_torques  # noqa: E402
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses  # noqa: E402
+from stiction_envs.reporting.atomic import write_text_atomic  # noqa: E402
 from stiction_envs.robots import load_arm  # noqa: E402
 
 MEASURED = HERE.parents[1] / "shared" / "measured"
@@ -150,10 +152,11 @@ def told(d: Diagnosis, shown: Any) -> Row:
 def made_by() -> str:
     """Hash of all code that a case depends on."""
     root = Path(stiction_envs.__file__).parent
-    parts = [*root.glob("gap/logs/**/*.py"), *root.glob("gap/signal*.py")]
-    parts += [*root.glob("measured/log*.py"), *root.glob("robots/*"), *HERE.glob("*real_logs*.py")]
+    parts = [p for room in ("gap", "measured", "robots") for p in root.glob(f"{room}/**/*")]
+    parts = [p for p in parts if p.suffix in (".py", ".toml", ".xml")]
+    parts += HERE.glob("*real_logs*.py")
     text = hashlib.sha256()
-    for path in sorted(p for p in parts if p.is_file() and not p.name.endswith("_page.py")):
+    for path in sorted(p for p in parts if not p.name.endswith(("_page.py", "_pictures.py"))):
         text.update(path.name.encode() + path.read_bytes())
     return text.hexdigest()
 
@@ -191,7 +194,7 @@ def main() -> None:
             print(name, json.dumps(shown, indent=1))
         return
     pictures = draw(rows, args.out)
-    (args.out / "real_logs.md").write_text(page(rows, pictures), encoding="utf-8")
+    write_text_atomic(args.out / "real_logs.md", page(rows, pictures))
     print(f"written to {args.out / 'real_logs.md'}")
 
 
