@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import thesis_base
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import table
 
 HERE = Path(__file__).parent
 REPLICAS, ITERATIONS = 8, 4
@@ -50,17 +52,17 @@ def main() -> int:
         f"{REPLICAS * ITERATIONS} iterations against Table 4.3, friction and pose scatter on; "
         f"asked: every cell within {TARGET:.0%}.",
         "",
-        "| robot | joint | largest error of its four cells |",
-        "|---|---|---|",
     ]
+    rows = []
     for robot in ("panda", "iiwa7"):
         experiment = SingleJointExperiment.of(robot, scatter=True, seed=1)
         measured = thesis_base(robot).tau
         error = np.abs(means_with_scatter(experiment, range(1, 8)) / measured - 1)
         for j, worst in enumerate(error.max(axis=(1, 2)), 1):
-            lines.append(f"| {robot} | {j} | {100 * worst:.2f} % |")
-            print(lines[-1])
-    (HERE / "base_scatter.md").write_text("\n".join([*lines, ""]), encoding="utf-8")
+            rows.append([robot, str(j), f"{100 * worst:.2f} %"])
+            print(*rows[-1])
+    lines += table(["robot", "joint", "largest error of its four cells"], rows)
+    write_text_atomic(HERE / "base_scatter.md", "\n".join(lines))
     return 0
 
 

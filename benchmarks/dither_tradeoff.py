@@ -22,6 +22,8 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import table
 from stiction_envs.reporting.png import save_full
 
 HERE = Path(__file__).parent
@@ -308,17 +310,17 @@ def report(outcomes, iterations, seconds):
         "all of them; how much of it is friction at all, and how much the lag of the impedance "
         "law, is in `gte_table_4_11.md`.",
         "",
-        "| dither | error left, position | orientation | window sum | RMS along the path | "
-        "vibration [mm] | at rest [mm] | dither power [W] | front |",
-        "|---|---|---|---|---|---|---|---|---|",
     ]
+    header = ["dither", "error left, position", "orientation", "window sum", "RMS along the path"]
+    header += ["vibration [mm]", "at rest [mm]", "dither power [W]", "front"]
+    rows = []
     for o in outcomes:
         cells = [sign(o.standing), sign(o.turned), sign(o.window), sign(o.tracking)]
         mark = "yes" if o.name in best else ""
         cells += [f"{1e3 * o.vibration:.3f}", f"{1e3 * o.at_rest:.3f}", f"{o.energy:.2f}", mark]
-        lines.append(f"| {o.name} | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", "Front: nothing has both less error left (position) and less "
-                      "vibration.", ""])  # fmt: skip
+        rows.append([o.name, *cells])
+    last = "Front: nothing has both less error left (position) and less vibration."
+    return "\n".join([*lines, *table(header, rows), last, ""])
 
 
 def main():
@@ -329,7 +331,7 @@ def main():
     outcomes = run_all(args.iterations)
     text = report(outcomes, args.iterations, time.perf_counter() - start)
     plot(outcomes, HERE / "dither_tradeoff.png")
-    (HERE / "dither_tradeoff.md").write_text(text, encoding="utf-8")
+    write_text_atomic(HERE / "dither_tradeoff.md", text)
     print(text)
     return 0
 

@@ -38,6 +38,8 @@ from stiction_envs.experiments.gte.rows import (
     thesis_window_sums,
 )
 from stiction_envs.friction.parameters import friction_path, load_friction
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import table
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
 
@@ -191,11 +193,6 @@ def luck(rows):
     return float(np.sum(np.arange(25) * np.diff(below, prepend=0.0)))
 
 
-def table(header, rows):
-    lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
-    return [*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
-
-
 def cells(runs):
     """All 24 axes, simulated beside measured."""
     each = [window_sums(run) for run in runs]
@@ -319,7 +316,7 @@ def why(runs, found):
 def report(runs, found, iterations, seconds):
     base, _ = found["as shipped"]
     right, large = right_signs(base), np.abs(change(MEASURED)) > 0.05
-    rows = [[k, *score(*v)] for k, v in found.items()]
+    rows = [[k, *map(str, score(*v))] for k, v in found.items()]
     best = max(right_signs(v).sum() for pair in found.values() for v in pair)
     return "\n".join(
         [
@@ -337,7 +334,6 @@ def report(runs, found, iterations, seconds):
             "![Table 4.11](gte_table_4_11.png)",
             "",
             *cells(runs),
-            "",
             *why(runs, found),
             "## One thing changed at a time: what in the model would change it",
             "",
@@ -348,7 +344,6 @@ def report(runs, found, iterations, seconds):
             f"{luck(2 * len(rows)):.0f}, so a row is chosen by its mechanism, not by its signs.",
             "",
             *table(("what", *SCORES), rows),
-            "",
             "![variations](gte_table_4_11_variations.png)",
             "",
         ]
@@ -411,7 +406,7 @@ def main():
     text = report(runs, found, iterations, time.perf_counter() - start)
     plot_window_sums(pairs, HERE / "gte_table_4_11.png", robot="panda")
     plot_variations(found, HERE / "gte_table_4_11_variations.png")
-    (HERE / "gte_table_4_11.md").write_text(text, encoding="utf-8")
+    write_text_atomic(HERE / "gte_table_4_11.md", text)
     print(text)
     return 0
 

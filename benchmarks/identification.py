@@ -27,6 +27,8 @@ from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import table
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
@@ -237,19 +239,24 @@ def page(motions, rows, rests, measured, seconds):
         "limits, columns over their size in the allowed range; in brackets in SI units. Random "
         "motions keep the same limits.",
         "",
-        "| robot | optimised | random, median | random, best | used of position, speed, "
-        "acceleration, torque | clearance | search |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, (m, took) in motions.items():
-        used = ", ".join(f"{100 * v:.0f} %" for v in m.used.values())
-        lines.append(
-            f"| {name} | {m.condition:.1f} ({m.condition_si:.0f}) | "
-            f"{np.median(m.random_condition):.0f} | {m.random_condition.min():.0f} | {used} | "
-            f"{100 * m.clearance:.0f} cm | {took:.0f} s |"
-        )
-    lines += [
-        "",
+        *table(
+            [
+                *("robot", "optimised", "random, median", "random, best"),
+                *("used of position, speed, acceleration, torque", "clearance", "search"),
+            ],
+            [
+                [
+                    name,
+                    f"{m.condition:.1f} ({m.condition_si:.0f})",
+                    f"{np.median(m.random_condition):.0f}",
+                    f"{m.random_condition.min():.0f}",
+                    ", ".join(f"{100 * v:.0f} %" for v in m.used.values()),
+                    f"{100 * m.clearance:.0f} cm",
+                    f"{took:.0f} s",
+                ]
+                for name, (m, took) in motions.items()
+            ],
+        ),
         "## Simulated recordings",
         "",
         f"True links differ from the nominal ones by about {100 * SIZE:.0f} % (J → A J Aᵀ); "
@@ -257,29 +264,33 @@ def page(motions, rows, rests, measured, seconds):
         f"noise at {RATE:.0f} Hz; mean of {len(resting)} arms. Torques are MuJoCo's, the fit is "
         "pinocchio's. Error: torque without noise on *another* motion over the whole range, "
         "root mean square over joints and time. RosDyn's way is its least squares, written anew "
-        "(`gap/identification_rosdyn.py`), on raw differences of the angles.",
+        "(`thesis/rosdyn.py`), on raw differences of the angles.",
         "",
-        "| recording | κ | error, nominal | RosDyn's way | base parameters | consistent | "
-        "links that cannot exist: RosDyn / ours | negative masses: RosDyn / ours | "
-        "true values in 95 % intervals | hardly excited |",
-        "|---|---|---|---|---|---|---|---|---|---|",
     ]
+    header = ["recording", "κ", "error, nominal", "RosDyn's way", "base parameters", "consistent"]
+    header += ["links that cannot exist: RosDyn / ours", "negative masses: RosDyn / ours"]
+    header += ["true values in 95 % intervals", "hardly excited"]
+    cells = []
     for name, runs in rows.items():
         wrong = {k: np.mean([r["wrong"][k] for r in runs]) for k in runs[0]["wrong"]}
         impossible = np.mean([r["impossible"] for r in runs])
         ours = np.mean([not r["exist"] for r in runs])
         negative = np.mean([r["negative"] for r in runs])
         mine = np.mean([(r["ours"] <= 0).sum() for r in runs])
-        lines.append(
-            f"| {name} | {np.mean([r['condition'] for r in runs]):.3g} | "
-            + " | ".join(f"{x:.3g} N·m" for x in wrong.values())
-            + f" | {impossible:.1f} / {ours:.0f} of 7 | {negative:.1f} / {mine:.0f} | "
-            f"{100 * np.mean([r['inside'] for r in runs]):.0f} % | "
-            f"{np.mean([r['unsure'] for r in runs]):.0f} of 64 |"
+        cells.append(
+            [
+                name,
+                f"{np.mean([r['condition'] for r in runs]):.3g}",
+                *(f"{x:.3g} N·m" for x in wrong.values()),
+                f"{impossible:.1f} / {ours:.0f} of 7",
+                f"{negative:.1f} / {mine:.0f}",
+                f"{100 * np.mean([r['inside'] for r in runs]):.0f} %",
+                f"{np.mean([r['unsure'] for r in runs]):.0f} of 64",
+            ]
         )
     pattern = [alike(r["theirs"], nominal) for r in resting]
     lines += [
-        "",
+        *table(header, cells),
         "The intervals are of what the model leaves, not of what it lacks. Where joints 1 and 2 "
         "rest, some sums of parameters act on no torque, though they would in another motion. "
         "RosDyn's basis keeps them, so noise is divided by almost nothing. Base parameters alone "
@@ -288,28 +299,31 @@ def page(motions, rows, rests, measured, seconds):
         "",
         "## Table 4.1 of the thesis",
         "",
-        "| link | " + " | ".join(str(j) for j in range(1, 8)) + " |",
-        "|---|---|---|---|---|---|---|---|",
-        "| mass, Table 4.1 [kg] | " + " | ".join(f"{m:.5g}" for m in printed_masses()) + " |",
-        "| RosDyn's way, joints 1 and 2 at rest | "
-        + " | ".join(f"{m:.5g}" for m in resting[0]["theirs"])
-        + " |",
-        "| ours, same recording | " + " | ".join(f"{m:.3g}" for m in resting[0]["ours"]) + " |",
-        "| true | " + " | ".join(f"{m:.3g}" for m in resting[0]["true"]) + " |",
-        "",
+        *table(
+            ["link", *(str(j) for j in range(1, 8))],
+            [
+                ["mass, Table 4.1 [kg]", *(f"{m:.5g}" for m in printed_masses())],
+                [
+                    "RosDyn's way, joints 1 and 2 at rest",
+                    *(f"{m:.5g}" for m in resting[0]["theirs"]),
+                ],
+                ["ours, same recording", *(f"{m:.3g}" for m in resting[0]["ours"])],
+                ["true", *(f"{m:.3g}" for m in resting[0]["true"])],
+            ],
+        ),
         "The wrong masses of links 3 to 7 stand in the same proportion to one another as in the "
         f"printed table (cosine {min(pattern):.4f} to {max(pattern):.4f} over the arms; links 4 "
         "to 7 wrong alike and link 3 right would be 0.992). Table 4.1 also prints viscous friction "
         "of −128 728 and 202 673 N·m·s/rad for joints 1 and 2 and ordinary values for the others. "
         "Which joints rest decides, by the same way of fitting:",
         "",
-        "| joints at rest | cosine with Table 4.1 | largest wrong mass [kg] |",
-        "|---|---|---|",
-        *(
-            f"| {', '.join(map(str, k)) or 'none'} | {c:.4f} | {m:.3g} |"
-            for k, (c, m) in rests.items()
+        *table(
+            ["joints at rest", "cosine with Table 4.1", "largest wrong mass [kg]"],
+            [
+                [", ".join(map(str, k)) or "none", f"{c:.4f}", f"{m:.3g}"]
+                for k, (c, m) in rests.items()
+            ],
         ),
-        "",
         "The table's masses come out, up to one factor, whenever **joint 2 hardly moves**; its "
         "viscous values say the same of joints 1 and 2. It is an inference: the recording is not "
         "published. The factor is noise over almost nothing and says nothing.",
@@ -325,13 +339,10 @@ def page(motions, rows, rests, measured, seconds):
         "20 s of excitation (Gaz et al. 2019), link-side torque; residual [N·m] on time that was "
         f"not used for the fit. κ = {found.condition:.1f}.",
         "",
-        "| model | " + " | ".join(f"joint {j}" for j in range(1, 8)) + " |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for name in ORDER:
-        lines.append(f"| {name} | " + " | ".join(f"{x:.3g}" for x in held[name]) + " |")
-    lines += [
-        "",
+        *table(
+            ["model", *(f"joint {j}" for j in range(1, 8))],
+            [[name, *(f"{x:.3g}" for x in held[name])] for name in ORDER],
+        ),
         f"Links that can exist leave {found.gain_percent:.0f} % less than the nominal with fitted "
         "friction (mean of joints). The nominal links are those of Gaz et al., who identified them "
         "from recordings like this one, so it is a strong opponent. RosDyn's way is held out "
@@ -416,7 +427,7 @@ def main():
     rows = simulated(panda, settings, 2 if args.quick else 8)
     rests, measured = at_rest(), real()
     text = page(motions, rows, rests, measured, time.perf_counter() - start)
-    (args.out / "identification.md").write_text(text, encoding="utf-8")
+    write_text_atomic(args.out / "identification.md", text)
     picture(rows, measured, args.out / "identification.png")
     plot_excitation(panda, load_arm("panda"), args.out / "identification_excitation.png")
     print(text[: text.find("| link | mass")])

@@ -24,6 +24,7 @@ from stiction_envs.gap.least_squares import LeastSquares, least_squares, line
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured import thesis_table
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import table
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import torque_regressor
@@ -438,7 +439,7 @@ def main() -> None:
         print(f"real Panda skipped: no {MEASURED}")
     draw(results, real, arm)
     text = page(results, real, arm)
-    (HERE / "lsm_failure.md").write_text(text, encoding="utf-8")
+    write_text_atomic(HERE / "lsm_failure.md", text)
     print(text)
 
 

@@ -25,6 +25,7 @@ from mujoco.batch import Batch
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Job, configurations, load_protocol
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP
+from stiction_envs.reporting.atomic import write_text_atomic
 
 HERE = Path(__file__).parent
 NSIM = 364
@@ -154,7 +155,7 @@ def main():
             f"(target 90 s), {steps / 1e6:.1f} million steps.",
         ]
     text = "\n".join(lines) + "\n"
-    (HERE / "throughput.md").write_text(text, encoding="utf-8")
+    write_text_atomic(HERE / "throughput.md", text)
     print(text)
     return 0
 

@@ -41,6 +41,7 @@ from stiction_envs.identification.settings import IdentificationSettings, identi
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import sentence, table
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
@@ -151,29 +152,29 @@ class Identification:
     def page(self) -> str:
         """Return tables in Markdown: held-out residual by joint, links, base parameters."""
         n = self.nominal.n
-        head = " | ".join(f"{j}" for j in range(1, n + 1))
-        lines = [f"| held-out residual [N·m], joint | {head} |", "|---" * (n + 1) + "|"]
-        for name, rms in self.rms.items():
-            lines.append(f"| {name} | " + " | ".join(f"{x:.3g}" for x in rms) + " |")
-        lines += ["", "| link | mass [kg] | centre of mass [m] | Coulomb | viscous | offset |"]
-        lines.append("|---|---|---|---|---|---|")
+        lines = table(
+            ["held-out residual [N·m], joint", *(str(j) for j in range(1, n + 1))],
+            [[name, *(f"{x:.3g}" for x in rms)] for name, rms in self.rms.items()],
+        )
+        links = []
         for j, p in enumerate(self.phi):
             com = ", ".join(f"{x:.3f}" for x in p[1:4] / p[0])
             friction = (self.coulomb[j], self.viscous[j], self.offset[j])
-            rest = " | ".join(f"{x:.3g}" for x in friction)
-            lines.append(f"| {j + 1} | {p[0]:.3g} | {com} | {rest} |")
-        lines += ["", "| base parameter | value | standard error | nominal |", "|---|---|---|---|"]
-        for name, v, e, x in zip(
-            self.names, self.values, self.errors, self.nominal_values, strict=True
-        ):
-            lines.append(f"| {name} | {v:.4g} | {e:.2g} | {x:.4g} |")
+            links.append([str(j + 1), f"{p[0]:.3g}", com, *(f"{x:.3g}" for x in friction)])
+        header = ["link", "mass [kg]", "centre of mass [m]", "Coulomb", "viscous", "offset"]
+        lines += table(header, links)
+        found = zip(self.names, self.values, self.errors, self.nominal_values, strict=True)
+        lines += table(
+            ["base parameter", "value", "standard error", "nominal"],
+            [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in found],
+        )
         if self.unsure:
             which = "; ".join(self.names[i] for i in self.unsure)
-            lines += ["", f"Hardly excited by these logs: {which}."]
+            lines += [f"Hardly excited by these logs: {which}.", ""]
         if self.on_bound:
-            lines += ["", f"On its bound of zero: {', '.join(self.on_bound)}."]
-        lines += [f"\n{note[0].upper()}{note[1:]}." for note in self.notes]
-        return "\n".join(lines) + "\n"
+            lines += [f"On its bound of zero: {', '.join(self.on_bound)}.", ""]
+        lines += [f"{sentence(note)}\n" for note in self.notes]
+        return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def identify(
