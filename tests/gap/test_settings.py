@@ -1,0 +1,68 @@
+"""A user's own constants reach every stage of a diagnosis, and are known by their hash."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.method_settings import fingerprint
+from tests.gap.small_logs import hidden, panda, write_csv
+
+ARM = panda()
+
+
+@pytest.fixture(scope="module")
+def log() -> JointLog:
+    """An offset of 1 N·m on joint 2."""
+    return hidden(ARM, lambda q, dq, ddq: np.eye(7)[1] + 0 * q, seconds=8.0)
+
+
+def found(log: JointLog | Path, settings=None) -> Diagnosis:
+    return diagnose([log], ARM, causes=[cause_named("torque_offset")], settings=settings)
+
+
+def test_the_defaults_name_the_offset(log):
+    d = found(log)
+    assert [(c.name, c.joints) for c in d.causes] == [("torque_offset", (2,))]
+    assert d.settings is gap_settings()
+
+
+@pytest.mark.parametrize(
+    ("settings", "changed"),
+    [
+        ({"selection.least_torque": 1e6}, lambda d: not d.causes),
+        ({"verdict": {"close": 1e-3, "small": 1e-9}}, lambda d: d.verdict == "partly explained"),
+        ({"measured.motion.travel_span": 100.0}, lambda d: d.verdict == "cannot tell"),
+        ({"recording": {"blocks": 5}}, lambda d: d.data.blocks == 5),
+        ({"recording.most_rows": 300}, lambda d: len(d.data.t) <= 300),
+        ({"spectra.lowest_hz": 15.0, "spectra.highest": 0.075}, lambda d: d.data.cutoff == 15.0),
+        ({"estimates.model_error": 0.5}, lambda d: interval(d) > 0.5),
+        ({"noise.least_noise": 0.7}, lambda d: (d.noise >= 0.7).all()),
+    ],
+)
+def test_a_changed_constant_is_felt(log, settings, changed):
+    d = found(log, settings)
+    assert changed(d)
+    assert not changed(found(log))
+    assert fingerprint(d.settings) != fingerprint(gap_settings())
+
+
+def interval(d: Diagnosis) -> float:
+    low, high = d.causes[0].parameters[2]["offset_nm"].ci95
+    return high - low
+
+
+def test_files_are_read_with_them_and_a_toml_holds_them(log, tmp_path):
+    write_csv(tmp_path / "log.csv", log)
+    (tmp_path / "own.toml").write_text("[measured.reader]\nleast_seconds = 60\n", "utf-8")
+    with pytest.raises(StictionError, match="s of samples: expected 60 s or more"):
+        found(tmp_path / "log.csv", tmp_path / "own.toml")
+    with pytest.raises(StictionError, match=r"selection\.chanse: no such setting: expected one of"):
+        found(log, {"selection.chanse": 0.1})
