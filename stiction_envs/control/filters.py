@@ -1,4 +1,4 @@
-"""Rows of arrays that hold a value per simulation, and follow their targets."""
+"""Low-pass filters of values that every simulation has of its own."""
 
 from __future__ import annotations
 
@@ -47,6 +47,6 @@ def fill(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         return np.array(np.broadcast_to(array, shape))
     except ValueError:
         raise StictionError(
-            f"impedance {name} has shape {np.shape(value)}: allowed is one number, "
+            f"impedance {name} has shape {np.shape(value)}: expected one number, "
             f"({shape[0]},) or {shape}"
         ) from None

@@ -70,7 +70,7 @@ class CartesianImpedance:
             StictionError: nsim, or a nullspace stiffness that is not one number or (n,).
         """
         if nsim < 1:
-            raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
+            raise StictionError(f"number of simulations {nsim}: expected 1 or more")
         n = len(limits.torque)
         self.settings, self.nsim, self.n = settings, nsim, n
         self._limit = np.array(limits.torque)
@@ -88,7 +88,7 @@ class CartesianImpedance:
         self._quaternion_target = self._quaternion.copy()
         self._error_matrix = error_matrix(self._quaternion)
         self._blocks = (np.zeros((nsim, 3)), np.zeros((nsim, 3)), np.zeros((nsim, 3, 3)))
-        self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): −K beside −D
+        self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
         self._null_damping = np.zeros((nsim, n))
         self._null_active = self._all_known = False
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
@@ -243,7 +243,7 @@ class CartesianImpedance:
         m, n = len(rows), self.n
         if jac.shape != (m, 6, n) or mass.shape != (m, n, n):
             raise StictionError(
-                f"update_model: Jacobian {jac.shape} and mass {mass.shape}: allowed are "
+                f"update_model: Jacobian {jac.shape} and mass {mass.shape}: expected "
                 f"({m}, 6, {n}) and ({m}, {n}, {n})"
             )
         bad = renew(
@@ -262,8 +262,8 @@ class CartesianImpedance:
         )
         if bad >= 0:
             finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
-            what = "mass is singular: allowed is positive definite"
-            other = "Jacobian or mass: allowed are finite numbers"
+            what = "mass is singular: expected positive definite"
+            other = "Jacobian or mass: expected finite numbers"
             raise StictionError(f"row {bad}: {what if finite else other}")
         if settings.projector != "dynamic":
             self._projector[rows] = pseudoinverse_projector(jac, settings.pseudoinverse_damping)

@@ -246,7 +246,7 @@ def pass_torque(
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             u = command[i, j]
-            # exactly the command wherever it is within reach
+            # exactly the command wherever the rate allows it
             if not abs(u - limited[i, j]) <= 0.999 * step[i, j]:
                 u = _between(u, limited[i, j] - step[i, j], limited[i, j] + step[i, j])
             limited[i, j] = u

@@ -102,7 +102,7 @@ def _mobility(jacobian: Array, mass: Array, scale: Array) -> tuple[Array, Array]
         for j in range(n):
             for k in range(6):
                 x[j, k] = jacobian[i, k, j]
-        for j in range(n):  # M = L Lᵀ, and L x = Jᵀ on the way
+        for j in range(n):  # M = L Lᵀ, and L x = Jᵀ meanwhile
             for m in range(j + 1):
                 total = mass[i, j, m]
                 for k in range(m):

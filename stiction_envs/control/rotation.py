@@ -1,7 +1,7 @@
 """Unit quaternions (w, x, y, z), MuJoCo's order, for N rotations at once.
 
 Every function takes arrays with any leading shape and works element by element: a rotation's
-result is the same bits whatever stands beside it. q and −q are the same rotation; where a result
+result is the same bits in any batch. q and −q are the same rotation; where a result
 could be either, the docstring says which. Formulas: Diebel, *Representing attitude*, 2006.
 """
 

@@ -101,7 +101,7 @@ class ImpedanceSettings:
             array = numbers(what, getattr(self, name), **bounds)
             if shape is not None and array.shape not in ((), shape):
                 raise StictionError(
-                    f"impedance {what} has shape {array.shape}: allowed is "
+                    f"impedance {what} has shape {array.shape}: expected "
                     + (f"one number or {shape}" if shape else "one number")
                 )
             if shape == ():
@@ -148,12 +148,12 @@ def stiffness_matrix(
         out[..., k, k], out[..., 3 + k, 3 + k] = t[..., k], r[..., k]
     out[..., :3, 3:] = out[..., 3:, :3] = coupling
     if not np.array_equal(out, np.swapaxes(out, -1, -2)):
-        raise StictionError("impedance stiffness: K_c is not symmetric: allowed are symmetric ones")
+        raise StictionError("impedance stiffness: K_c is not symmetric: expected a symmetric one")
     eigenvalues = np.linalg.eigvalsh(out)
     low, high = float(eigenvalues[..., 0].min()), float(eigenvalues[..., -1].max())
     if low < -1e-9 * high:  # beyond rounding
         raise StictionError(
-            f"impedance stiffness: smallest eigenvalue {low:.6g}: allowed are positive "
+            f"impedance stiffness: smallest eigenvalue {low:.6g}: expected positive "
             "semidefinite matrices, so the coupling is too large for K_t and K_r"
         )
     return out
@@ -165,18 +165,16 @@ def numbers(
     """Own array of finite numbers in [``low``, ``high``] and greater than ``above``.
 
     Raises:
-        StictionError: it is not, naming what it is the ``name`` of and what is allowed.
+        StictionError: it is not, naming what it is the ``name`` of and what was expected.
     """
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise StictionError(f"impedance {name} is {value!r}: allowed are finite numbers") from None
+        raise StictionError(f"impedance {name} is {value!r}: expected finite numbers") from None
     good = np.isfinite(array) & (array >= low) & (array > above) & (array <= high)
     if not good.all():
         bounds = [f"> {above:g}" if above > -np.inf else f">= {low:g}" if low > -np.inf else ""]
         bounds.append(f"<= {high:g}" if high < np.inf else "")
-        allowed = " and ".join(["finite", *filter(None, bounds)])
-        raise StictionError(
-            f"impedance {name} is {np.ravel(array[~good])[0]}: allowed is {allowed}"
-        )
+        expected = " and ".join(["finite", *filter(None, bounds)])
+        raise StictionError(f"impedance {name} is {np.ravel(array[~good])[0]}: expected {expected}")
     return array

@@ -38,10 +38,10 @@ class TorqueInterface:
         rate = self.controller_rate_hz
         if not 1 <= rate <= CONTROL_RATE_HZ or rate != int(rate) or CONTROL_RATE_HZ % int(rate):
             raise StictionError(
-                f"controller rate {rate} Hz: allowed are the divisors of {CONTROL_RATE_HZ} Hz"
+                f"controller rate {rate} Hz: expected one of the divisors of {CONTROL_RATE_HZ} Hz"
             )
         if not 0 <= self.lowpass_hz < np.inf:
-            raise StictionError(f"low-pass {self.lowpass_hz} Hz: allowed are 0 (off) and above")
+            raise StictionError(f"low-pass {self.lowpass_hz} Hz: expected 0 (off) or above")
 
     @classmethod
     def of(

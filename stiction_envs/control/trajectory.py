@@ -19,7 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import gte_default
-from stiction_envs.control.trapezoid import Course, Index, Profile, Reference, accept, plan, sample
+from stiction_envs.control.trapezoid import (
+    Index,
+    Profile,
+    Reference,
+    Trapezoid,
+    accept,
+    plan,
+    sample,
+)
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import read_header, read_lines
 
@@ -70,11 +78,11 @@ class MotionLimits:
             value = getattr(self, f.name)
             if f.name == "synchronised":
                 if value not in (True, False):
-                    raise StictionError(f"motion synchronised is {value!r}: allowed is a bool")
+                    raise StictionError(f"motion synchronised is {value!r}: expected a bool")
             elif not (isinstance(value, int | float) and value > 0):
-                raise StictionError(f"motion {f.name} is {value!r}: allowed are numbers > 0")
+                raise StictionError(f"motion {f.name} is {value!r}: expected a number > 0")
             elif value == np.inf and not f.name.endswith(("tolerance", "patience")):
-                raise StictionError(f"motion {f.name} is {value}: allowed are finite numbers > 0")
+                raise StictionError(f"motion {f.name} is {value}: expected a finite number > 0")
 
 
 class Segment:
@@ -87,7 +95,7 @@ class Segment:
     """
 
     def __init__(self, nsim: int, limits: MotionLimits) -> None:
-        """Make N movements that rest at the origin; `start` gives them a course."""
+        """Make N movements that rest at the origin; `start` gives them a goal."""
         self.limits = limits
         rates = np.array(
             [
@@ -100,7 +108,7 @@ class Segment:
         self._profile: Profile = (*rates, bool(limits.synchronised))
         place, turn = np.zeros((2, nsim, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
         self._duration = np.zeros(nsim)
-        self._course: Course = (
+        self._trapezoid: Trapezoid = (
             *(place[0], turn[0], place[1], turn[1]),
             *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
             *(np.zeros((nsim, 3)), self._duration),
@@ -119,7 +127,7 @@ class Segment:
         goal_quaternion: ArrayLike,
         ids: Index | None = None,
     ) -> None:
-        """Give arms a new course.
+        """Give arms a new movement.
 
         Args:
             position: (M, 3) from where [m].
@@ -137,7 +145,7 @@ class Segment:
             _sized(goal_position, m, 3),
             _sized(goal_quaternion, m, 4),
             self._profile,
-            self._course,
+            self._trapezoid,
         )
 
     def sample(self, t: ArrayLike) -> Reference:
@@ -146,7 +154,7 @@ class Segment:
         Before 0 they rest at the start, from `duration` on at the goal, exactly. The sign of a
         quaternion goes on continuously from the start's.
         """
-        out: Reference = sample(_clock(t, len(self._duration)), self._profile, self._course)
+        out: Reference = sample(_clock(t, len(self._duration)), self._profile, self._trapezoid)
         return out
 
 
@@ -173,7 +181,7 @@ class GoalSequencer:
     def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
         """Make N sequencers of at most ``capacity`` goals each; all are finished until `start`."""
         if nsim < 1 or capacity < 1:
-            raise StictionError(f"goals of {nsim} arms, {capacity} each: allowed are 1 and more")
+            raise StictionError(f"goals of {nsim} arms, {capacity} each: expected 1 or more")
         self.limits, self.segment = limits, Segment(nsim, limits)
         self._goal, self._goal_q = np.zeros((nsim, capacity, 3)), np.zeros((nsim, capacity, 4))
         self._goal_q[..., 0] = 1.0
@@ -207,7 +215,7 @@ class GoalSequencer:
         rows = np.arange(len(self._count)) if ids is None else np.asarray(ids)
         count, capacity = goal_position.shape[1], self._goal.shape[1]
         if not 1 <= count <= capacity:
-            raise StictionError(f"path of {count} goals: allowed are 1 to {capacity}")
+            raise StictionError(f"path of {count} goals: expected 1 to {capacity}")
         self._goal[rows, :count], self._goal_q[rows, :count] = goal_position, goal_quaternion
         self._count[rows], self._index[rows] = count, 0
         self._accepted[rows] = self._reached[rows] = np.nan
@@ -227,7 +235,7 @@ class GoalSequencer:
         nsim = len(self._due)
         if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
             raise StictionError(
-                f"accept: poses of shape {position.shape} and {quaternion.shape}: allowed are "
+                f"accept: poses of shape {position.shape} and {quaternion.shape}: expected "
                 f"({nsim}, 3) and ({nsim}, 4)"
             )
         accepted: NDArray[np.bool_] = accept(
@@ -242,7 +250,7 @@ class GoalSequencer:
             (self._goal, self._goal_q, self._count, self._index),
             (self._accepted, self._reached, self._begun, self._due),
             self.segment._profile,
-            self.segment._course,
+            self.segment._trapezoid,
         )
         return accepted
 
@@ -258,7 +266,7 @@ class GoalSequencer:
 
     @property
     def index(self) -> Index:
-        """(N,) goal an arm is on its way to, from 0; the number of its goals when finished."""
+        """(N,) goal an arm is moving to, from 0; the number of its goals when finished."""
         return self._index.copy()
 
     @property
@@ -268,7 +276,7 @@ class GoalSequencer:
 
     @property
     def goal(self) -> tuple[Array, Array]:
-        """Pose (N, 3) [m], (N, 4) an arm is on its way to, or rests at."""
+        """Pose (N, 3) [m], (N, 4) an arm is moving to, or rests at."""
         at = np.maximum(np.minimum(self._index, self._count - 1), 0)
         rows = np.arange(len(at))
         return self._goal[rows, at], self._goal_q[rows, at]
@@ -331,7 +339,7 @@ def pentagon(side: float | None = None) -> Path:
 def _size(name: str, value: float | None) -> float:
     value = gte_default(f"path.{name}") if value is None else value
     if not 0 < value < np.inf:
-        raise StictionError(f"path {name.replace('_', ' ')} is {value} m: allowed is > 0")
+        raise StictionError(f"path {name.replace('_', ' ')} is {value} m: expected > 0")
     return value
 
 
@@ -344,7 +352,7 @@ def read_path(path: str | os.PathLike[str]) -> Path:
     """Read goals relative to the start from a CSV file, one row per goal.
 
     Columns ``x,y,z`` [m], with ``roll,pitch,yaw`` [rad] (fixed axes, as in ROS) or
-    ``qw,qx,qy,qz`` beside them where the orientation changes.
+    ``qw,qx,qy,qz`` as well where the orientation changes.
 
     Raises:
         StictionError: an unreadable file, other columns, a field that is not a finite number, a

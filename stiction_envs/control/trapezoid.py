@@ -1,4 +1,4 @@
-"""Straight courses of N arms and the goals they follow, compiled: `trajectory` has the classes.
+"""Straight movements at trapezoidal speed, goal after goal, compiled; for `trajectory`.
 
 Plain arithmetic, arm by arm: an arm's result is the same bits in any batch.
 """
@@ -17,7 +17,7 @@ Reference = tuple[Array, Array, Array, Array]
 """Position (N, 3) [m], quaternion (N, 4), velocity (N, 3) [m/s], angular speed (N,) [rad/s]."""
 Profile = tuple[Array, Array, Array, bool]
 """Of translation and rotation (2,): accelerations, decelerations, largest speeds; synchronised."""
-Course = tuple[Array, ...]
+Trapezoid = tuple[Array, ...]
 """Start (N, 3) [m], its quaternion (N, 4), goal, its quaternion; of translation and rotation
 (N, 2) distance [m, rad], times of rise, flat and fall [s], pace [-]; direction of the translation
 (N, 3), duration (N,) [s]."""
@@ -32,9 +32,9 @@ def plan(
     goal_position: Array,
     goal_quaternion: Array,
     profile: Profile,
-    course: Course,
+    trapezoid: Trapezoid,
 ) -> None:
-    """Write the courses of arms ``rows`` (M,) of a `Segment`; the others as in its `start`."""
+    """Write the movements of arms ``rows`` (M,) of a `Segment`; the others as in its `start`."""
     for m in range(len(rows)):
         _plan_one(
             rows[m],
@@ -43,7 +43,7 @@ def plan(
             goal_position[m],
             goal_quaternion[m],
             profile,
-            course,
+            trapezoid,
         )
 
 
@@ -55,11 +55,11 @@ def _plan_one(
     goal_position: Array,
     goal_quaternion: Array,
     profile: Profile,
-    course: Course,
+    trapezoid: Trapezoid,
 ) -> None:
     """`plan` of one arm."""
     accelerations, decelerations, speeds, synchronised = profile
-    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = course
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = trapezoid
     square = 0.0
     for k in range(3):
         start[i, k], goal[i, k] = position[k], goal_position[k]
@@ -86,10 +86,10 @@ def _plan_one(
 
 
 @compiled
-def sample(clock: Array, profile: Profile, course: Course) -> Reference:
+def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
     """Return the reference at times ``clock`` (N,) [s] of the arms of a `Segment`."""
     accelerations, decelerations, _, _ = profile
-    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = course
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = trapezoid
     n = len(clock)
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
     velocity, speed, share = np.empty((n, 3)), np.empty((2, n)), np.empty(2)
@@ -126,7 +126,7 @@ def _profile_at(
     pace: float,
     duration: float,
 ) -> tuple[float, float]:
-    """Return the share of the way gone after time t [s], and the speed."""
+    """Return the share of the distance covered after time t [s], and the speed."""
     own = max(t, 0.0) * pace
     rising = min(own, rise)
     own -= rise
@@ -134,9 +134,10 @@ def _profile_at(
     own -= flat
     falling = min(max(own, 0.0), fall)
     peak = acceleration * rise
-    way = 0.5 * acceleration * rising * rising + peak * level
-    way += (peak - 0.5 * deceleration * falling) * falling
-    share, speed = way / distance, max(acceleration * rising - deceleration * falling, 0.0) * pace
+    covered = 0.5 * acceleration * rising * rising + peak * level
+    covered += (peak - 0.5 * deceleration * falling) * falling
+    share = covered / distance
+    speed = max(acceleration * rising - deceleration * falling, 0.0) * pace
     if t >= duration or distance <= _TINY or share > 1.0:
         share = 1.0
     if t >= duration or t <= 0.0:
@@ -153,7 +154,7 @@ def accept(
     goals: tuple[Array, Array, Index, Index],
     times: tuple[Array, Array, Array, Array],
     profile: Profile,
-    course: Course,
+    trapezoid: Trapezoid,
 ) -> NDArray[np.bool_]:
     """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its own order."""
     near_position, near_rotation, patience = tolerances
@@ -176,8 +177,8 @@ def accept(
             if at < count[i]:
                 out[i] = True
                 _plan_one(
-                    i, position[i], quaternion[i], goal[i, at], goal_q[i, at], profile, course
+                    i, position[i], quaternion[i], goal[i, at], goal_q[i, at], profile, trapezoid
                 )
                 accepted[i, at] = begun[i] = now[i]
-                due[i] = now[i] + course[-1][i]
+                due[i] = now[i] + trapezoid[-1][i]
     return out

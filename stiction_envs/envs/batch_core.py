@@ -195,14 +195,14 @@ class BatchCore(ABC):
             raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
         shape = (m, 2 * self.n)
         if out.shape != shape:
-            raise StictionError(f"action has shape {out.shape}: allowed is {shape}")
+            raise StictionError(f"action has shape {out.shape}: expected {shape}")
         slack = _ROUNDING * (self._high - self._low)
         good = (out >= self._low - slack) & (out <= self._high + slack)
         if not good.all():
             row, k = np.argwhere(~good)[0]
             what, unit = ("amplitude", "N·m") if k < self.n else ("frequency", "Hz")
             raise StictionError(
-                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: allowed are "
+                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: expected "
                 f"{self._low[k]:g} to {self._high[k]:g} {unit}"
             )
         return np.clip(out, self._low, self._high)
@@ -247,10 +247,10 @@ def check_arguments(max_episode_steps: Any, **weights: float) -> None:
     """Raise a StictionError for a weight below 0, or a number of steps that is not one."""
     for name, value in weights.items():
         if not 0 <= value < np.inf:
-            raise StictionError(f"{name} {value}: allowed are 0 and above")
+            raise StictionError(f"{name} {value}: expected 0 or above")
     if not isinstance(max_episode_steps, (int, np.integer)) or max_episode_steps < 1:
         raise StictionError(
-            f"max_episode_steps {max_episode_steps}: allowed are whole numbers from 1"
+            f"max_episode_steps {max_episode_steps}: expected a whole number from 1"
         )
 
 
@@ -270,6 +270,6 @@ def count_blocks(interval: float, block: float) -> int:
     blocks = round(interval / block) if np.isfinite(interval) else 0
     if blocks < 1 or abs(blocks * block - interval) > 1e-9:
         raise StictionError(
-            f"control_interval_s {interval}: allowed are the multiples of {block:g} s"
+            f"control_interval_s {interval}: expected one of the multiples of {block:g} s"
         )
     return blocks

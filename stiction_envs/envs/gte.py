@@ -89,7 +89,7 @@ class GTEEnv(ArmEnv):
 
     ## Start and end of an episode
     A reset brings the arm to the start against its friction, from a random side; the controller
-    takes it from where it stands, and the first goal is accepted. With `scatter` the pose, the
+    takes over where it is, and the first goal is accepted. With `scatter` the pose, the
     friction and the phases of the dither vary with the seed.
 
     * Terminated: 1 s after the last goal was reached. (A goal also counts as reached 1 s after the

@@ -141,13 +141,13 @@ def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
         try:
             numbers = [float(k) for k in value]
         except (TypeError, ValueError):
-            raise StictionError(f"stiffness {value!r}: allowed are three numbers") from None
+            raise StictionError(f"stiffness {value!r}: expected three numbers") from None
         out["stiffness"] = tuple(numbers)
         Case(trajectory=TRAJECTORIES[0], stiffness=out["stiffness"])
     if "iteration" in out:
         value = out["iteration"]
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or value < 0:
-            raise StictionError(f"iteration {value!r}: allowed are whole numbers from 0")
+            raise StictionError(f"iteration {value!r}: expected a whole number from 0")
         out["iteration"] = int(value)
     return out

@@ -153,7 +153,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
             seeds = list(seed)
         for what, values in (("seeds", seeds), ("options", per_env)):
             if len(values) != self.num_envs:
-                raise StictionError(f"{len(values)} {what}: allowed are {self.num_envs}")
+                raise StictionError(f"{len(values)} {what}: expected {self.num_envs}")
         for i in ids:
             if seeds[i] is not None or self._rngs[i] is None:
                 self._rngs[i], _ = seeding.np_random(seeds[i])
@@ -173,11 +173,11 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
             mask = np.asarray(mask)
             if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
                 raise StictionError(
-                    f"reset_mask: allowed is a bool array of shape ({self.num_envs},), one True"
+                    f"reset_mask: expected a bool array of shape ({self.num_envs},), one True"
                 )
             return np.flatnonzero(mask), [options] * self.num_envs
         if isinstance(options, str):
-            raise StictionError("reset options are a str: allowed is a dict, or a list of dicts")
+            raise StictionError("reset options are a str: expected a dict, or a list of dicts")
         return everyone, list(options)
 
     def _restart(self, ids: Index, options: Sequence[Mapping[str, Any] | None]) -> None:
@@ -196,7 +196,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
             raise StictionError(
-                f"actions have shape {actions.shape}: allowed is {self.action_space.shape}"
+                f"actions have shape {actions.shape}: expected {self.action_space.shape}"
             )
         waiting = np.flatnonzero(self._ended)
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:

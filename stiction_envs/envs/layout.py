@@ -103,7 +103,7 @@ def action_bounds(
     return low, np.concatenate([top, np.full(n, f_max)])
 
 
-def named_options(options: Mapping[str, Any] | None, allowed: Sequence[str]) -> dict[str, Any]:
+def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) -> dict[str, Any]:
     """Return reset options as a dict.
 
     Raises:
@@ -113,12 +113,12 @@ def named_options(options: Mapping[str, Any] | None, allowed: Sequence[str]) -> 
         return {}
     if not isinstance(options, Mapping):
         raise StictionError(
-            f"reset options are a {type(options).__name__}: allowed is a dict with "
-            f"{', '.join(allowed)}"
+            f"reset options are a {type(options).__name__}: expected a dict with "
+            f"{', '.join(expected)}"
         )
     for name in options:
-        if name not in allowed:
-            raise unknown("reset option", name, allowed)
+        if name not in expected:
+            raise unknown("reset option", name, expected)
     return dict(options)
 
 

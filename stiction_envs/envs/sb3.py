@@ -54,7 +54,7 @@ class SB3VecEnv(VecEnv):
             )
         actions = env.single_action_space
         if not isinstance(actions, Box) or not isinstance(env.single_observation_space, Box):
-            raise StictionError("SB3VecEnv: allowed are Box actions and observations")
+            raise StictionError("SB3VecEnv: expected Box actions and observations")
         self.env = env
         self.spec = env.unwrapped.spec
         self._rescale = rescale

@@ -84,7 +84,7 @@ def check_sje_options(options: Mapping[str, Any] | None, n: int) -> dict[str, An
     Raises:
         StictionError: an option or a value that does not exist.
     """
-    allowed: dict[str, tuple[Any, ...]] = {
+    expected: dict[str, tuple[Any, ...]] = {
         "joint": tuple(range(1, n + 1)),
         "load": LOADS,
         "direction": DIRECTIONS,
@@ -92,7 +92,7 @@ def check_sje_options(options: Mapping[str, Any] | None, n: int) -> dict[str, An
     out: dict[str, Any] = {}
     for name, value in named_options(options, OPTIONS).items():
         kinds: Any = (int, np.integer) if name == "joint" else str
-        if isinstance(value, bool) or not isinstance(value, kinds) or value not in allowed[name]:
-            raise unknown(name, value, allowed[name])
+        if isinstance(value, bool) or not isinstance(value, kinds) or value not in expected[name]:
+            raise unknown(name, value, expected[name])
         out[name] = int(value) if name == "joint" else value
     return out

@@ -103,7 +103,7 @@ def study_phase(
         robot: an arm with measured dithered torques.
         rows: the cells; None for all of the robot's.
         nthread: threads, 0 for all processors.
-        progress: called with the simulated seconds of every block, summed over slots.
+        progress: called with the simulated seconds of every block, summed over simulations.
 
     Returns:
         Changes against the simulation's own base torques; without scatter, one ramp each.

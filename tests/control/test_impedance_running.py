@@ -212,7 +212,7 @@ def test_results_are_fresh_arrays():
         ({"limit_margin": [1.0, 2.0]}, "limit margin has shape"),
     ],
 )
-def test_bad_settings_say_what_and_what_is_allowed(change, words):
+def test_bad_settings_say_what_and_what_was_expected(change, words):
     with pytest.raises(StictionError, match=words):
         ImpedanceSettings(**change)
 
@@ -245,7 +245,7 @@ def test_calls_that_cannot_work_are_refused():
         control.torque(*look[:5])
     with pytest.raises(StictionError, match="shape"):
         control.set_stiffness([0, 1], translational=[1.0, 2.0, 3.0])
-    with pytest.raises(StictionError, match=r"allowed are \(4, 6, 7\)"):
+    with pytest.raises(StictionError, match=r"expected \(4, 6, 7\)"):
         control.update_model(np.arange(4), look.jacobian, look.mass)
     with pytest.raises(ValueError, match="broadcast"):
         control.torque(*look[:5], coriolis=np.zeros((63, 7)))

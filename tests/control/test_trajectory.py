@@ -267,7 +267,7 @@ def test_arms_have_lists_of_their_own():
 
 def test_sizes_are_checked():
     k, p, q = sequencer()
-    with pytest.raises(StictionError, match=r"\(2, 3\) and \(3, 4\): allowed are \(3, 3\)"):
+    with pytest.raises(StictionError, match=r"\(2, 3\) and \(3, 4\): expected \(3, 3\)"):
         k.accept(p[:2], q, 11.0)
     with pytest.raises(ValueError, match="broadcast"):
         k.segment.start(p, q[:2], p, q)
@@ -276,9 +276,9 @@ def test_sizes_are_checked():
 @pytest.mark.parametrize("count", [0, 6])
 def test_number_of_goals_is_checked(count):
     k, p, q = sequencer()
-    with pytest.raises(StictionError, match=f"path of {count} goals: allowed are 1 to 5"):
+    with pytest.raises(StictionError, match=f"path of {count} goals: expected 1 to 5"):
         k.start(None, np.zeros((3, count, 3)), np.zeros((3, count, 4)), p, q)
-    with pytest.raises(StictionError, match="allowed are 1 and more"):
+    with pytest.raises(StictionError, match="expected 1 or more"):
         GoalSequencer(0, MotionLimits(), 5)
 
 
@@ -348,7 +348,7 @@ def test_files_with_and_without_orientation(tmp_path):
         ("x,y,z,qw,qx,qy,qz\n0,0,0,1,0,0,0\n0,0,0,1,1,0,0\n", r"line 3: .*length 1.41"),
     ],
 )
-def test_bad_files_name_file_line_column_and_what_is_allowed(tmp_path, text, words):
+def test_bad_files_name_file_line_column_and_what_was_expected(tmp_path, text, words):
     file = tmp_path / "bad.csv"
     file.write_text(text)
     with pytest.raises(StictionError, match=words) as error:
@@ -364,8 +364,8 @@ def test_missing_file():
 
 @pytest.mark.parametrize("name", ["translational_speed", "rotational_deceleration"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "fast"])
-def test_bad_limits_say_what_and_what_is_allowed(name, value):
-    with pytest.raises(StictionError, match=f"motion {name} is .*allowed are"):
+def test_bad_limits_say_what_and_what_was_expected(name, value):
+    with pytest.raises(StictionError, match=f"motion {name} is .*expected"):
         MotionLimits(**{name: value})
 
 

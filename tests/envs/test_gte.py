@@ -315,8 +315,8 @@ def test_wrong_options(panda, options, words):
     ("change", "words"),
     [
         ((2, np.nan), ("amplitude of joint 3", "nan")),
-        ((0, 1e6), ("amplitude of joint 1", "allowed are 0 to")),
-        ((7, 4.0), ("frequency of joint 1", "allowed are 5 to 100 Hz")),
+        ((0, 1e6), ("amplitude of joint 1", "expected 0 to")),
+        ((7, 4.0), ("frequency of joint 1", "expected 5 to 100 Hz")),
     ],
 )
 def test_wrong_actions(panda, change, words):

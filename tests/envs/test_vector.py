@@ -81,7 +81,7 @@ def test_options_for_all_and_for_each():
         env.reset(seed=[1, 2, 3])
 
 
-def test_wrong_actions_name_the_allowed():
+def test_wrong_actions_name_what_was_expected():
     env = SJEVectorEnv(2, **FIXED)
     env.reset(seed=0)
     with pytest.raises(StictionError, match="shape"):

@@ -1,4 +1,4 @@
-"""Frames of the environments: the arm in a scene, a panel of plots beside it.
+"""Frames of the environments: the arm in a scene, a panel of plots next to it.
 
 What is drawn into it is the environments' own: `frames_sje.py`, `frames_gte.py`.
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
-"""Size of the scene and of the panel beside it [pixel]."""
+"""Size of the scene and of the panel next to it [pixel]."""
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
 """Colour of what an episode is about: the joint under test, the goal."""
 GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
@@ -39,9 +39,9 @@ _FARTHER, _ASIDE = 1.3, 0.2  # of the window: its panel is drawn over the scene
 
 def check_render_mode(mode: str | None, *, batch: bool = False) -> None:
     """Raise a StictionError for a mode that does not exist, or not for a batch."""
-    allowed = [m for m in RENDER_MODES if not (batch and m == "human")]
-    if mode is not None and mode not in allowed:
-        raise unknown("render mode", mode, allowed)
+    expected = [m for m in RENDER_MODES if not (batch and m == "human")]
+    if mode is not None and mode not in expected:
+        raise unknown("render mode", mode, expected)
 
 
 def scene_model(arm: Arm) -> mujoco.MjModel:
@@ -160,9 +160,9 @@ class Renderer(ABC):
         camera.lookat = (low + high) / 2
         radius = float(np.linalg.norm(high - low)) / 2 + 0.12
         camera.distance = radius / np.sin(np.deg2rad(self._model.vis.global_.fovy / 2))
-        # from the side to which the arm reaches out, so that it does not hide itself
-        reach = points[-2, :2] - points[-1, :2]
-        heading = np.rad2deg(np.arctan2(reach[1], reach[0])) if np.hypot(*reach) > 0.05 else 0.0
+        # from the side to which the arm points, so that it does not hide itself
+        out = points[-2, :2] - points[-1, :2]
+        heading = np.rad2deg(np.arctan2(out[1], out[0])) if np.hypot(*out) > 0.05 else 0.0
         camera.azimuth, camera.elevation = heading + 120.0, -18.0
         return camera
 

@@ -1,4 +1,4 @@
-"""What the panels beside the scenes are drawn with: fonts, colours, small plots."""
+"""What the panels next to the scenes are drawn with: fonts, colours, small plots."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class GeneratedTrajectoryExperiment:
     interface: TorqueInterface
     start: Array
     paths: Mapping[str, Path] = field(default_factory=dict)
-    """Paths beside the triangle and the pentagon, by name."""
+    """Paths other than the triangle and the pentagon, by name."""
     belief: Arm | None = None
     scatter: bool = True
     seed: int = 0
@@ -107,7 +107,7 @@ class GeneratedTrajectoryExperiment:
         begin = np.array(arm.rest) if start is None else np.asarray(start, dtype=float)
         low, high = arm.limits.position.T
         if begin.shape != (arm.n,) or not np.all((begin > low) & (begin < high)):
-            raise StictionError(f"start {begin}: allowed are {arm.n} angles within the limits")
+            raise StictionError(f"start {begin}: expected {arm.n} angles within the limits")
         return cls(
             sticking=build(arm, friction, timestep=timestep),
             protocol=load_gte_protocol() if protocol is None else protocol,

@@ -1,7 +1,7 @@
 """Plots of the Generated Trajectory Experiment, as the thesis's Figures 4.6 to 4.8, E.1, F.1, F.2.
 
 Grey is without dither, orange with it, black dashed the reference, purple dotted where goals were
-accepted. Beside them Table 4.11, simulated and measured.
+accepted. With them Table 4.11, simulated and measured.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     half = max(0.55 * float(np.max(high - low)), 0.01)
     share = np.array([1.0, 1.0, max(1 / 3, 0.55 * float((high - low)[2]) / half)])
     for k, name in enumerate("xyz"):
-        middle, reach = (low[k] + high[k]) / 2, share[k] * half
-        getattr(axes, f"set_{name}lim")(middle - reach, middle + reach)
+        middle, size = (low[k] + high[k]) / 2, share[k] * half
+        getattr(axes, f"set_{name}lim")(middle - size, middle + size)
         getattr(axes, f"set_{name}label")(f"{name} [m]", labelpad=9)
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(5 if k < 2 else 3))
     axes.set_box_aspect(tuple(share), zoom=1.0)
@@ -217,7 +217,7 @@ def plot_window_sums(
     *,
     robot: str,
 ) -> None:
-    """Draw the sums of Table 4.11, simulated beside measured: an arrow is what dither does.
+    """Draw the sums of Table 4.11, simulated and measured: an arrow is what dither does.
 
     Args:
         pairs: of each path and stiffness, the run without dither and the one with it.

@@ -99,7 +99,7 @@ class Case:
     def __post_init__(self) -> None:
         if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
             raise StictionError(
-                f"stiffness {self.stiffness}: allowed are three finite numbers >= 0 (KT KR KN)"
+                f"stiffness {self.stiffness}: expected three finite numbers >= 0 (KT KR KN)"
             )
         if self.phases not in PHASES:
             raise unknown("phases", self.phases, PHASES)

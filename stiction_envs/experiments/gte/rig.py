@@ -99,7 +99,7 @@ class GTERig(Rig):
         self._arguments: tuple[Any, ...] = ()
         self._nothing = np.zeros((nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
-        """(N, n) torque that reached the joints in the last control step, overwritten [N·m]."""
+        """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
@@ -150,7 +150,7 @@ class GTERig(Rig):
         self._hand_over(ids, paths, stiffness)
 
     def _hand_over(self, ids: Index, paths: Sequence[Path], stiffness: Array) -> None:
-        """Let the controller take the arms from where they stand."""
+        """Let the controller take over the arms where they are."""
         self.flange.read()
         x, quaternion = self.flange.position[ids], self.flange.quaternion[ids]
         q = self.plant.position

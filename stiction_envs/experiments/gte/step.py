@@ -48,7 +48,7 @@ def control_step(
         path: of `pass_torque` between command and result.
         missing: (N, n) torque that acts besides, gravity compensated wrongly [N·m].
         shaking: (N, n) dither, sines are written where ``due`` [N·m].
-        applied: (N, n) what of the command reaches the joints, written [N·m].
+        applied: (N, n) what the joints get of the command, written [N·m].
         torque: (N, n) the sum of that and ``missing``, written [N·m].
     """
     site_kinematics(*site)

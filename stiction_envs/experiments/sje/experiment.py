@@ -103,7 +103,7 @@ class SingleJointExperiment:
         parameters: FrictionParameters | None = None,
         dither_all: bool = False,
     ) -> SJERig:
-        """Return the machine that runs ``nsim`` slots of this experiment."""
+        """Return the machine that runs ``nsim`` simulations of this experiment."""
         return SJERig(
             self.sticking,
             nsim,
@@ -133,12 +133,12 @@ class SingleJointExperiment:
         progress: Callable[[float], None] | None = None,
         slots: int = MAX_SLOTS,
     ) -> Iterator[Measurement]:
-        """Run jobs, yielding each as it is done: a slot that is free takes the next job.
+        """Run jobs, yielding each as it is done: a simulation that is free takes the next job.
 
         Args:
             jobs: what to measure; the result of one does not depend on the others.
             iterations: repeats, None for the protocol's.
-            progress: called with the simulated seconds of every block, summed over slots.
+            progress: called with the simulated seconds of every block, summed over simulations.
             slots: most simulations at once.
 
         Raises:
@@ -150,38 +150,38 @@ class SingleJointExperiment:
         # the longest first: the last to finish should not be the last to start
         queue = deque(sorted(jobs, key=self.expected, reverse=True))
         rig = self.rig(min(len(jobs), slots))
-        book: dict[int, _Page] = {}
+        logs: dict[int, RampLog] = {}
         free = list(range(rig.nsim))
-        while queue or book:
+        while queue or logs:
             fresh = [i for i in free if queue]
             if fresh:
                 taken = [queue.popleft() for _ in fresh[: len(queue)]]
                 ids = np.array(sorted(free)[: len(taken)])
                 for i, job in zip(ids, taken, strict=True):
-                    book[int(i)] = _Page(job)
-                free = sorted(set(free) - set(book))
+                    logs[int(i)] = RampLog(job)
+                free = sorted(set(free) - set(logs))
                 rig.place(ids, [j.configuration for j in taken])
-                self._begin(rig, ids, book)
-            busy = np.array(sorted(book))
+                self._begin(rig, ids, logs)
+            busy = np.array(sorted(logs))
             ended = rig.advance(busy)
             if progress is not None:
                 progress(len(busy) * BLOCK * CONTROL_DT)
-            self._trace(rig, busy, ended, book)
+            self._trace(rig, busy, ended, logs)
             again = []
             for i in map(int, ended):
-                book[i].close(rig, i)
-                if len(book[i].tau) < repeats:
+                logs[i].close(rig, i)
+                if len(logs[i].tau) < repeats:
                     again.append(i)
                 else:
-                    yield book.pop(i).measurement()
+                    yield logs.pop(i).measurement()
                     free.append(i)
             if again:
-                self._begin(rig, np.array(again), book)
+                self._begin(rig, np.array(again), logs)
 
-    def _begin(self, rig: SJERig, ids: NDArray[np.int64], book: dict[int, _Page]) -> None:
-        jobs = [book[int(i)].job for i in ids]
+    def _begin(self, rig: SJERig, ids: NDArray[np.int64], logs: dict[int, RampLog]) -> None:
+        jobs = [logs[int(i)].job for i in ids]
         keys = [
-            (*j.configuration.index, len(book[int(i)].tau), j.replica)
+            (*j.configuration.index, len(logs[int(i)].tau), j.replica)
             for i, j in zip(ids, jobs, strict=True)
         ]
         rig.approach(ids, keys)
@@ -196,7 +196,7 @@ class SingleJointExperiment:
 
     @staticmethod
     def _trace(
-        rig: SJERig, busy: NDArray[np.int64], ended: NDArray[np.int64], book: dict[int, _Page]
+        rig: SJERig, busy: NDArray[np.int64], ended: NDArray[np.int64], logs: dict[int, RampLog]
     ) -> None:
         ramping = np.concatenate([busy[rig.stage[busy] == RAMP], ended])
         if not len(ramping):
@@ -204,11 +204,11 @@ class SingleJointExperiment:
         joint = rig.joint[ramping]
         angle = rig.plant.position[ramping, joint] - rig.pose[ramping, joint]
         for i, a in zip(ramping.tolist(), angle.tolist(), strict=True):
-            book[i].trace.append(a)
+            logs[i].trace.append(a)
 
 
-class _Page:
-    """What is being written down about one slot."""
+class RampLog:
+    """What the ramps of one job gave."""
 
     def __init__(self, job: Job) -> None:
         self.job = job

@@ -1,4 +1,4 @@
-"""The Single Joint Experiment as a machine: N slots, each on its way through the protocol.
+"""The Single Joint Experiment as a machine: N simulations, each at its own point of the protocol.
 
     approach (servos bring the arm to the pose) -> ramp (the joint under test is free, its torque
     grows) -> threshold: idle
@@ -46,18 +46,18 @@ class SJERig(Rig):
         parameters: FrictionParameters | None = None,
         nthread: int = 0,
     ) -> None:
-        """Make the rig; all slots idle.
+        """Make the rig; all simulations are idle.
 
         Args:
             sticking: the model.
-            nsim: number of slots.
+            nsim: number of simulations.
             protocol: numbers of the experiment.
             interface: what the robot does to commanded torques.
             poses: where each joint is tested.
             scatter: whether iterations differ by pose, friction and torque noise.
             seed: of that scatter; one stream per configuration and iteration.
             dither_all: whether every joint is dithered (the environments) or the tested one.
-            parameters: friction of one arm or of each slot, None for the model's.
+            parameters: friction of one arm or of each simulation, None for the model's.
             nthread: threads, 0 for all processors.
         """
         super().__init__(
@@ -97,7 +97,7 @@ class SJERig(Rig):
         self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
 
     def place(self, ids: Index, configurations: list[Configuration]) -> None:
-        """Put slots on new configurations, the arm displaced as if after the other direction."""
+        """Give arms new configurations, displaced as if after the other direction."""
         joint = np.array([c.joint - 1 for c in configurations])
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
@@ -111,7 +111,7 @@ class SJERig(Rig):
         self._path.set_limits(ids, *self._column_limits(joint))
 
     def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
-        """Move slots back to their pose; ``keys`` seed the scatter of this iteration."""
+        """Move arms back to their pose; ``keys`` seed the scatter of this iteration."""
         p = self.protocol
         self._origin[ids] = self.plant.motor_position[ids]
         target, factor = self.pose[ids].copy(), np.ones((len(ids), self.n))
@@ -152,9 +152,9 @@ class SJERig(Rig):
         return self.start_torque[ids][:, None] + rate[:, None] * self.interface.tick(step)
 
     def advance(self, ids: Index) -> Index:
-        """Advance busy slots ``ids`` (sorted) by one block; return those whose ramp ended.
+        """Advance busy simulations ``ids`` (sorted) by a block; return those whose ramp ended.
 
-        A slot that ended is idle; ``tau`` holds its torque [N·m], NaN if it was given up as stuck.
+        One that ended is idle; ``tau`` holds its torque [N·m], NaN if it was given up as stuck.
         """
         m = len(ids)
         ramping = self.stage[ids] == RAMP
@@ -174,7 +174,7 @@ class SJERig(Rig):
         return self._finish(ids[rows], step[rows], angle[rows])
 
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index) -> None:
-        """Fill ``torque`` (M, K, n) [N·m] for ramping slots: command, dither, torque path."""
+        """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path."""
         command = np.zeros((len(ids), BLOCK, self.columns))
         mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
         command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
@@ -198,7 +198,7 @@ class SJERig(Rig):
         return origin + x[:, :, None] * (target - origin)
 
     def _start_ramps(self, ids: Index) -> None:
-        """Free the joint of slots whose approach is over, and note where the ramp starts."""
+        """Free the joint of arms whose approach is over, and note where the ramp starts."""
         ids = ids[self.step[ids] >= self._approach_steps]
         if not len(ids):
             return
@@ -213,7 +213,7 @@ class SJERig(Rig):
             i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
             raise ExperimentError(
                 f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
-                f"at most {p.start_tolerance} rad is allowed (raise hold_stiffness)"
+                f"expected at most {p.start_tolerance} rad (raise hold_stiffness)"
             )
         self.start_angle[ids] = q[rows, joint]
         offset = self.plant.offset[ids][rows, joint]
@@ -230,7 +230,7 @@ class SJERig(Rig):
         self.stage[ids], self.step[ids] = RAMP, 0
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
-        """Record ramps that reached the threshold or were given up; return their slots."""
+        """Record ramps that reached the threshold or were given up; return their simulations."""
         others = np.abs(self.plant.position[ids] - self.pose[ids])
         others[np.arange(len(ids)), self.joint[ids]] = 0.0
         self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))

@@ -37,16 +37,16 @@ DITHER = tuple(
 )
 
 
-def course(name: str, *goals: tuple[float, float, float]) -> Path:
+def through(name: str, *goals: tuple[float, float, float]) -> Path:
     """Positions relative to the start, orientation kept."""
     return Path(name, np.array(goals), np.tile(STILL, (len(goals), 1)))
 
 
 PATHS = {
-    "there": course("there", (0.03, 0.0, 0.0)),
-    "corner": course("corner", (0.03, 0.0, 0.0), (0.0, 0.03, 0.0)),
-    "stay": course("stay", (0.0, 0.0, 0.0)),
-    "away": course("away", (0.2, 0.0, 0.0)),
+    "there": through("there", (0.03, 0.0, 0.0)),
+    "corner": through("corner", (0.03, 0.0, 0.0), (0.0, 0.03, 0.0)),
+    "stay": through("stay", (0.0, 0.0, 0.0)),
+    "away": through("away", (0.2, 0.0, 0.0)),
 }
 
 
@@ -408,10 +408,10 @@ def test_start_lies_within_limits(robot):
 
 
 def test_horizon_covers_a_path_that_is_far():
-    b = bench(paths={"far": course("far", (2.0, 0, 0), (0, 0, 0), (2.0, 0, 0))})
+    b = bench(paths={"far": through("far", (2.0, 0, 0), (0, 0, 0), (2.0, 0, 0))})
     path = b.path("far")
     assert b.horizon(path) >= b.nominal_duration(path) + 3 * b.motion.patience
-    one_way = bench(paths={"one": course("one", (2.0, 0, 0))})
+    one_way = bench(paths={"one": through("one", (2.0, 0, 0))})
     assert b.nominal_duration(path) == pytest.approx(
         3 * one_way.nominal_duration(one_way.path("one"))
     )
