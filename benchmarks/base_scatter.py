@@ -55,7 +55,7 @@ def main() -> int:
     ]
     rows = []
     for robot in ("panda", "iiwa7"):
-        experiment = SingleJointExperiment.of(robot, scatter=True, seed=1)
+        experiment = SingleJointExperiment(robot, scatter=True, seed=1)
         measured = thesis_base(robot).tau
         error = np.abs(means_with_scatter(experiment, range(1, 8)) / measured - 1)
         for j, worst in enumerate(error.max(axis=(1, 2)), 1):

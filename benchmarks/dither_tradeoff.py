@@ -140,7 +140,7 @@ def outcome(name, family, found, plain):
 
 def run_all(iterations):
     """Outcomes of no dither, then of every kind."""
-    bench = GeneratedTrajectoryExperiment.of("panda")
+    bench = GeneratedTrajectoryExperiment("panda")
     chosen, measured = kinds(), []
     cases = [Case(trajectory=t, stiffness=k) for t, k in PLACES]
     cases += [kind.case(t, k) for kind in chosen for t, k in PLACES]

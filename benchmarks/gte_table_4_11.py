@@ -134,7 +134,7 @@ def both(runs):
 
 
 def simulate(iterations, dither=DITHER, arm="panda", **options):
-    bench = GeneratedTrajectoryExperiment.of(arm, **options)
+    bench = GeneratedTrajectoryExperiment(arm, **options)
     return bench.run(cases(dither), iterations=iterations)
 
 

@@ -23,7 +23,6 @@ from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.identification.excitation import excite
-from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
@@ -111,7 +110,7 @@ def simulated(motion, settings, seeds):
             true = excited.perturbed(arm, SIZE, seed)
             bite = 1e-7 if name == AT_ONCE else 2e-4
             log = excited.log(true, state, RATE, noise=NOISE, seed=seed, bite=bite)
-            found = identify([log], arm, link_side=True)
+            found = identify([log], arm, torque="link")
             theirs = rosdyn([log], arm)
             columns = with_friction(arm, other[arm.name])
             right = columns @ excited.truth(true)
@@ -166,7 +165,7 @@ def real():
         return None
     arm = load_arm("panda")
     logs = read_logs([path], 7, limits=arm.limits)
-    found = identify(logs, arm, link_side=True)
+    found = identify(logs, arm, torque="link")
     held = dict(found.rms)
     # theirs: fitted to the same parts of the time, judged on the others through the same filter
     data = assemble(arm, prepare(logs), link_side=True)
@@ -429,7 +428,7 @@ def main():
     text = page(motions, rows, rests, measured, time.perf_counter() - start)
     write_text_atomic(args.out / "identification.md", text)
     picture(rows, measured, args.out / "identification.png")
-    plot_excitation(panda, load_arm("panda"), args.out / "identification_excitation.png")
+    panda.plot(args.out / "identification_excitation.png")
     print(text[: text.find("| link | mass")])
 
 

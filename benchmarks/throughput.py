@@ -34,7 +34,7 @@ NSIM = 364
 def busy_rig(threads):
     """A rig of 28 configurations x 13 settings whose ramps last longer than the measurement."""
     slow = load_protocol("panda").replace(ramp_rate=1e-3)
-    experiment = SingleJointExperiment.of("panda", protocol=slow, nthread=threads)
+    experiment = SingleJointExperiment("panda", protocol=slow, nthread=threads)
     settings = [(0.0, 0.0)] + [(f, a) for f in (80.0, 50.0, 30.0, 15.0) for a in (0.1, 0.2, 0.3)]
     jobs = [Job(c, f, a) for c in configurations(7) for f, a in settings][:NSIM]
     rig, ids = experiment.rig(len(jobs)), np.arange(len(jobs))
@@ -75,7 +75,7 @@ def sje_against_rollout(rounds, threads):
 
 def naive_loop(seconds=3.0):
     """Steps/s of one `MjData` with the ramp, dither and low-pass computed in Python."""
-    experiment = SingleJointExperiment.of("panda")
+    experiment = SingleJointExperiment("panda")
     model = experiment.sticking.model
     data = mujoco.MjData(model)
     data.qpos[experiment.sticking.motor] = experiment.poses.q[6, 0]
@@ -102,7 +102,7 @@ def protocol_seconds(threads):
     from tuning.settings import tuning_settings
     from tuning.thesis import ThesisTuner
 
-    experiment = SingleJointExperiment.of("panda", nthread=threads)
+    experiment = SingleJointExperiment("panda", nthread=threads)
     done = {}
     with tempfile.TemporaryDirectory() as folder:
         tuner = ThesisTuner(

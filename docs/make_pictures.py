@@ -6,7 +6,7 @@ from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
-experiment = SingleJointExperiment.of("panda", scatter=False)
+experiment = SingleJointExperiment("panda", scatter=False)
 where = Configuration(7, "load", "+")
 measured = {
     m.job.amplitude_nm: m

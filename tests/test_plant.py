@@ -317,7 +317,7 @@ def first_torques(
     jobs: list[Job], *, timestep: float = 1e-3, ramp_rate: float = 0.07
 ) -> np.ndarray:
     protocol = load_protocol("panda").replace(ramp_rate=ramp_rate)
-    bench = SingleJointExperiment.of("panda", scatter=False, timestep=timestep, protocol=protocol)
+    bench = SingleJointExperiment("panda", scatter=False, timestep=timestep, protocol=protocol)
     found = {m.job: m.mean for m in bench.run(jobs, iterations=1)}
     return np.array([found[j] for j in jobs])
 

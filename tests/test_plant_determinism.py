@@ -182,7 +182,7 @@ JOBS = [
 
 @cache
 def alone() -> dict[Job, bytes]:
-    bench = SingleJointExperiment.of("panda", protocol=QUICK, nthread=1)
+    bench = SingleJointExperiment("panda", protocol=QUICK, nthread=1)
     return {
         job: next(iter(bench.run([job], iterations=2))).tau.tobytes()
         for job in (JOBS[0], JOBS[10], JOBS[29])
@@ -192,7 +192,7 @@ def alone() -> dict[Job, bytes]:
 @pytest.mark.parametrize(("slots", "nthread"), [(1, 1), (7, 2), (64, 1), (64, 2)])
 def test_experiment_has_the_same_bits_in_any_batch(slots, nthread):
     """A job gives the same torques alone, in 7 slots or 64, first or last, on 1 or 2 threads."""
-    bench = SingleJointExperiment.of("panda", protocol=QUICK, nthread=nthread)
+    bench = SingleJointExperiment("panda", protocol=QUICK, nthread=nthread)
     jobs = [j for j in JOBS if j in alone()] if slots == 1 else JOBS[::-1]
     found = {m.job: m.tau.tobytes() for m in bench.run(jobs, iterations=2, slots=slots)}
     assert {job: found[job] for job in alone()} == alone()

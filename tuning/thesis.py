@@ -10,7 +10,6 @@ again, and it goes on.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -66,7 +65,7 @@ class ThesisTuner:
     def _measure(self, stage: str, series: str, jobs: list[Job]) -> dict[Job, Measurement]:
         experiment = self.experiment
         if series == VERIFY:
-            experiment = dataclasses.replace(experiment, seed=experiment.seed + 1)
+            experiment = experiment.replace(seed=experiment.seed + 1)
         repeats = self.iterations or int(experiment.protocol.iterations)
         missing = [j for j in jobs if self.book.get(series, j) is None]
         rate = experiment.protocol.ramp_rate

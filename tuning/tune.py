@@ -1,8 +1,17 @@
-"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol."""
+"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol.
+
+found = tune("panda", table="base.csv", out="runs/panda")
+print(found)
+gym_dither = found.final
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import shutil
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,23 +19,27 @@ import numpy as np
 import optuna
 
 from stiction_envs.dither.aliasing import check_frequency
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import (
     Protocol,
 )
 from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
-from stiction_envs.measured import BaseTable
+from stiction_envs.friction.parameters import QUANTITIES, load_friction
+from stiction_envs.friction.sticking import Friction, Robot
+from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.output_folder import OutputFolder, default_folder
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
 from stiction_envs.version import __version__
 from tuning.labbook import LabBook
 from tuning.report import write_report
 from tuning.rules import frequencies_of
-from tuning.settings import TuningSettings, tuning_settings
+from tuning.settings import ThesisSettings, TuningSettings, tuning_settings
 from tuning.thesis import Progress, ThesisTuner
 
 
@@ -55,40 +68,91 @@ def _check(
     if not frequencies or not scales:
         raise StictionError("at least one frequency and one scale are needed")
     if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
-        raise StictionError("frequencies and scales must not repeat")
+        raise StictionError("frequencies and scales must not repeat: expected each once")
     for scale in scales:
         if not (np.isfinite(scale) and 0 < scale <= most):
             raise StictionError(f"scale {scale}: expected above 0 up to {most:g}")
     return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tuning(Result):
+    """What a tuning found; its files lie in `folder`."""
+
+    summary: dict[str, Any]
+    """What ``stiction tune --json`` prints."""
+    final: tuple[AmplitudeRow, ...]
+    """Dither of every joint, the rows of ``final.csv``."""
+    folder: Path
+    """Where its tables, report and plots are."""
+    provenance: dict[str, Any]
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm."""
+        return str(self.summary["robot"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return final table, reductions, warnings and the place of the report."""
+        return self.summary
+
+    def write(self, folder: Path) -> None:
+        """Copy tables, report and plots."""
+        leave = shutil.ignore_patterns("provenance.json")
+        shutil.copytree(self.folder, folder, ignore=leave, dirs_exist_ok=True)
+
+    def __repr__(self) -> str:
+        return f"<Tuning of {self.robot}: {len(self.final)} joints, in {self.folder}>"
+
+    def __str__(self) -> str:
+        return describe(self.summary)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a tuning as a readable table."""
+    lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
+    lines += [
+        f"{r['joint']:<8}{r['frequency_hz']:>16g}{r['amplitude_nm']:>18.4f}"
+        for r in summary["final"]
+    ]
+    mean = summary["mean_reduction_percent"]
+    if mean is not None:
+        lines.append(f"torque to move a joint, mean over all configurations: {-mean:+.1f} %")
+    return "\n".join(lines)
+
+
 def tune(
-    arm: Arm,
+    robot: Robot,
     *,
-    out: Path,
-    table: BaseTable | None = None,
-    frequencies: tuple[float, ...] | None = None,
-    scales: tuple[float, ...] | None = None,
+    table: str | Path | BaseTable | None = None,
+    out: str | Path | OutputFolder | None = None,
+    force: bool = False,
+    frequencies: Sequence[float] | None = None,
+    scales: Sequence[float] | None = None,
     iterations: int | None = None,
     scatter: bool = True,
     seed: int = 0,
     storage: str | None = None,
     study: str | None = None,
     sampler: str = "grid",
-    friction: FrictionParameters | None = None,
+    friction: Friction | None = None,
     protocol: Protocol | None = None,
     nthread: int = 0,
     progress: Progress | None = None,
     settings: TuningSettings | Changes | None = None,
-) -> dict[str, Any]:
-    """Run the thesis's protocol; continue it if ``out`` holds a part of the same run.
+) -> Tuning:
+    """Find the dither of every joint by the thesis's protocol, and verify it.
+
+    What is measured is written at once: interrupted, the same call goes on where it was.
 
     Args:
-        arm: the arm.
+        robot: name, model file, arm, or an arm with its friction (`load_model`).
+        table: measured base torques, or their file; the friction is calibrated to them first.
+            None tunes with the friction as it is.
         out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
-            verification.csv, report.md, plots, friction.toml, labbook.jsonl, optuna.db.
-        table: measured base torques; the friction is calibrated to them first. None tunes with
-            the friction as it is.
+            verification.csv, report.md, plots, friction.toml, labbook.jsonl, optuna.db. None for
+            ``runs/tune-ROBOT``.
+        force: whether the files of another run in it are replaced.
         frequencies: [Hz]; None for the thesis's of that robot.
         scales: amplitude over base torque [-]; None for 0.8, 1.0, 1.2.
         iterations: per configuration; None for the protocol's.
@@ -97,44 +161,97 @@ def tune(
         storage: Optuna storage URL; None for a SQLite file in ``out``.
         study: prefix of the studies' names; None for the arm's name.
         sampler: "grid": the protocol is a grid.
-        friction: parameters to start from; None for the robot's.
+        friction: parameters to start from, or their TOML; None for the robot's own.
         protocol: of the experiment; None for the robot's.
         nthread: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
         settings: constants of the protocol that differ from ``settings.toml``: by name
             (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
 
-    Returns:
-        A summary: final table, mean reduction per joint, warnings, files.
-
     Raises:
-        StictionError: bad input, or an output folder of another run.
+        StictionError: bad input, or an output folder of another run; nothing was written.
         ExperimentError: a joint that sticks, a calibration that does not converge.
     """
     if sampler != "grid":
-        raise StictionError(f"sampler {sampler!r} with protocol 'thesis': allowed is grid")
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    experiment = SingleJointExperiment.of(
-        arm, friction=friction, protocol=protocol, scatter=scatter, seed=seed, nthread=nthread
+        raise StictionError(f"sampler {sampler!r} with protocol 'thesis': expected grid")
+    experiment = SingleJointExperiment(
+        robot, friction=friction, protocol=protocol, scatter=scatter, seed=seed, nthread=nthread
     )
+    arm = experiment.sticking.arm
     s = override(tuning_settings(), settings).thesis
-    frequencies = frequencies_of(arm.name, s) if frequencies is None else frequencies
-    scales = s.scales if scales is None else scales
-    warnings = _check(frequencies, scales, s.most_scale, experiment.interface.controller_rate_hz)
+    tried = frequencies_of(arm.name, s) if frequencies is None else tuple(frequencies)
+    sizes = tuple(s.scales if scales is None else scales)
+    warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
+    for text in warned:
+        warnings.warn(text, stacklevel=2)
+    files = {"table": Path(table)} if isinstance(table, str | Path) else {}
+    if isinstance(table, str | Path):
+        # a file of one's own arm may call it differently
+        table = read_base(table, arm.name if arm.registered else None, arm.n)
     if table is not None and table.n_joints != arm.n:
         raise StictionError(f"base table of {table.n_joints} joints, but {arm.name} has {arm.n}")
     extra: dict[str, Any] = {
-        "frequencies": frequencies,
-        "scales": scales,
+        "frequencies": tried,
+        "scales": sizes,
         "table": None if table is None else table.tau.tolist(),
     }
-    book = LabBook(out / "labbook.jsonl", _fingerprint(experiment, iterations, extra))
-    if table is not None:
-        experiment = _calibrated(arm, experiment, table, out, progress)
+    folder = out
+    if not isinstance(folder, OutputFolder):
+        made = {**_fingerprint(experiment, iterations, extra), "storage": storage, "study": study}
+        folder = OutputFolder(
+            default_folder("tune", arm.name) if folder is None else Path(folder),
+            provenance("tune", made, seed=seed, inputs=files),
+            force=force,
+            resumable=True,
+        )
+    try:
+        with folder:
+            book = LabBook(
+                folder.path / "labbook.jsonl", _fingerprint(experiment, iterations, extra)
+            )
+            return run_protocol(
+                experiment,
+                folder,
+                book,
+                table=table,
+                frequencies=tried,
+                scales=sizes,
+                iterations=iterations,
+                storage=storage,
+                study=study,
+                warned=warned,
+                progress=progress,
+                settings=s,
+            )
+    except StictionError as error:
+        if folder.resumed or folder.wrote:  # it had begun to work
+            raise ExperimentError(str(error)) from error
+        raise
 
+
+def run_protocol(
+    experiment: SingleJointExperiment,
+    folder: OutputFolder,
+    book: LabBook,
+    *,
+    table: BaseTable | None,
+    frequencies: tuple[float, ...],
+    scales: tuple[float, ...],
+    iterations: int | None,
+    storage: str | None,
+    study: str | None,
+    warned: list[str],
+    progress: Progress | None,
+    settings: ThesisSettings,
+) -> Tuning:
+    """Run the protocol in a folder that has been made; the arguments are those of `tune`."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    arm = experiment.sticking.arm
+    if table is not None:
+        experiment = _calibrated(arm, experiment, table, folder.path, progress)
     tuner = ThesisTuner(
         experiment,
-        out,
+        folder.path,
         book,
         frequencies=frequencies,
         scales=scales,
@@ -142,7 +259,7 @@ def tune(
         storage=storage,
         study=study or arm.name,
         progress=progress,
-        settings=s,
+        settings=settings,
     )
     tuner.run_base()
     tuner.prefetch()
@@ -150,7 +267,12 @@ def tune(
     choices = tuner.choose(best, tuner.run_scales(best))
     tuner.write_final(choices)
     verified = tuner.verify(choices)
-    return write_report(tuner, choices, verified, table=table, warnings=warnings)
+    return Tuning(
+        summary=write_report(tuner, choices, verified, table=table, warnings=warned),
+        final=tuple(AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices),
+        folder=folder.path,
+        provenance=folder.provenance,
+    )
 
 
 def _calibrated(
@@ -179,4 +301,4 @@ def _calibrated(
         )
     parameters = load_friction(path, arm.n)
     sticking = build(arm, parameters, timestep=experiment.sticking.timestep)
-    return dataclasses.replace(experiment, sticking=sticking)
+    return experiment.replace(sticking=sticking)

@@ -39,7 +39,7 @@ def main() -> int:
     model = nested.models["arm"]
     found = {int(j): f[0]["parameters"] for j, f in model.found.items()}
     friction = with_parameters(start_friction(), found)
-    start = SingleJointExperiment.of(ROBOT, friction=friction, scatter=False)
+    start = SingleJointExperiment(ROBOT, friction=friction, scatter=False)
     result = calibrate(thesis_base(ROBOT), start)
     text = calibrated_toml(result, ROBOT, TABLE.name, TABLE.read_bytes())
     write_text_atomic(friction_path(ROBOT), with_sources(text, result, model))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-    from stiction_envs.friction.parameters import FrictionParameters
+    from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
@@ -52,19 +51,6 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def plain(value: Any) -> Any:
-    """Return JSON values: paths as text, numbers as Python's, what is not finite as None."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
-
-
 # ---- types of options ----------------------------------------------------------------------------
 
 
@@ -77,7 +63,7 @@ def whole(low: int) -> Callable[[str], int]:
         except ValueError:
             value = low - 1
         if value < low:
-            raise argparse.ArgumentTypeError(f"{text!r}: allowed are whole numbers from {low}")
+            raise argparse.ArgumentTypeError(f"{text!r}: expected whole numbers from {low}")
         return value
 
     return convert
@@ -85,9 +71,9 @@ def whole(low: int) -> Callable[[str], int]:
 
 def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], float]:
     """Return the type of finite numbers from ``low``, or above it."""
-    allowed = "finite numbers"
+    expected = "finite numbers"
     if math.isfinite(low):
-        allowed += f" above {low:g}" if above else f" from {low:g}"
+        expected += f" above {low:g}" if above else f" from {low:g}"
 
     def convert(text: str) -> float:
         try:
@@ -95,7 +81,7 @@ def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], fl
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or value < low or (above and value == low):
-            raise argparse.ArgumentTypeError(f"{text!r}: allowed are {allowed}")
+            raise argparse.ArgumentTypeError(f"{text!r}: expected {expected}")
         return value
 
     return convert
@@ -131,13 +117,13 @@ def robot_help() -> str:
     return f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
 
 
-def add_log_options(parser: argparse.ArgumentParser, *, logs: str) -> None:
+def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str = "LOG") -> None:
     """Add the joint logs, the robot they are of and how to read them; ``logs`` is nargs."""
     parser.add_argument(
         "logs",
         nargs=logs,
         type=Path,
-        metavar="LOG",
+        metavar=metavar,
         help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=robot_help())
@@ -216,6 +202,11 @@ def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> Non
 
 # ---- input ---------------------------------------------------------------------------------------
 
+NOT_RECORDED = {
+    *("command", "run", "show", "interrupted"),  # the program's own
+    *("out", "force", "json", "threads", "slots", "seed"),  # seed stands alone; no result has these
+}
+
 
 def read_arm(args: argparse.Namespace) -> Arm:
     """Load the arm of `add_robot_options`."""
@@ -224,59 +215,51 @@ def read_arm(args: argparse.Namespace) -> Arm:
     return load_arm(args.robot, payload=args.payload, tilt=args.tilt)
 
 
-def friction_file(arm: Arm, given: Path | None) -> Path:
-    """Return the friction TOML that counts: the one given, the arm's, or the generic one."""
-    from stiction_envs.friction.parameters import friction_path
+def output_folder(
+    args: argparse.Namespace,
+    name: str | Path,
+    inputs: Mapping[str, Path | None],
+    *,
+    resumable: bool = False,
+) -> OutputFolder:
+    """Check the output folder before any work; nothing is written yet.
 
-    if given is None:
-        return friction_path(arm.name if arm.registered else "generic")
-    if given.suffix != ".toml":
-        raise StictionError(f"friction file {given}: allowed is a path to a .toml")
-    return given
-
-
-def read_friction(arm: Arm, given: Path | None) -> FrictionParameters:
-    """Load the friction of an arm from its own or the given TOML."""
-    from stiction_envs.friction.parameters import load_friction
-
-    return load_friction(friction_file(arm, given), arm.n)
-
-
-def robot_file(arm: Arm, given: str) -> Path:
-    """Return the file that describes the arm."""
-    from stiction_envs.robots.registry import ARMS
-
-    return ARMS[arm.name].model if arm.registered else Path(given).expanduser()
-
-
-def input_files(arm: Arm, args: argparse.Namespace, **others: Path | None) -> dict[str, Path]:
-    """Return the files a run depends on, by the name of their argument."""
-    robot = robot_file(arm, args.robot)
-    found = {
-        "robot": robot,
-        "robot_table": robot.with_suffix(".toml"),
-        "friction": friction_file(arm, getattr(args, "friction", None)),
-        **{k: v for k, v in others.items() if v is not None},
-    }
-    return {k: v for k, v in found.items() if v.is_file()}
-
-
-def check_joints(arm: Arm, joints: list[int] | None) -> list[int]:
-    """Return the joints asked for, sorted, all by default.
+    Args:
+        args: of the command.
+        name: what the default folder is called after.
+        inputs: files the run depends on, by the name of their argument; those that are not there
+            are left out.
+        resumable: whether the same run may go on in its own folder.
 
     Raises:
-        StictionError: a joint the arm does not have.
+        StictionError: the folder holds another run's files, or cannot be one.
     """
-    from stiction_envs.experiments.sje.protocol import configurations
+    from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 
-    return sorted({c.joint for c in configurations(arm.n, joints)})
+    return OutputFolder(
+        args.out or default_folder(args.command, name),
+        run_provenance(args, inputs),
+        force=args.force,
+        resumable=resumable,
+    )
 
 
-def expected_seconds(
-    experiment: SingleJointExperiment, jobs: list[Any], iterations: int | None
-) -> float:
-    """Return the simulated time [s] a run will take, roughly, for the progress bar."""
-    p = experiment.protocol
-    approach = p.return_time + p.settle_time
-    ramps = sum(approach + experiment.expected(job) / p.ramp_rate for job in jobs)
-    return float(ramps * (p.iterations if iterations is None else iterations))
+def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> dict[str, Any]:
+    """Return what makes the result of a command line."""
+    from stiction_envs.reporting.provenance import provenance
+
+    return provenance(
+        args.command,
+        {k: v for k, v in vars(args).items() if k not in NOT_RECORDED},
+        seed=args.seed,
+        inputs={k: v for k, v in inputs.items() if v is not None and v.is_file()},
+    )
+
+
+def model_files(args: argparse.Namespace) -> dict[str, Path]:
+    """Return the files of the arm and of its friction."""
+    from stiction_envs.friction.sticking import friction_file
+    from stiction_envs.robots.files import robot_files
+
+    friction = friction_file(args.robot, getattr(args, "friction", None))
+    return {**robot_files(args.robot), "friction": friction}

@@ -1,20 +1,14 @@
-"""``stiction diagnose``: what the simulation gets wrong about measured joint logs."""
+"""``stiction diagnose``: what the simulation gets wrong about joint logs or torque tables."""
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-
-if TYPE_CHECKING:
-    from stiction_envs.gap.model_file import Nominal
-    from stiction_envs.robots import Arm
 
 
 def add_parser(subparsers: Any) -> None:
@@ -22,13 +16,14 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "diagnose",
-        summary="Name what a simulation gets wrong about measured joint logs, and mend it.",
+        summary="Name what a simulation gets wrong about measured joint logs or torque tables, and "
+        "correct it.",
         example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
         interrupted="run the same command again",
         run=run,
         show=show,
     )
-    common.add_log_options(parser, logs="*")
+    common.add_log_options(parser, logs="*", metavar="LOG|TABLE")
     parser.add_argument(
         "--poses",
         nargs="+",
@@ -39,10 +34,9 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--nominal",
-        default="rigid",
         metavar="rigid|shipped|MODEL.toml",
-        help="the simulation to judge: rigid bodies without friction (default), with our friction, "
-        "or what an earlier diagnosis wrote",
+        help="the simulation to judge: rigid bodies without friction (default for logs), with our "
+        "friction (default for tables), or what an earlier diagnosis wrote",
     )
     parser.add_argument(
         "--payload",
@@ -69,142 +63,52 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
-    arm, nominal = _models(args)
     files = [*args.logs, *args.poses]
-    if not files:
-        raise StictionError("no log given: allowed are one or more logs, or --poses")
     for log in files:
         if not log.is_file():
             raise StictionError(f"{log}: no such file")
+
+    from stiction_envs.gap.diagnose import default_nominal, diagnose
+    from stiction_envs.robots.files import robot_files
+
+    if args.nominal is None:
+        args.nominal = default_nominal(args.logs)
     inputs = {f"log{k}": log for k, log in enumerate(files, 1)}
-    inputs["robot"] = common.robot_file(arm, args.robot)
-    inputs["robot_table"] = inputs["robot"].with_suffix(".toml")
-    if args.nominal not in ("rigid", "shipped"):
-        inputs["nominal"] = Path(args.nominal)
-    found = provenance(args, {k: v for k, v in inputs.items() if v.is_file()})
-    folder = OutputFolder(args.out or default_folder("diagnose", arm.name), found, force=args.force)
-
-    from stiction_envs.gap.diagnosis import diagnose
-    from stiction_envs.measured.logs.reader import read_logs, read_poses
-
+    inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
+    folder = common.output_folder(args, args.robot, inputs)
     with Progress("per cent") as progress:
 
         def say(stage: str, part: float) -> None:
             progress.set(stage, 100 * part, 100)
 
-        # an error up to here is one of the logs: bad input
-        read = read_logs(args.logs, arm.n, limits=arm.limits) if args.logs else []
-        read += [read_poses(x, arm.n, limits=arm.limits) for x in args.poses]
-        diagnosis = diagnose(
-            read,
-            arm,
-            nominal=nominal,
-            link_side=args.torque == "link",
+        # an error up to here is one of the data: bad input
+        result = diagnose(
+            args.logs,
+            args.robot,
+            torque=args.torque,
+            nominal=args.nominal,
+            poses=args.poses,
+            payload=args.payload,
+            tilt=args.tilt,
             cutoff_hz=args.cutoff,
+            method=args.method,
             seed=args.seed,
+            nthread=args.threads,
             progress=say,
         )
         with common.working(), folder:
-            return _write(args, diagnosis, folder.path, found, say)
-
-
-def _models(args: argparse.Namespace) -> tuple[Arm, Nominal]:
-    """Return the arm and what is judged; an earlier diagnosis knows its payload and tilt."""
-    from stiction_envs.gap.model_file import read, resolve
-    from stiction_envs.robots import load_arm
-
-    payload, tilt = args.payload, args.tilt
-    path = Path(args.nominal)
-    if path.suffix == ".toml":
-        before = read(path)
-        if before.robot is not None:
-            payload = before.payload if payload is None else payload
-            tilt = before.tilt if tilt is None else tilt
-    arm = load_arm(args.robot, payload=payload, tilt=tilt or (0.0, 0.0))
-    return arm, resolve(args.nominal, arm)
-
-
-def _write(
-    args: argparse.Namespace,
-    diagnosis: Any,
-    folder: Path,
-    found: dict[str, Any],
-    say: Any,
-) -> dict[str, Any]:
-    from stiction_envs.gap.diagnosis import model_of
-    from stiction_envs.gap.extended_model import extend
-    from stiction_envs.gap.forward_validation import prove
-    from stiction_envs.gap.least_squares import least_squares
-    from stiction_envs.gap.report import verdict_sentences, write_report
-    from stiction_envs.measured import write_text_atomic
-
-    base = diagnosis.base
-    say("extended model", 0.0)
-    extension = extend(base, model_of(diagnosis))
-    say("forward proof", 0.0)
-    proof = prove(diagnosis, nthread=args.threads)
-    say("report", 0.0)
-    squares = least_squares(diagnosis.logs, base) if args.method == "lsm" else None
-    answer = diagnosis.to_json()
-    if squares is not None:
-        answer["lsm"] = squares.to_json()
-    if not isinstance(proof, str):
-        answer["forward"] = {
-            "windows": len(proof.start),
-            "replay_rad": {
-                "nominal": proof.nominal.position_rms,
-                "extended": proof.extended.position_rms,
-            },
-            "tracking_nm": {
-                "nominal": proof.nominal.torque_rms,
-                "extended": proof.extended.torque_rms,
-            },
-        }
-    answer = common.plain(answer)
-    logs = {
-        f"log {k}": found["inputs"][f"log{k}"] for k in range(1, len(args.logs + args.poses) + 1)
-    }
-    text = json.dumps(answer, indent=2, ensure_ascii=False, allow_nan=False)
-    write_text_atomic(folder / "diagnosis.json", text + "\n")
-    write_text_atomic(folder / "model.xml", extension.xml)
-    meta = {
-        "title": f"{diagnosis.robot} as its logs show it",
-        "units": "SI",
-        "verdict": diagnosis.verdict,
-    }
-    hashes = {k.replace(" ", ""): v["sha256"] for k, v in logs.items()}
-    write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
-    rows = [(k, f"`{Path(v['file']).name}`, sha256 `{v['sha256'][:16]}…`") for k, v in logs.items()]
-    rows += [("commit", str(found["git_commit"])), ("seed", str(args.seed))]
-    rows += [("torque", f"{args.torque} side"), ("nominal", _name(args))]
-    rows += [(k, str(v)) for k, v in found["versions"].items() if v]
-    write_report(
-        folder,
-        diagnosis,
-        extension=extension,
-        proof=proof,
-        nominal_name=_name(args),
-        squares=squares,
-        provenance=rows,
-    )
+            result.write(folder.path, progress=say)
     return {
         "command": "diagnose",
-        "out": str(folder),
-        "summary": verdict_sentences(diagnosis, _name(args)),
-        **answer,
+        "out": str(folder.path),
+        "summary": result.summary,
+        **result.to_json(),
     }
-
-
-def _name(args: argparse.Namespace) -> str:
-    return args.nominal if args.nominal in ("rigid", "shipped") else Path(args.nominal).name
 
 
 def show(result: dict[str, Any]) -> str:
     """Return the verdict and the causes as readable lines."""
-    lines = [f"{result['verdict']}: {result['summary']}", ""]
-    for cause in result["causes"]:
-        confused = cause["confused_with"]
-        also = f"  (or {', '.join(confused)})" if confused else ""
-        where = ",".join(map(str, cause["joints"])) or "arm"
-        lines.append(f"{cause['gain_percent']:6.1f} %  {cause['name']:<28} joints {where}{also}")
-    return "\n".join([*lines, f"written to {result['out']}: report.html"])
+    from stiction_envs.gap.result import describe
+
+    text = describe(result["verdict"], result["summary"], result["causes"])
+    return f"{text}\nwritten to {result['out']}: report.html"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import traceback
@@ -12,6 +11,8 @@ from typing import Any, TextIO
 
 from stiction_envs.cli import (
     calibrate,
+    check,
+    conformance,
     diagnose,
     excite,
     export,
@@ -21,12 +22,16 @@ from stiction_envs.cli import (
     sje,
     tune,
 )
-from stiction_envs.cli.common import Failed, Parser, one_line, plain
-from stiction_envs.errors import StictionError
+from stiction_envs.cli.common import Failed, Parser, one_line
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.reporting.json_text import to_text
 from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
-COMMANDS = (sje, gte, tune, calibrate, excite, identify, diagnose, export, reproduce)
+COMMANDS = (
+    *(sje, gte, tune, calibrate, excite, identify, check, diagnose, export, conformance),
+    reproduce,
+)
 """Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
 
 
@@ -69,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             warnings.showwarning = _show_warning
             result: dict[str, Any] = args.run(args)
         if args.json:
-            print(json.dumps(plain(result), indent=2, ensure_ascii=False, allow_nan=False))
+            print(to_text(result))
         else:
             print(args.show(result))
         if result.get("failed"):
@@ -79,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return end.code if isinstance(end.code, int) else BAD_INPUT
     except StictionError as error:
         return _say(str(error), BAD_INPUT)
-    except Failed as error:
+    except (Failed, ExperimentError) as error:
         return _say(str(error), FAILED)
     except KeyboardInterrupt:
         return _say(f"interrupted: {interrupted}", FAILED)

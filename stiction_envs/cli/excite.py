@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
-
-if TYPE_CHECKING:
-    from stiction_envs.identification.settings import ExcitationSettings
 
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
@@ -61,52 +56,30 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Search; write ``trajectory.csv``, ``excitation.json``, a plot and provenance."""
     arm = common.read_arm(args)
-    settings = _settings(args)
-    robot = common.robot_file(arm, args.robot)
-    inputs = {"robot": robot, "robot_table": robot.with_suffix(".toml")}
-    found = provenance(args, {k: v for k, v in inputs.items() if v.is_file()})
-    folder = OutputFolder(args.out or default_folder("excite", arm.name), found, force=args.force)
 
     from stiction_envs.identification.excitation import excite
-    from stiction_envs.identification.excitation_plots import plot_excitation
-    from stiction_envs.measured import write_text_atomic
+    from stiction_envs.identification.settings import identification_settings
+    from stiction_envs.robots.files import robot_files
 
+    given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
+    settings = identification_settings().excitation.replace(**given)
+    folder = common.output_folder(args, arm.name, robot_files(args.robot))
     with common.working(), Progress("per cent") as progress:
         motion = excite(
             arm,
             settings,
             sweeps=args.sweeps,
+            rate_hz=args.rate,
             seed=args.seed,
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )
         with folder:
-            motion.to_csv(folder.path / "trajectory.csv", args.rate or arm.controller_rate_hz)
-            answer = common.plain(motion.to_json())
-            text = json.dumps(answer, indent=2, ensure_ascii=False, allow_nan=False)
-            write_text_atomic(folder.path / "excitation.json", text + "\n")
-            plot_excitation(motion, arm, folder.path / "excitation.png")
-    return {"command": "excite", "out": str(folder.path), **answer}
-
-
-def _settings(args: argparse.Namespace) -> ExcitationSettings:
-    from stiction_envs.identification.settings import identification_settings
-
-    given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
-    return identification_settings().excitation.replace(**given)
+            motion.write(folder.path)
+    return {"command": "excite", "out": str(folder.path), **motion.to_json()}
 
 
 def show(result: dict[str, Any]) -> str:
     """Return the result as readable lines."""
-    random = result["random_condition"]
-    used = ", ".join(f"{k} {100 * v:.0f} %" for k, v in result["used"].items())
-    return "\n".join(
-        [
-            f"{result['duration_s']:.4g} s, from rest to rest",
-            f"condition number {result['condition']:.3g} (random motions inside the same limits: "
-            f"{random['median']:.3g} in the median, {random['least']:.3g} at best)",
-            f"of what the margins leave of each limit: {used}",
-            f"clearance {result['clearance_m']:.3g} m",
-            *result["notes"],
-            f"written to {result['out']}: trajectory.csv",
-        ]
-    )
+    from stiction_envs.identification.excitation import describe
+
+    return f"{describe(result)}\nwritten to {result['out']}: trajectory.csv"

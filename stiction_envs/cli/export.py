@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.errors import StictionError
-
-SOURCES = ("model.toml", "friction.toml")
-"""Files looked for in ``--from``, the first found counts."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -39,54 +35,29 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write ``model.xml`` and provenance."""
     arm = common.read_arm(args)
+
+    from stiction_envs.friction.export import export, friction_in
+
     if args.source is not None:
         if args.friction is not None:
-            raise StictionError("--from and --friction both name the friction: allowed is one")
-        args.friction = _find(args.source)
-    friction = common.read_friction(arm, args.friction)
-    used = common.friction_file(arm, args.friction)
-    found = provenance(args, common.input_files(arm, args))
-    folder = OutputFolder(args.out or default_folder("export", arm.name), found, force=args.force)
-
-    from stiction_envs.friction.model import build
-    from stiction_envs.friction.plain_mjcf import plain_mjcf
-    from stiction_envs.measured import write_text_atomic
-
-    sticking = build(arm, friction)
-    text = plain_mjcf(sticking, friction_name=used.name)
+            raise StictionError("--from and --friction both name the friction: expected one")
+        args.friction = friction_in(args.source)
+    folder = common.output_folder(args, arm.name, common.model_files(args))
+    result = export(arm, args.friction)
     with common.working(), folder:
-        write_text_atomic(folder.path / "model.xml", text)
+        result.write(folder.path)
     return {
         "command": "export",
         "robot": arm.name,
         "out": str(folder.path),
         "model": str(folder.path / "model.xml"),
-        "friction": found["inputs"]["friction"],
-        "joints": [
-            {
-                "name": name,
-                "stiction_nm": sticking.model.actuator_biasprm[a, 4],
-                "coulomb_nm": sticking.model.actuator_biasprm[a, 3],
-                "elastic": bool(sticking.spring[i] >= 0),
-            }
-            for i, (name, a) in enumerate(
-                zip(arm.joint_names, sticking.torque_actuator, strict=True)
-            )
-        ],
+        "friction": folder.provenance["inputs"]["friction"],
+        **result.to_json(),
     }
-
-
-def _find(folder: Path) -> Path:
-    for name in SOURCES:
-        if (folder / name).is_file():
-            return folder / name
-    raise StictionError(f"--from {folder}: holds neither {' nor '.join(SOURCES)}")
 
 
 def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
-    lines = [f"{'joint':<24}{'stiction [N·m]':>16}{'Coulomb [N·m]':>16}"]
-    for j in result["joints"]:
-        kind = "  with elastic gear" if j["elastic"] else ""
-        lines.append(f"{j['name']:<24}{j['stiction_nm']:>16.4f}{j['coulomb_nm']:>16.4f}{kind}")
-    return "\n".join([*lines, f"written to {result['model']}"])
+    from stiction_envs.friction.export import describe
+
+    return f"{describe(result['joints'])}\nwritten to {result['model']}"

@@ -37,8 +37,16 @@ class Progress:
         """Count ``amount`` more of a stage."""
         self.set(stage, (self._done if stage == self._stage else 0.0) + amount, total)
 
-    def set(self, stage: str, done: float, total: float) -> None:
-        """Say how much of a stage is done; an estimated ``total`` may be passed."""
+    def set(self, stage: str, done: float, total: float, unit: str | None = None) -> None:
+        """Say how much of a stage is done; an estimated ``total`` may be passed.
+
+        Args:
+            stage: what is being done.
+            done: so far.
+            total: in all, as far as it is known.
+            unit: what is counted from here on; None as before.
+        """
+        self._unit = unit or self._unit
         if stage != self._stage:
             self._close()
         self._stage, self._done = stage, done

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
-
-if TYPE_CHECKING:
-    from stiction_envs.experiments.sje.protocol import Job, Measurement
-
-SEEDS = 5
-"""Seeds of the optimiser: a parameter that some do not find again is not identified."""
-PHASE_SECONDS = 1000.0
-"""Simulated time of the iiwa's phases, roughly [s]: 64 ramps of about 15 s."""
+from tuning.reproduce import SEEDS, TARGETS, Request, in_order, inputs_of, reproduce
 
 
 def add_parser(subparsers: Any) -> None:
@@ -36,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
         nargs="*",
         metavar="TARGET",
         type=_target,
-        help="; ".join(f"{name}: {text}" for name, (_, text, _) in TARGETS.items())
+        help="; ".join(f"{name}: {target.help}" for name, target in TARGETS.items())
         + " (default: all)",
     )
     parser.add_argument(
@@ -56,180 +47,34 @@ def add_parser(subparsers: Any) -> None:
 
 def _target(name: str) -> str:
     if name not in TARGETS:
-        raise argparse.ArgumentTypeError(f"{name!r}: available is {', '.join(TARGETS)}")
+        raise argparse.ArgumentTypeError(f"{name!r}: expected one of {', '.join(TARGETS)}")
     return name
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run the targets; write a folder for each, and provenance."""
-    # in our order, each once: the same run, however it was asked for
-    args.targets = [t for t in TARGETS if t in args.targets] or list(TARGETS)
-    if "gap" in args.targets:
-        from stiction_envs.thesis.fit import optimiser
-
-        optimiser()  # before anything is written
+    args.targets = in_order(args.targets)
     name = "all" if len(args.targets) == len(TARGETS) else "-".join(args.targets)
-    folder = OutputFolder(
-        args.out or default_folder("reproduce", name),
-        provenance(args, _inputs(args.targets)),
-        force=args.force,
-        resumable=True,
-    )
-    results: dict[str, Any] = {}
-    with common.working(), folder:
-        for target in args.targets:
-            function, _, _ = TARGETS[target]
-            (folder.path / target).mkdir(exist_ok=True)
-            results[target] = function(args, folder.path / target)
+    folder = common.output_folder(args, name, inputs_of(args.targets), resumable=True)
+    with common.working(), Progress() as progress:
+        results = reproduce(
+            args.targets,
+            folder,
+            Request(
+                seed=args.seed,
+                seeds=args.seeds,
+                iterations=args.iterations,
+                scatter=not args.no_scatter,
+                nthread=args.threads,
+                tell=progress.set,
+            ),
+        )
     return {
         "command": "reproduce",
         "seed": args.seed,
         "out": str(folder.path),
         "targets": results,
     }
-
-
-def _inputs(targets: list[str]) -> dict[str, Path]:
-    """Return the files the targets depend on: arms, their friction, settings, measured tables."""
-    import stiction_envs
-    from stiction_envs.friction.parameters import friction_path
-    from stiction_envs.measured import thesis_robots
-    from stiction_envs.robots import ARMS
-
-    package = Path(stiction_envs.__file__).parent
-    found: dict[str, Path] = {}
-    for robot in thesis_robots():
-        found[robot] = ARMS[robot].model
-        found[f"{robot}_table"] = ARMS[robot].toml
-        found[f"{robot}_friction"] = friction_path(robot)
-    found["protocol"] = package / "experiments" / "sje" / "sje.toml"
-    if "gte" in targets:
-        found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
-        found["controller"] = package / "control" / "gte.toml"
-    if "gap" in targets:
-        found["dither_fit"] = package / "thesis" / "dither_fit.toml"
-    tables = {t: path for target in targets for t, path in _tables(package, target).items()}
-    return {**found, **tables}
-
-
-def _tables(package: Path, target: str) -> dict[str, Path]:
-    names = [number.replace(".", "_") for number in TARGETS[target][2]]
-    folder = package / "measured" / "thesis"
-    return {f"table_{name}": folder / f"table_{name}.csv" for name in names}
-
-
-# ---- targets: a function of (arguments, folder) that returns a plain summary ---------------------
-
-
-def _gap(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Fit the nested models, or go on with them; write their page."""
-    from stiction_envs.thesis.nested_models import NestedModels
-    from stiction_envs.thesis.nyquist_phase import study_phase
-    from stiction_envs.thesis.page import write_page
-
-    seeds = range(args.seed, args.seed + args.seeds)
-    nested = NestedModels(folder, seeds=seeds, processes=args.threads)
-    with Progress("steps") as progress:
-        for _ in nested.fit(progress.set):
-            pass
-    with Progress() as progress:
-        study = study_phase(
-            nthread=args.threads, progress=lambda s: progress.add("iiwa's phase", s, PHASE_SECONDS)
-        )
-    with Progress("figures") as progress:
-        return write_page(folder, nested.models, study=study, progress=progress.set)
-
-
-def _simulated_tables(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Simulate Tables 4.3 and 4.5 to 4.10 with the shipped friction."""
-    from dataclasses import asdict
-
-    from stiction_envs import __version__
-    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-    from stiction_envs.robots import load_arm
-    from stiction_envs.thesis.tables import TUNED, reproduce
-    from stiction_envs.thesis.tables_page import write_tables
-    from tuning.labbook import LabBook
-    from tuning.rules import final_amplitude
-
-    def measure(robot: str, jobs: list[Job]) -> dict[Job, Measurement]:
-        experiment = SingleJointExperiment.of(
-            robot, scatter=not args.no_scatter, seed=args.seed, nthread=args.threads
-        )
-        # the folder's provenance has told this run from others already
-        book = LabBook(folder / f"{robot}.jsonl", {"robot": robot, "version": __version__})
-        missing = [j for j in jobs if book.get("tables", j) is None]
-        total = common.expected_seconds(experiment, missing, args.iterations)
-        with Progress() as progress:
-            return book.measure(
-                "tables",
-                experiment,
-                jobs,
-                iterations=args.iterations,
-                progress=lambda seconds: progress.add(robot, seconds, total),
-            )
-
-    rates = load_arm(TUNED).limits.torque_rate
-    found = reproduce(measure, rule=final_amplitude, torque_rate=rates)
-    with Progress("figures") as progress:
-        scores = write_tables(folder, found, progress=progress.set)
-    stuck = [r for r in found.rows if r.simulated_nm != r.simulated_nm]
-    return {
-        "tables": scores,
-        "chosen": [asdict(c) for c in found.chosen],
-        "stuck": [
-            f"{r.robot} table {r.table} joint {r.joint} {r.load} ({r.direction}) at "
-            f"{r.frequency_hz:g} Hz"
-            for r in stuck
-        ],
-    }
-
-
-def _simulated_gte(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Simulate Table 4.11 and the figures of the Generated Trajectory Experiment."""
-    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-    from stiction_envs.thesis.gte import ROBOT, run_thesis_cases, thesis_cases, write_gte
-
-    bench = GeneratedTrajectoryExperiment.of(
-        ROBOT, scatter=not args.no_scatter, seed=args.seed, nthread=args.threads
-    )
-    repeats = args.iterations or bench.protocol.iterations
-    seconds = [
-        bench.nominal_duration(bench.path(c.trajectory)) + bench.protocol.tail
-        for c in thesis_cases()
-    ]
-    with Progress() as progress:
-        pairs = run_thesis_cases(
-            bench,
-            iterations=args.iterations,
-            progress=lambda s: progress.add("gte", s, repeats * sum(seconds)),
-        )
-    with Progress("figures") as progress:
-        return dict(write_gte(folder, pairs, progress=progress.set))
-
-
-# ---- the list ------------------------------------------------------------------------------------
-
-Target = tuple[Callable[[argparse.Namespace, Path], dict[str, Any]], str, tuple[str, ...]]
-TARGETS: dict[str, Target] = {
-    "gap": (
-        _gap,
-        "one physical statement after the other, fitted to Tables 4.3 and 4.6 and scored on the "
-        "others, with a page that names each joint's causes",
-        ("4.3", "4.5", "4.6", "4.7", "4.8", "4.9", "4.10"),
-    ),
-    "tables": (
-        _simulated_tables,
-        "Tables 4.3 and 4.5-4.10 and Appendices B-D with the shipped friction",
-        ("4.3", "4.5", "4.6", "4.7", "4.8", "4.9", "4.10"),
-    ),
-    "gte": (
-        _simulated_gte,
-        "Table 4.11 and Figures 4.6-4.8, E.1, F.1 and F.2 with the shipped friction",
-        ("4.9", "4.11"),
-    ),
-}
-"""By name: function, help, and the thesis tables it depends on."""
 
 
 def show(result: dict[str, Any]) -> str:

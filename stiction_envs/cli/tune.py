@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from pathlib import Path
 from typing import Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.folder import OutputFolder, default_folder, provenance
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
@@ -83,52 +81,30 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Tune; write tables, report, plots and provenance."""
     _check_available(args)
     arm = common.read_arm(args)
-    friction = common.read_friction(arm, args.friction)
-    table = None
-    if args.table is not None:
-        from stiction_envs.measured import read_base
-
-        table = read_base(args.table, arm.name if arm.registered else None, arm.n)
-    warned = _check_frequencies(args.frequencies or (), arm.controller_rate_hz)
-    inputs = common.input_files(arm, args, table=args.table)
-    folder = OutputFolder(
-        args.out or default_folder("tune", arm.name),
-        provenance(args, inputs),
-        force=args.force,
-        resumable=True,
+    folder = common.output_folder(
+        args, arm.name, {**common.model_files(args), "table": args.table}, resumable=True
     )
 
-    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-    from tuning.tune import tune
+    from tuning import tune as tuner
 
-    # whatever is wrong with arm and friction is found before a file is touched
-    SingleJointExperiment.of(arm, friction=friction, seed=args.seed, nthread=args.threads)
-    try:
-        with Progress() as progress, folder:
-            result = tune(
-                arm,
-                out=folder.path,
-                table=table,
-                frequencies=None if args.frequencies is None else tuple(args.frequencies),
-                scales=None if args.scales is None else tuple(args.scales),
-                iterations=args.iterations,
-                scatter=not args.no_scatter,
-                seed=args.seed,
-                storage=args.storage,
-                study=args.study,
-                sampler=args.sampler,
-                friction=friction,
-                nthread=args.threads,
-                progress=progress.set,
-            )
-    except StictionError as error:
-        if folder.resumed or folder.wrote:  # it had begun to work
-            raise common.Failed(str(error)) from error
-        raise
-    for text in result.get("warnings", ()):
-        if text not in warned:
-            warnings.warn(text, stacklevel=1)
-    return {"command": "tune", "out": str(folder.path), **result}
+    with Progress() as progress:
+        result = tuner.tune(
+            arm,
+            out=folder,
+            table=args.table,
+            frequencies=args.frequencies,
+            scales=args.scales,
+            iterations=args.iterations,
+            scatter=not args.no_scatter,
+            seed=args.seed,
+            storage=args.storage,
+            study=args.study,
+            sampler=args.sampler,
+            friction=args.friction,
+            nthread=args.threads,
+            progress=progress.set,
+        )
+    return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
 def _check_available(args: argparse.Namespace) -> None:
@@ -137,34 +113,12 @@ def _check_available(args: argparse.Namespace) -> None:
         if value not in names:
             raise StictionError(
                 f"--{option} {value} does not exist yet with --protocol {args.protocol}: "
-                f"available is {', '.join(names)}"
+                f"expected {', '.join(names)}"
             )
-
-
-def _check_frequencies(frequencies: list[float] | tuple[()], rate_hz: float) -> list[str]:
-    """Warn of frequencies from half the controller's rate on; return the warnings.
-
-    Raises:
-        StictionError: a frequency above the rate, or one that repeats.
-    """
-    from stiction_envs.dither.aliasing import check_frequency
-
-    if len(set(frequencies)) != len(frequencies):
-        raise StictionError("--frequencies: each is allowed once")
-    found = [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
-    for text in found:
-        warnings.warn(text, stacklevel=1)
-    return found
 
 
 def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
-    lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
-    lines += [
-        f"{r['joint']:<8}{r['frequency_hz']:>16g}{r['amplitude_nm']:>18.4f}"
-        for r in result.get("final", ())
-    ]
-    mean = result.get("mean_reduction_percent")
-    if mean is not None:
-        lines.append(f"torque to move a joint, mean over all configurations: {-mean:+.1f} %")
-    return "\n".join([*lines, f"written to {result['out']}"])
+    from tuning.tune import describe
+
+    return f"{describe(result)}\nwritten to {result['out']}"

@@ -118,7 +118,7 @@ class GTECore(BatchCore):
             torque_rate_weight=torque_rate_weight,
             shaking_weight=shaking_weight,
         )
-        self.experiment = e = GeneratedTrajectoryExperiment.of(
+        self.experiment = e = GeneratedTrajectoryExperiment(
             arm,
             friction=read_friction(friction, arm.n),
             settings=settings,

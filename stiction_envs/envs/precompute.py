@@ -25,9 +25,9 @@ from stiction_envs.robots import BUILTIN
 
 def entries(robot: str) -> dict[str, tuple[str, str]]:
     """Make what an arm's environments need at first; return kind and digest by what it is."""
-    sje = SingleJointExperiment.of(robot)
+    sje = SingleJointExperiment(robot)
     sje_base.base_torques(sje, configurations(sje.n))
-    gte = GeneratedTrajectoryExperiment.of(robot)
+    gte = GeneratedTrajectoryExperiment(robot)
     gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in drawn_stiffness()])
     return {
         f"{robot}: poses [rad] and signed loads [N·m]": (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 
 from stiction_envs.errors import StictionError
@@ -39,7 +38,7 @@ def base_torques(
     key = fingerprint(experiment)
     known = store.recall(KIND, key)
     missing = [Job(c) for c, name in names.items() if name not in known]
-    still = dataclasses.replace(experiment, scatter=False)
+    still = experiment.replace(scatter=False)
     found = {}
     for m in still.run(missing, iterations=1):
         c = m.job.configuration

@@ -85,7 +85,7 @@ class SJECore(BatchCore):
             max_episode_steps, power_weight=power_weight, torque_rate_weight=torque_rate_weight
         )
         self.blocks = count_blocks(control_interval_s, BLOCK_S)
-        self.experiment = e = SingleJointExperiment.of(
+        self.experiment = e = SingleJointExperiment(
             arm, friction=read_friction(friction, arm.n), scatter=scatter, nthread=nthread
         )
         super().__init__(

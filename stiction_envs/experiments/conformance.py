@@ -1,7 +1,8 @@
 """Does a model stick? A joint loaded under its stiction must stand, one loaded over it must go.
 
-    report = check("panda")          # or a path, MJCF text, an MjModel, a StickingModel
-    print(report.text(), report.passed)
+    report = conformance("panda")    # or a path, MJCF text, an MjModel, a StickingModel
+    print(report)
+    report.save("runs/conformance-panda")
 
 Per joint that carries friction, in both directions, with gravity, contacts and joint limits off:
 
@@ -18,9 +19,10 @@ from __future__ import annotations
 
 import argparse
 import copy
+import dataclasses
+import hashlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -28,117 +30,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.conformance_report import JointResult, Report
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
 from stiction_envs.plant import rollout
+from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
+from stiction_envs.robots.files import robot_files
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SILENT = 30  # actuator group that is switched off
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointResult:
-    """How one joint sticks. Of two directions the worse one is given."""
-
-    name: str
-    """Joint name."""
-    stiction: float
-    """F_s the joint was tested against [N·m]."""
-    bristle_stiffness: float
-    """σ0 of its LuGre bristle [N·m/rad]; NaN where it has none."""
-    deflection: float
-    """Motion at the end of the hold, from its start [rad]."""
-    still: float
-    """Largest excursion over the last seconds of the hold [rad]."""
-    creep: float
-    """Speed over that time [rad/s]."""
-    go_time: float
-    """Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not."""
-    breakaway: tuple[float, ...]
-    """Breakaway torque per ramp rate, + direction [N·m]; NaN if it did not break away."""
-    settings: ConformanceSettings
-    """What it was tested by."""
-
-    @property
-    def presliding(self) -> float:
-        """Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]."""
-        return -np.log(1 - self.settings.under) * self.stiction / self.bristle_stiffness
-
-    @property
-    def holds(self) -> bool:
-        """Whether it held under the smaller load."""
-        return self.still < self.settings.still and self.deflection < self.settings.gone
-
-    @property
-    def goes(self) -> bool:
-        """Whether it moved under the larger load."""
-        return bool(np.isfinite(self.go_time))
-
-    @property
-    def passed(self) -> bool:
-        """Whether it both holds and goes."""
-        return self.holds and self.goes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Report:
-    """Results of all joints that carry friction."""
-
-    joints: tuple[JointResult, ...]
-    rates: tuple[float, ...]
-    """Ramp rates of the breakaway torques [N·m/s]."""
-    settings: ConformanceSettings
-    """What the joints were tested by."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether every joint sticks."""
-        return all(j.passed for j in self.joints)
-
-    def text(self) -> str:
-        """Return the results as a table with units."""
-        head = [
-            "joint",
-            "F_s N·m",
-            "deflect. mrad",
-            "LuGre mrad",
-            "motion rad",
-            "creep rad/s",
-            "go s",
-        ]
-        head += [f"at {r:g} N·m/s" for r in self.rates]
-        rows = [
-            [
-                j.name,
-                f"{j.stiction:.4f}",
-                f"{1e3 * j.deflection:.3f}",
-                "-" if np.isnan(j.presliding) else f"{1e3 * j.presliding:.3f}",
-                f"{j.still:.1e}",
-                f"{j.creep:.1e}",
-                f"{j.go_time:.2f}" if j.goes else "stuck",
-                *("stuck" if np.isnan(b) else f"{b:.4f}" for b in j.breakaway),
-                "yes" if j.passed else "NO",
-            ]
-            for j in self.joints
-        ]
-        table = [[*head, "sticks"], *rows]
-        width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-        lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
-        n, s = sum(j.passed for j in self.joints), self.settings
-        return "\n".join(
-            [
-                *lines,
-                f"{n} of {len(self.joints)} joints stick: under {s.under:.0%} of F_s they move "
-                f"less than {s.still:g} rad in the last {s.watched_time:g} s of {s.hold_time:g} s, "
-                f"under {s.over:.0%} more than {s.gone:g} rad in {s.go_time:g} s.",
-                "Columns with a ramp rate: dry friction torque at breakaway [N·m].",
-            ]
-        )
-
-
-def check(
+def conformance(
     model: str | Path | mujoco.MjModel | StickingModel,
     stiction: ArrayLike | None = None,
     *,
@@ -146,6 +51,7 @@ def check(
     rates: Sequence[float] | None = None,
     nthread: int = 0,
     settings: ConformanceSettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Report:
     """Test every hinge that carries friction.
 
@@ -161,6 +67,7 @@ def check(
         rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings.
         nthread: threads, 0 for all processors.
         settings: constants of the test; None for those of ``settings.toml``.
+        progress: called with the tests done and their number.
 
     Raises:
         StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
@@ -184,9 +91,14 @@ def check(
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
     bench = _Bench(bare, joints, level, _start(bare, qpos), nthread, s)
+    say = progress or (lambda *_: None)
     deflection, still, creep = bench.hold()
+    say(1, len(rates) + 2)
     go = bench.go()
-    breakaway = np.array([bench.breakaway(rate) for rate in rates]).reshape(len(rates), len(joints))
+    breakaway = np.empty((len(rates), len(joints)))
+    for k, rate in enumerate(rates):
+        say(k + 2, len(rates) + 2)
+        breakaway[k] = bench.breakaway(rate)
     results = tuple(
         JointResult(
             name=bare.joint(int(j)).name or f"hinge {j}",
@@ -201,7 +113,21 @@ def check(
         )
         for k, j in enumerate(joints)
     )
-    return Report(joints=results, rates=tuple(float(r) for r in rates), settings=s)
+    path = Path(model) if isinstance(model, str | Path) and "<" not in str(model) else None
+    made = provenance(
+        "conformance",
+        {
+            "robot": None if path is None else str(path),
+            "model_sha256": hashlib.sha256(_bytes(bare)).hexdigest(),
+            "stiction": stiction,
+            "qpos": qpos,
+            "rates": list(rates),
+            "settings": dataclasses.asdict(s),
+        },
+        seed=0,
+        inputs={} if path is None else robot_files(path),
+    )
+    return Report(joints=results, rates=tuple(float(r) for r in rates), settings=s, provenance=made)
 
 
 class _Bench:
@@ -357,6 +283,13 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     return out
 
 
+def _bytes(model: mujoco.MjModel) -> bytes:
+    """Return the compiled model as bytes."""
+    out = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, out)
+    return out.tobytes()
+
+
 def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
     """Return stiction [N·m] and bristle stiffness [N·m/rad, NaN without] of each hinge."""
     level = model.dof_frictionloss[model.jnt_dofadr[hinges]].copy()
@@ -409,7 +342,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     args = parser.parse_args(argv)
     try:
-        report = check(args.model, args.stiction)
+        report = conformance(args.model, args.stiction)
     except StictionError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -41,7 +41,7 @@ RIPPLE, COULOMB, STICTION, STRIBECK = 0, 3, 4, 5
 BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class StickingModel:
     """A compiled arm that sticks, and where to find its joints."""
 
@@ -68,6 +68,9 @@ class StickingModel:
     def n(self) -> int:
         """Number of joints."""
         return len(self.motor)
+
+    def __repr__(self) -> str:
+        return f"<StickingModel of {self.arm.name}, {self.n} joints>"
 
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""

@@ -13,19 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import link_inertia
+from stiction_envs.friction.model import StickingModel, link_inertia
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
     dump_friction,
     load_friction,
 )
+from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import TIMESTEP, with_bodies, write_mjcf
 from stiction_envs.gap.model_file import Nominal, dump, read
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots import ARMS, load_arm
 
 Array = NDArray[np.float64]
 LEAST_BRISTLE = 1.0
@@ -120,28 +121,36 @@ def extended_nominal(path: str | Path, data: Data) -> Array:
     return nominal.extend(data).nominal
 
 
-def load_extended(
-    path: str | Path, robot: str | Path | None = None
-) -> tuple[Arm, FrictionParameters]:
-    """Return arm (with the payload and tilt that were found) and friction of a ``model.toml``.
+def load_model(path: str | Path, robot: str | Path | None = None) -> StickingModel:
+    """Return the arm of a ``model.toml``: payload and tilt that were found, and its friction.
+
+    Every experiment takes it where it takes an arm: ``SingleJointExperiment(load_model(path))``.
+    Rotor inertia, which torque behind the gear does not show, is that of the robot's own friction
+    on joints where the diagnosis found none (`with_rotors`); ``model.xml`` does without.
 
     Args:
-        path: the file.
-        robot: model file of the arm where it is none of ours.
+        path: the file; with ``robot`` also a friction TOML, as `stiction calibrate` writes it.
+        robot: name or model file; of an arm that is none of ours its file must be given.
 
     Raises:
-        StictionError: a file without [arm], or an arm that cannot be loaded.
+        StictionError: a file that is no model, or an arm that cannot be loaded.
     """
     nominal = read(Path(path))
+    if robot is None and nominal.robot in ARMS:
+        robot = nominal.robot
+    if robot is None:
+        of = "holds no [arm]" if nominal.robot is None else f"is of robot {nominal.robot!r}"
+        raise StictionError(f"{path}: {of}: expected robot=, its name or the path of its model")
     if nominal.robot is None:
-        raise StictionError(f"{path}: holds no [arm]: expected a model.toml of stiction diagnose")
-    arm = load_arm(robot or nominal.robot, payload=nominal.payload, tilt=nominal.tilt)
+        return sticking_model(robot, path)
+    arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt)
     nominal.check(arm)
     draft = ModelDraft.of(None, arm.n)
     for part in nominal.parts:
         if part.joint == 0:  # bodies and gravity are the whole arm's
             cause_named(part.cause).contribute(draft, part)
-    return with_bodies(arm, draft.payloads, draft.gravity), load_friction(Path(path), arm.n)
+    friction = with_rotors(load_friction(path, arm.n), arm)
+    return sticking_model(with_bodies(arm, draft.payloads, draft.gravity), friction)
 
 
 def _poses(data: Data) -> Array:

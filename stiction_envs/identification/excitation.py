@@ -3,8 +3,8 @@
     from stiction_envs.identification.excitation import excite
 
     motion = excite("panda", seed=0, sweeps=True)
-    print(motion.condition, motion.random_condition)
-    motion.to_csv("trajectory.csv", rate_hz=1000.0)
+    print(motion)
+    motion.save("runs/excite-panda")
 
 The series rests at the start of every period (J. Swevers et al., 1997), stays inside position,
 speed, acceleration and torque limits and clear of the floor and itself, and has a small condition
@@ -14,6 +14,8 @@ follow: a fast series alone says little about dry friction.
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
@@ -35,18 +38,23 @@ from stiction_envs.identification.excitation_search import Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, identification_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.result import Result
+from stiction_envs.robots import Arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
 Array = NDArray[np.float64]
+DRAWN_HZ = 50.0
+"""Samples per second of the drawn lines [Hz]."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Excitation:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Excitation(Result):
     """A motion to run on a robot; at rest before its start and after its end."""
 
-    robot: str
+    arm: Arm
     series: FourierSeries
     periods: int
     sweeps: Sweeps | None
@@ -64,6 +72,14 @@ class Excitation:
     clearance: float
     """Least distance to the floor and between links [m], 0.5 at most."""
     notes: tuple[str, ...]
+    rate_hz: float
+    """Of the samples of ``trajectory.csv`` [Hz]."""
+    provenance: dict[str, Any]
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm."""
+        return self.arm.name
 
     @property
     def n(self) -> int:
@@ -110,7 +126,7 @@ class Excitation:
             StictionError: a rate that is not positive.
         """
         if not (np.isfinite(rate_hz) and rate_hz > 0):
-            raise StictionError(f"rate {rate_hz} Hz: allowed are numbers above 0")
+            raise StictionError(f"rate {rate_hz} Hz: expected a number above 0")
         return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
 
     def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
@@ -149,12 +165,53 @@ class Excitation:
             "notes": list(self.notes),
         }
 
+    def plot(self, path: str | os.PathLike[str]) -> None:
+        """Draw angles and speeds in their ranges, and the condition number, as a PNG."""
+        from stiction_envs.identification.excitation_plots import plot_excitation
+
+        t = self.times(DRAWN_HZ)
+        q, dq, _ = self.state(t)
+        plot_excitation(
+            t, q, dq, path, arm=self.arm, condition=self.condition, random=self.random_condition
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write ``trajectory.csv``, ``excitation.json`` and a plot."""
+        self.to_csv(folder / "trajectory.csv", self.rate_hz)
+        write_json(folder / "excitation.json", self.to_json())
+        self.plot(folder / "excitation.png")
+
+    def __repr__(self) -> str:
+        return (
+            f"<Excitation of {self.robot}: {self.duration:.4g} s, condition {self.condition:.3g}>"
+        )
+
+    def __str__(self) -> str:
+        return describe(self.to_json())
+
+
+def describe(answer: dict[str, Any]) -> str:
+    """Return the `Excitation.to_json` of a motion as readable lines."""
+    random = answer["random_condition"]
+    used = ", ".join(f"{k} {100 * v:.0f} %" for k, v in answer["used"].items())
+    return "\n".join(
+        [
+            f"{answer['duration_s']:.4g} s, from rest to rest",
+            f"condition number {answer['condition']:.3g} (random motions inside the same limits: "
+            f"{random['median']:.3g} in the median, {random['least']:.3g} at best)",
+            f"of what the margins leave of each limit: {used}",
+            f"clearance {answer['clearance_m']:.3g} m",
+            *answer["notes"],
+        ]
+    )
+
 
 def excite(
-    robot: str | Path | Arm,
+    robot: Robot,
     settings: ExcitationSettings | Changes | None = None,
     *,
     sweeps: bool = False,
+    rate_hz: float | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Excitation:
@@ -165,6 +222,7 @@ def excite(
         settings: of the motion: those that differ from ``settings.toml`` by name
             (``{"harmonics": 3, "search.power": 4.0}``), a TOML file of them, or all.
         sweeps: whether slow sweeps with reversals for friction follow the series.
+        rate_hz: samples per second of ``trajectory.csv`` [Hz]; None for the controller's rate.
         seed: of all that is random; the same seed gives the same motion.
         progress: called with a stage and its part done.
 
@@ -173,7 +231,10 @@ def excite(
         ExperimentError: no motion keeps the limits.
     """
     say = progress or (lambda *_: None)
-    arm = robot if isinstance(robot, Arm) else load_arm(robot)
+    arm = arm_of(robot)
+    rate = float(arm.controller_rate_hz) if rate_hz is None else rate_hz
+    if not (np.isfinite(rate) and rate > 0):
+        raise StictionError(f"rate {rate} Hz: expected a number above 0")
     s = override(identification_settings().excitation, settings)
     rng = np.random.default_rng(seed)
     problem = Problem(arm, s, rng)
@@ -198,11 +259,27 @@ def excite(
             best = found
     say("search", 1.0)
     series = problem.series(best[0])
-    return _finished(problem, series, np.array(conditions), sweeps)
+    made = provenance(
+        "excite",
+        {
+            "robot": arm.name,
+            "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
+            "settings": dataclasses.asdict(s),
+            "sweeps": sweeps,
+            "rate_hz": rate,
+        },
+        seed=seed,
+    )
+    return _finished(problem, series, np.array(conditions), sweeps, rate, made)
 
 
 def _finished(
-    problem: Problem, series: FourierSeries, conditions: Array, sweeps: bool
+    problem: Problem,
+    series: FourierSeries,
+    conditions: Array,
+    sweeps: bool,
+    rate_hz: float,
+    found: dict[str, Any],
 ) -> Excitation:
     """Return the motion with its sweeps, checked as a whole."""
     arm, s = problem.arm, problem.settings
@@ -217,7 +294,7 @@ def _finished(
     if slow is not None:
         check = _joined(check, slow.state(_times(slow, problem)))
     return Excitation(
-        robot=arm.name,
+        arm=arm,
         series=series,
         periods=s.periods,
         sweeps=slow,
@@ -228,6 +305,8 @@ def _finished(
         used=used(check, problem.torque(check), problem.bounds),
         clearance=float(problem.clearance.least(check[0], max(0.5, 2 * s.clearance)).min()),
         notes=tuple(notes),
+        rate_hz=rate_hz,
+        provenance=found,
     )
 
 

@@ -2,9 +2,10 @@
 
     from stiction_envs.identification.identify import identify
 
-    found = identify(["log.csv"], "panda", link_side=True)
-    print(found.page())
-    arm = found.arm()          # for the plant, `friction.model.build`, …
+    found = identify("log.csv", "panda", torque="link")
+    print(found)
+    found.save("runs/links")
+    arm = found.arm()          # for `SingleJointExperiment`, `friction.model.build`, …
 
 What torques show are sums of link parameters, found by QR with pivoting of pinocchio's regressor
 (`robots.regressor`), jointly with Coulomb, viscous and constant torque. Unconstrained least squares
@@ -15,6 +16,7 @@ masses (Table 4.1 of the thesis). Here a second fit runs over links that can exi
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
@@ -39,22 +42,28 @@ from stiction_envs.identification.base_parameters import (
 from stiction_envs.identification.bodies import consistent_fit
 from stiction_envs.identification.settings import IdentificationSettings, identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.sources import log_sources
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.markdown import sentence, table
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.result import Result
+from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
 __all__ = ["Identification", "identify", "identify_data"]
 
 Array = NDArray[np.float64]
+SIDES = ("motor", "link")
+"""Of the gear, on which torque can be measured."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
 """Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
 today); unconstrained base parameters with friction; links that can exist with friction."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Result):
     """The result; arrays are float64."""
 
     nominal: Arm
@@ -86,6 +95,7 @@ class Identification:
     unsure: tuple[int, ...]
     """Base parameters (from 0) whose error makes torques over the whole range wrong by more than
     ``poor``: the logs hardly excite them, and the links follow the nominal there."""
+    provenance: dict[str, Any]
     notes: tuple[str, ...] = ()
     """How the signals were made, and whether torques were counted the other way round."""
 
@@ -149,6 +159,24 @@ class Identification:
             "notes": list(self.notes),
         }
 
+    def write(self, folder: Path) -> None:
+        """Write ``identification.json``, ``report.md``, ``model.xml`` and a plot."""
+        from stiction_envs.identification.plots import plot_identification
+
+        name = self.nominal.name
+        write_json(folder / "identification.json", self.to_json())
+        page = f"# {name}: links and friction from logs\n\n![residual](residual.png)\n\n"
+        write_text_atomic(folder / "report.md", page + self.page())
+        self.write_mjcf(folder / "model.xml")
+        plot_identification(name, self.rms, self.noise, folder / "residual.png")
+
+    def __repr__(self) -> str:
+        text = f"{len(self.values)} base parameters, {self.gain_percent:.1f} % below the nominal"
+        return f"<Identification of {self.nominal.name}: {text}>"
+
+    def __str__(self) -> str:
+        return describe(self.to_json())
+
     def page(self) -> str:
         """Return tables in Markdown: held-out residual by joint, links, base parameters."""
         n = self.nominal.n
@@ -177,11 +205,32 @@ class Identification:
         return "\n".join(lines).rstrip("\n") + "\n"
 
 
+def describe(answer: dict[str, Any]) -> str:
+    """Return the `Identification.to_json` of an arm as readable lines."""
+
+    def row(values: Any) -> str:
+        return "".join(f"{x:>9.3g}" for x in values)
+
+    joints = range(1, len(answer["links"]) + 1)
+    lines = [f"{'held-out residual [N·m], joint':<32}" + row(joints)]
+    lines += [f"{name:<32}" + row(rms) for name, rms in answer["held_out_rms_nm"].items()]
+    lines.append(f"{'noise':<32}" + row(answer["noise_nm"]))
+    lines.append(
+        f"links that can exist: {answer['gain_percent']:.1f} % below the nominal arm with friction"
+    )
+    if answer["hardly_excited"]:
+        lines.append(
+            f"hardly excited by these logs: {len(answer['hardly_excited'])} of "
+            f"{len(answer['base'])} base parameters"
+        )
+    return "\n".join(lines)
+
+
 def identify(
-    logs: Sequence[str | Path] | Sequence[JointLog],
-    robot: str | Path | Arm,
+    logs: str | Path | JointLog | Sequence[str | Path | JointLog],
+    robot: Robot,
     *,
-    link_side: bool = False,
+    torque: str = "motor",
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: IdentificationSettings | Changes | None = None,
@@ -189,9 +238,10 @@ def identify(
     """Identify an arm's links and friction from measured joint logs.
 
     Args:
-        logs: files, or logs that were read.
+        logs: a file or several, or logs that were read.
         robot: name, model file or arm; its links are the nominal ones.
-        link_side: whether torque was measured behind the gear; then rotors are not seen.
+        torque: side of the gear on which it was measured, "motor" or "link"; behind the gear
+            rotors are not seen.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
@@ -204,23 +254,40 @@ def identify(
     say = progress or (lambda *_: None)
     chosen = override(identification_settings(), settings)
     gap = chosen.gap
-    arm = robot if isinstance(robot, Arm) else load_arm(robot)
-    if not logs:
-        raise StictionError("no logs: allowed is one or more")
+    arm = arm_of(robot)
+    if torque not in SIDES:
+        raise unknown("torque side", torque, SIDES)
+    given = [logs] if isinstance(logs, str | Path | JointLog) else list(logs)
+    if not given:
+        raise StictionError("no logs: expected one or more")
+    sources = log_sources(given)
     read: list[JointLog] = []
-    for log in logs:
+    for log in given:
         if isinstance(log, JointLog):
             read.append(log)
         else:
             read += read_logs([log], arm.n, limits=arm.limits, settings=gap.measured)
-        say("reading", len(read) / len(logs))
+        say("reading", len(read) / len(given))
+    made = provenance(
+        "identify",
+        {
+            "robot": arm.name,
+            "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
+            "torque": torque,
+            "cutoff": cutoff_hz,
+            "logs": sources.in_memory,
+            "settings": dataclasses.asdict(chosen),
+        },
+        seed=0,
+        inputs=sources.files,
+    )
     most = chosen.validation.most_samples
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=most, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
-    data = assemble(arm, signals, link_side=link_side, settings=gap)
+    data = assemble(arm, signals, link_side=torque == "link", settings=gap)
     found = identify_data(data, progress=say, settings=chosen)
     notes = (c.text for log in turned[:1] for c in log.corrections if c.kind == "sign")
-    return dataclasses.replace(found, notes=(*signals.notes, *notes))
+    return dataclasses.replace(found, notes=(*signals.notes, *notes), provenance=made)
 
 
 def identify_data(
@@ -267,6 +334,7 @@ def identify_data(
         rotor=own[0] if rotor else None,
         rms=rms,
         noise=found.noise,
+        provenance=provenance("identify", {"robot": data.arm.name}, seed=0),
         unsure=tuple(np.flatnonzero(errors * reach > chosen.validation.poor).tolist()),
     )
 

@@ -140,7 +140,7 @@ def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, floa
         # the same readings, whatever happened to one of them afterwards
         return _read(joint, clean, seed)
     arm = load_arm("panda")
-    load = float(SingleJointExperiment.of(arm, friction=nominal()).poses.signed[joint - 1, 0])
+    load = float(SingleJointExperiment(arm, friction=nominal()).poses.signed[joint - 1, 0])
     friction = truth.friction(nominal(), joint, load)
     cells: list[tuple[Configuration, float, float]] = []
     for where in configurations(7, [joint]):
@@ -162,7 +162,7 @@ def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, floa
         for c in cells:
             if c[1] and (not truth.day_at or (c[0].load, c[0].direction) in truth.day_at):
                 del out[c]
-    experiment = SingleJointExperiment.of(
+    experiment = SingleJointExperiment(
         arm,
         friction=friction,
         protocol=protocol(),

@@ -1,6 +1,6 @@
 """Table 4.11 and Figures 4.6 to 4.8, E.1, F.1 and F.2 of the thesis, simulated beside measured.
 
-    measured = run_thesis_cases(GeneratedTrajectoryExperiment.of("panda"))
+    measured = run_thesis_cases(GeneratedTrajectoryExperiment("panda"))
     write_gte(folder, measured)
 
 Triangle and pentagon, both stiffnesses, without dither and with the final one of Table 4.9.

@@ -112,7 +112,7 @@ def study_phase(
         StictionError: a robot the thesis has not measured.
     """
     chosen = tuple(thesis_dithered(robot) if rows is None else rows)
-    experiment = _Phased.of(robot, scatter=False, nthread=nthread)
+    experiment = _Phased(robot, scatter=False, nthread=nthread)
     where = [Configuration(r.joint, r.load, r.direction) for r in chosen]
     jobs = [
         [Job(c, r.frequency_hz, r.amplitude_nm, replica=k) for k in range(PHASES)]

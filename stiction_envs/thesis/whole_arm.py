@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -53,12 +52,12 @@ def whole_arm(
     Returns:
         Calibrated parameters and (cells,) changes against the simulation's own base torque [-].
     """
-    experiment = SingleJointExperiment.of(ROBOT, friction=friction, scatter=False)
+    experiment = SingleJointExperiment(ROBOT, friction=friction, scatter=False)
     if ramp_rate is not None:
         protocol = experiment.protocol.replace(ramp_rate=ramp_rate)
-        experiment = dataclasses.replace(experiment, protocol=protocol)
+        experiment = experiment.replace(protocol=protocol)
     fitted = calibrate(thesis_base(ROBOT), experiment).parameters
-    experiment = dataclasses.replace(experiment, sticking=build(load_arm(ROBOT), fitted))
+    experiment = experiment.replace(sticking=build(load_arm(ROBOT), fitted))
     return fitted, simulate(experiment, chosen)
 
 

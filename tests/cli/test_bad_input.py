@@ -154,9 +154,9 @@ BAD = {
     "from_gone": ([*EXPORT, "--from", "nowhere"], "model.toml nor friction.toml"),
     "from_and_friction": ([*EXPORT, "--from", ".", "--friction", "a.toml"], "one"),
     # planned, not there
-    "sampler": ([*TUNE, "--sampler", "tpe"], "available is grid"),
+    "sampler": ([*TUNE, "--sampler", "tpe"], "expected grid"),
     "sampler_unknown": ([*TUNE, "--sampler", "luck"], "'luck'"),
-    "objective": ([*TUNE, "--objective", "gte"], "available is sje"),
+    "objective": ([*TUNE, "--objective", "gte"], "expected sje"),
     "protocol": ([*TUNE, "--protocol", "mine"], "thesis"),
     # places to write
     "out_file": ([*SJE, "--out", "{good.csv}"], "is a file"),

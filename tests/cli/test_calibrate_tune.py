@@ -13,8 +13,15 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import override
 from tests.cli.test_bad_input import BASE_TWO
+from tuning import tune as tuner
 
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
+
+
+def finished(folder) -> tuner.Tuning:
+    """What a run of the protocol gives, without having run."""
+    summary = {"robot": "two", "final": [], "mean_reduction_percent": None}
+    return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
 
 
 @pytest.fixture
@@ -73,64 +80,76 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
 
 
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
-    import tuning.tune
+    """The folder of the same run is gone on with, whatever the number of threads."""
 
-    def some_work(arm, *, out, **options):
-        (out / "labbook.jsonl").write_text("half\n")
+    def some_work(experiment, folder, book, **options):
+        (folder.path / "half.csv").write_text("half")
         raise KeyboardInterrupt
 
     calls = []
-    monkeypatch.setattr(tuning.tune, "tune", some_work)
+
+    def the_rest(experiment, folder, book, **options):
+        calls.append((experiment, options))
+        return finished(folder)
+
+    monkeypatch.setattr(tuner, "run_protocol", some_work)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 1
     assert "run the same command again" in ran.err
     assert len(ran.lines) == 1
-    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: calls.append(o) or {})
+    monkeypatch.setattr(tuner, "run_protocol", the_rest)
     assert cli("tune", two, *TUNE, "--out", "t", "--threads", 1).code == 0
-    assert (work / "t" / "labbook.jsonl").read_text() == "half\n"
-    assert calls[0]["frequencies"] == (15.0,)
-    assert calls[0]["scatter"] is False
+    assert (work / "t" / "half.csv").read_text() == "half"
+    ((experiment, options),) = calls
+    assert options["frequencies"] == (15.0,)
+    assert experiment.scatter is False
+    assert experiment.nthread == 1
 
 
 def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
-    import tuning.tune
-
-    def killed(arm, *, out, **options):
-        (out / "plots").mkdir()
-        (out / "plots" / "a.png").write_text("old")
-        (out / "labbook.jsonl").write_text("old")
+    def killed(experiment, folder, book, **options):
+        (folder.path / "plots").mkdir()
+        (folder.path / "plots" / "a.png").write_text("old")
         raise RuntimeError("power went out")
 
-    monkeypatch.setattr(tuning.tune, "tune", killed)
+    monkeypatch.setattr(tuner, "run_protocol", killed)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 1
     assert "RuntimeError: power went out" in ran.err
-    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: {})
+    monkeypatch.setattr(tuner, "run_protocol", lambda e, folder, b, **_: finished(folder))
     assert cli("tune", two, *TUNE, "--seed", 2, "--out", "t", "--force").code == 0
-    assert [p.name for p in (work / "t").iterdir()] == ["provenance.json"]
+    assert {p.name for p in (work / "t").iterdir()} == {"provenance.json", "labbook.jsonl"}
 
 
-def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two, monkeypatch):
-    import tuning.tune
-
-    def refuse(arm, **options):
-        raise StictionError("scale 7: allowed is\nabove 0 up to 5")
-
-    monkeypatch.setattr(tuning.tune, "tune", refuse)
-    ran = cli("tune", two, *TUNE, "--out", "t")
+def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two):
+    ran = cli("tune", two, *TUNE[:-1], 7, "--out", "t")
     assert ran.code == 2
-    assert ran.lines == ["error: scale 7: allowed is above 0 up to 5"]
+    assert len(ran.lines) == 1
+    assert "scale 7.0: expected above 0 up to 5" in ran.lines[0]
     assert list(work.iterdir()) == []
 
 
-def test_tune_warns_of_aliases_once(cli, monkeypatch):
-    import tuning.tune
+def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
+    """Bad input that shows only once work has begun is exit code 1, and what was done stays."""
 
-    text = "dither of 150 Hz at a 200 Hz controller aliases to 50 Hz"
-    monkeypatch.setattr(tuning.tune, "tune", lambda arm, **o: {"warnings": [text]})
+    def refuse(experiment, folder, book, **options):
+        (folder.path / "base.csv").write_text("done")
+        raise StictionError("study 'two' is\nof another run")
+
+    monkeypatch.setattr(tuner, "run_protocol", refuse)
+    ran = cli("tune", two, *TUNE, "--out", "t")
+    assert ran.code == 1
+    assert ran.lines == ["error: study 'two' is of another run"]
+    assert (work / "t" / "base.csv").read_text() == "done"
+
+
+def test_tune_warns_of_aliases_once(cli, monkeypatch):
+    monkeypatch.setattr(tuner, "run_protocol", lambda e, folder, b, **_: finished(folder))
     ran = cli("tune", "iiwa7", "--frequencies", 150, "--out", "t")
     assert ran.code == 0
-    assert ran.lines == [f"warning: {text}"]
+    (line,) = ran.lines
+    assert line.startswith("warning: ")
+    assert "aliases to 50 Hz" in line
 
 
 def test_everything_named_available_is_an_option():

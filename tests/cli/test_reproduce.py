@@ -18,6 +18,7 @@ from stiction_envs.thesis import nyquist_phase as phase
 from stiction_envs.thesis import tables_page as reproduce_page
 from tests.thesis.made_up import made_up, phase_study
 from tests.thesis.test_gte import as_printed
+from tuning.reproduce import TARGETS, inputs_of
 
 TABLES = ["tables", "--iterations", 2]
 FILES = {"tables.csv", "tables.md", "tables.png", "plots", "panda.jsonl", "iiwa7.jsonl"}
@@ -263,9 +264,9 @@ def test_gte_for_real(cli, work):
 def test_all_targets_by_default_in_one_order(cli, work, fitted, simulated, followed):
     ran = cli("reproduce", "--json")
     assert ran.code == 0
-    assert list(json.loads(ran.out)["targets"]) == list(command.TARGETS)
+    assert list(json.loads(ran.out)["targets"]) == list(TARGETS)
     assert {p.name for p in (work / "runs" / "reproduce-all").iterdir()} == {
-        *command.TARGETS,
+        *TARGETS,
         "provenance.json",
     }
     # the same run, asked for in other words
@@ -273,8 +274,8 @@ def test_all_targets_by_default_in_one_order(cli, work, fitted, simulated, follo
 
 
 def test_every_target_has_what_it_needs():
-    assert set(command.SHOWN) == set(command.TARGETS)
-    for path in command._inputs(list(command.TARGETS)).values():
+    assert set(command.SHOWN) == set(TARGETS)
+    for path in inputs_of(list(TARGETS)).values():
         assert path.is_file()
 
 
@@ -284,7 +285,7 @@ def test_every_target_has_what_it_needs():
 @pytest.mark.parametrize(
     ("argv", "says"),
     [
-        (["dance"], f"'dance': available is {', '.join(command.TARGETS)}"),
+        (["dance"], f"'dance': expected one of {', '.join(TARGETS)}"),
         (["gap", "dance"], "'dance'"),
         (["--seeds", 0], "whole numbers from 1"),
         (["--seeds", "many"], "'many'"),
@@ -323,5 +324,5 @@ def test_help(cli, work):
     assert "example:\n  stiction reproduce " in ran.out
     for option in ("--out", "--force", "--json", "--seed", "--seeds", "--iterations"):
         assert option in ran.out
-    for target in command.TARGETS:
+    for target in TARGETS:
         assert f"{target}:" in ran.out

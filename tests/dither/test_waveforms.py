@@ -52,7 +52,7 @@ def test_dither_has_its_torque():
 
 def test_a_joint_breaks_away_under_it(arm):
     """One job of the experiment: less torque than without, and not what a sine makes of it."""
-    bench = SingleJointExperiment.of(arm, scatter=False)
+    bench = SingleJointExperiment(arm, scatter=False)
     where = Configuration(2, "load", "+")
     jobs = [Job(where), *(Job(where, 15.0, 0.5, waveform=w) for w in ("sawtooth", "sine"))]
     found = {m.job: m.mean for m in bench.run(jobs, iterations=1)}

@@ -78,7 +78,7 @@ def test_stable_baselines_check():
 
 def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> None:
     """Compare the env's iterations 0 and 2 of a case with the experiment's, bit for bit."""
-    bench = GeneratedTrajectoryExperiment.of(robot, **experiment)
+    bench = GeneratedTrajectoryExperiment(robot, **experiment)
     run = bench.run([case], iterations=3)[0]
     measures = measure(run)
     action = quiet(env).astype(float)

@@ -74,7 +74,7 @@ def test_gte_numbers_on_the_page_are_those_in_use():
     drawn = [str(tuple(int(k) for k in row)) for row in gte_layout.drawn_stiffness()]
     assert f"from {' and '.join(drawn)}" in words
     assert f"(vibration / {1e3 * gte_layout.default('reward.shaking_unit'):g} mm)" in words
-    experiment = gte_core.GeneratedTrajectoryExperiment.of("iiwa7")
+    experiment = gte_core.GeneratedTrajectoryExperiment("iiwa7")
     block = gte_core.GTECore.block_steps(experiment)
     assert f"a multiple of {1e-3 * block:g} s" in words
     assert f"mean over the {experiment.protocol.iterations}" in words.replace("means", "mean")

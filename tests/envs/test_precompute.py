@@ -84,7 +84,7 @@ def test_a_first_contact_simulates_no_reference(name, tmp_path, monkeypatch):
 def test_the_cache_gives_the_bits_that_were_simulated(cache, monkeypatch):
     def torque() -> float:
         store.forget()
-        e = SingleJointExperiment.of("panda", friction=softer("stiction"))
+        e = SingleJointExperiment("panda", friction=softer("stiction"))
         return sje_base.base_torques(e, [ONE])[ONE]
 
     first = torque()
@@ -102,7 +102,7 @@ def test_undithered_runs_are_looked_up_too(cache, monkeypatch):
 
     def run() -> gte_base.Undithered:
         store.forget()
-        e = GeneratedTrajectoryExperiment.of("panda", scatter=False, friction=softer("viscous"))
+        e = GeneratedTrajectoryExperiment("panda", scatter=False, friction=softer("viscous"))
         return gte_base.undithered(e, [key])[key]
 
     first = run()

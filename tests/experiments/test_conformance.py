@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.conformance import check, main
+from stiction_envs.experiments.conformance import conformance, main
 from stiction_envs.robots import BUILTIN
 from tests.friction.gyro import sticking
 
@@ -43,7 +43,7 @@ def stock(frictionloss: float = 0.3, *, extra: str = "", inertia: float = 0.2) -
     [r if r == "iiwa14" else pytest.param(r, marks=pytest.mark.slow) for r in BUILTIN],
 )
 def test_every_joint_of_every_arm_sticks(robot):
-    report = check(robot)
+    report = conformance(robot)
     assert report.passed, report.text()
     assert [j.name for j in report.joints] == [f"joint{i}" for i in range(1, 8)]
     for joint in report.joints:
@@ -58,7 +58,7 @@ def test_every_joint_of_every_arm_sticks(robot):
 
 
 def test_lugre_joint_passes():
-    report = check(lugre("2000 12 0.5 0.6 0.003"))
+    report = conformance(lugre("2000 12 0.5 0.6 0.003"))
     (joint,) = report.joints
     assert report.passed
     assert joint.stiction == 0.6
@@ -73,7 +73,7 @@ def test_lugre_joint_passes():
 
 def test_gear_counts():
     """Stiction behind a gear is F_s × gear, bristle stiffness σ0 × gear²."""
-    (joint,) = check(lugre("2000 12 0.5 0.6 0.003", motor='gear="3"'), rates=NO_RAMP).joints
+    (joint,) = conformance(lugre("2000 12 0.5 0.6 0.003", motor='gear="3"'), rates=NO_RAMP).joints
     assert joint.stiction == pytest.approx(1.8)
     assert joint.bristle_stiffness == pytest.approx(18_000.0)
     assert joint.passed
@@ -83,7 +83,7 @@ def test_gear_counts():
 def test_elastic_joint_is_tested_on_its_motor():
     """The spring hinge carries no friction: it is not tested, and the motor hinge sticks."""
     model = sticking(joint_stiffness=[5e3, np.inf], stiction=[0.5, 0.5], rotor_inertia=0.1)
-    report = check(model, rates=NO_RAMP)
+    report = conformance(model, rates=NO_RAMP)
     assert [j.name for j in report.joints] == ["a", "b"]
     assert report.passed
 
@@ -93,7 +93,7 @@ def test_elastic_joint_is_tested_on_its_motor():
 
 def test_stock_frictionloss_creeps():
     """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (physics.md 3.5)."""
-    report = check(stock(0.3 / 0.9), rates=(0.02,))
+    report = conformance(stock(0.3 / 0.9), rates=(0.02,))
     (joint,) = report.joints
     assert not report.passed
     assert not joint.holds
@@ -106,14 +106,16 @@ def test_stock_frictionloss_creeps():
 
 
 def test_stiffer_frictionloss_creeps_less_but_creeps():
-    (joint,) = check(stock(0.3 / 0.9, extra='solimpfriction="0.9999 0.9999"'), rates=NO_RAMP).joints
+    (joint,) = conformance(
+        stock(0.3 / 0.9, extra='solimpfriction="0.9999 0.9999"'), rates=NO_RAMP
+    ).joints
     assert joint.creep == pytest.approx(1.5e-6, rel=0.1)
     assert not joint.passed
 
 
 def test_chattering_bristle_fails():
     """σ1 under hσ0: the stuck joint chatters loose (physics.md 3.5)."""
-    report = check(lugre("2000 1 0.5 0.6 0.003"), rates=NO_RAMP)
+    report = conformance(lugre("2000 1 0.5 0.6 0.003"), rates=NO_RAMP)
     assert not report.joints[0].holds
 
 
@@ -122,17 +124,17 @@ def test_overdamped_bristle_is_an_error_of_the_experiment(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     text = lugre("2000 170 0.5 0.6 0.003")
     with pytest.raises(ExperimentError, match="stopped by the engine"):
-        check(text)
+        conformance(text)
     (tmp_path / "model.xml").write_text(text)
     assert main(["model.xml"]) == 1
 
 
 def test_joint_weaker_than_said_fails_and_stronger_too():
     """Against 0.7 N·m a joint of 0.6 does not hold; against 0.4 N·m it does not go."""
-    weak = check(lugre("2000 12 0.5 0.6 0.003"), [0.7], rates=NO_RAMP).joints[0]
+    weak = conformance(lugre("2000 12 0.5 0.6 0.003"), [0.7], rates=NO_RAMP).joints[0]
     assert not weak.holds
     assert weak.goes
-    strong = check(lugre("2000 12 0.5 0.6 0.003"), [0.4], rates=(1.0,)).joints[0]
+    strong = conformance(lugre("2000 12 0.5 0.6 0.003"), [0.4], rates=(1.0,)).joints[0]
     assert strong.holds
     assert not strong.goes
     assert not strong.passed
@@ -141,7 +143,7 @@ def test_joint_weaker_than_said_fails_and_stronger_too():
 
 def test_one_weak_joint_fails_the_model():
     model = sticking(stiction=0.6).model
-    report = check(model, [0.6, 0.8], rates=NO_RAMP)
+    report = conformance(model, [0.6, 0.8], rates=NO_RAMP)
     assert [j.passed for j in report.joints] == [True, False]
     assert not report.passed
     assert "1 of 2 joints stick" in report.text()
@@ -160,7 +162,7 @@ def test_one_weak_joint_fails_the_model():
     ],
 )
 def test_limits_springs_and_damping_do_not_hold_it(extra):
-    report = check(lugre("2000 12 0.5 0.6 0.003", **extra), rates=NO_RAMP)
+    report = conformance(lugre("2000 12 0.5 0.6 0.003", **extra), rates=NO_RAMP)
     assert report.passed, report.text()
 
 
@@ -169,7 +171,7 @@ def test_a_servo_does_not_hold_it():
     text = stock(0.3).replace(
         "</mujoco>", '<actuator><position joint="j" kp="1000"/></actuator></mujoco>'
     )
-    (joint,) = check(text, rates=NO_RAMP).joints
+    (joint,) = conformance(text, rates=NO_RAMP).joints
     assert joint.creep > 1e-3
     assert joint.goes
 
@@ -180,7 +182,7 @@ def test_gravity_and_contact_do_not_matter():
   <body pos="0 0 0.1"><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0" mass="3"/></body>
   </worldbody><actuator><dcmotor joint="j" input="none" motorconst="0" resistance="1"
   lugre="2000 25 0.5 0.6 0.003"/></actuator></mujoco>"""
-    report = check(text, rates=NO_RAMP)
+    report = conformance(text, rates=NO_RAMP)
     assert report.passed, report.text()
 
 
@@ -191,7 +193,7 @@ def test_the_model_is_not_changed():
     before = mujoco.MjModel.from_xml_string(
         lugre("2000 12 0.5 0.6 0.003", body='stiffness="50" range="-10 10" limited="true"')
     )
-    check(model, rates=NO_RAMP)
+    conformance(model, rates=NO_RAMP)
     np.testing.assert_array_equal(model.opt.gravity, before.opt.gravity)
     assert model.opt.disableflags == before.opt.disableflags
     assert model.jnt_stiffness[0] == 50.0
@@ -199,7 +201,7 @@ def test_the_model_is_not_changed():
 
 def test_position_may_be_given():
     model = sticking()
-    here, there = (check(model, qpos=q, rates=NO_RAMP).joints[0] for q in (None, [0.3, -0.7]))
+    here, there = (conformance(model, qpos=q, rates=NO_RAMP).joints[0] for q in (None, [0.3, -0.7]))
     assert here.deflection == pytest.approx(there.deflection, rel=1e-6)
 
 
@@ -207,7 +209,7 @@ def test_position_may_be_given():
 
 
 def test_text_has_every_joint_and_unit():
-    text = check(sticking(), rates=(0.2,)).text()
+    text = conformance(sticking(), rates=(0.2,)).text()
     lines = text.splitlines()
     assert len({len(line) for line in lines[:3]}) == 1
     for word in ("F_s N·m", "mrad", "rad/s", "at 0.2 N·m/s", "sticks"):
@@ -268,4 +270,4 @@ def test_runs_as_a_module(tmp_path):
 )
 def test_bad_input(arguments, says):
     with pytest.raises(StictionError, match=says):
-        check(**arguments)
+        conformance(**arguments)

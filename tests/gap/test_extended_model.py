@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
-from stiction_envs.gap.extended_model import extend, extended_nominal, load_extended
+from stiction_envs.gap.extended_model import extend, extended_nominal, load_model
 from stiction_envs.gap.forward_validation import Proof, prove
 from stiction_envs.gap.model_file import Nominal, read, resolve
 from stiction_envs.plant import Plant
@@ -185,11 +185,9 @@ def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
     assert again.parts == everything.parts
     np.testing.assert_array_equal(again.friction.stiction, everything.friction.stiction)
     np.testing.assert_array_equal(extended_nominal(path, data), everything.extend(data).nominal)
-    arm, friction = load_extended(path)
-    assert sum(arm.model().body_mass) == pytest.approx(sum(panda().model().body_mass) + 1.2)
-    from stiction_envs.friction.model import build
-
-    plant = Plant(build(arm, friction.rigid()), 1, nthread=1)
+    model = load_model(path)
+    assert sum(model.arm.model().body_mass) == pytest.approx(sum(panda().model().body_mass) + 1.2)
+    plant = Plant(model, 1, nthread=1)
     assert np.isfinite(plant.run(np.zeros((1, 50, 7)))).all()
 
 

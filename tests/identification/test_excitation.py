@@ -16,7 +16,6 @@ from stiction_envs.identification.excitation_motion import (
     rest_basis,
     sweeps_from,
 )
-from stiction_envs.identification.excitation_plots import plot_excitation
 from stiction_envs.identification.excitation_search import Problem, smooth_condition
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.robots import Arm, load_arm
@@ -223,7 +222,7 @@ def test_csv(tmp_path, motion):
 
 
 def test_plot_is_written(tmp_path, panda, motion):
-    plot_excitation(motion, panda, tmp_path / "a.png")
+    motion.plot(tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
 
 

@@ -66,7 +66,7 @@ def recorded(motion, true):
 
 @pytest.fixture(scope="module")
 def found(panda, recorded):
-    return identify([recorded], panda, link_side=True)
+    return identify([recorded], panda, torque="link")
 
 
 # ---- what is identified --------------------------------------------------------------------------
@@ -78,7 +78,7 @@ def test_true_base_parameters_lie_within_their_intervals(motion, panda, true):
     inside = []
     for seed in range(4):
         log = excited.log(true, state, RATE, noise=0.1, seed=seed)
-        found = identify([log], panda, link_side=True)
+        found = identify([log], panda, torque="link")
         error = found.values - found.base.values(excited.truth(true))
         inside += (np.abs(error) < 1.96 * found.errors).tolist()
     assert 0.89 <= np.mean(inside) <= 0.99
@@ -161,7 +161,7 @@ def test_says_what_is_hardly_excited(panda):
     """Joints 1 and 2 at rest: their friction and link 2 are not in the torques."""
     reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
     state = excited.from_pose_to_pose(panda, reach, 30.0, RATE, 0)
-    found = identify([excited.log(panda, state, RATE, noise=0.1, seed=0)], panda, link_side=True)
+    found = identify([excited.log(panda, state, RATE, noise=0.1, seed=0)], panda, torque="link")
     unsure = {found.names[i] for i in found.unsure}
     assert {"Fv1", "Fv2"} <= unsure
     assert not {"Fc3", "Fc7", "Fv7"} & unsure
@@ -247,7 +247,7 @@ def test_unconstrained_links_have_negative_masses_where_joints_rest():
     ours, printed = (theirs.phi[:, 0] - nominal)[2:], (table_4_1() - nominal)[2:]
     alike = ours @ printed / np.linalg.norm(ours) / np.linalg.norm(printed)
     assert abs(alike) > 0.998  # links 4 to 7 alike and nothing else would be 0.992
-    found = identify([log], arm, link_side=True)
+    found = identify([log], arm, torque="link")
     assert consistent(found.phi).all()
     assert found.gain_percent > 20
 
@@ -340,6 +340,6 @@ def test_torques_counted_the_other_way_round(panda, recorded, found):
         dq=None,
         tau=-recorded.tau,
     )
-    again = identify([log], panda, link_side=True)
+    again = identify([log], panda, torque="link")
     np.testing.assert_allclose(again.phi, found.phi, atol=1e-9)
     assert "opposite sign" in again.page()

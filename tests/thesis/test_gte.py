@@ -37,7 +37,7 @@ def as_printed(self, cases, *, iterations=None, progress=None):
 @pytest.fixture
 def pairs(monkeypatch):
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", as_printed)
-    return run_thesis_cases(GeneratedTrajectoryExperiment.of("panda"), iterations=3)
+    return run_thesis_cases(GeneratedTrajectoryExperiment("panda"), iterations=3)
 
 
 def test_cases_are_those_of_table_4_11():
@@ -104,7 +104,7 @@ def test_files(pairs, tmp_path):
 
 def test_one_iteration_has_no_spread(monkeypatch, tmp_path):
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", as_printed)
-    pairs = run_thesis_cases(GeneratedTrajectoryExperiment.of("panda"), iterations=1)
+    pairs = run_thesis_cases(GeneratedTrajectoryExperiment("panda"), iterations=1)
     rows = window_sums(pairs)
     assert math.isnan(rows[0].simulated_no_dither_std)
     assert not rows[0].clear(1)

@@ -1,15 +1,17 @@
 """Generated Trajectory Experiment (thesis 3.2, 4.2): paths under Cartesian impedance control.
 
-bench = GeneratedTrajectoryExperiment.of("panda")
-for run in bench.run([Case(trajectory="triangle", stiffness=(200, 20, 0))]):
-    print(run.case, np.abs(run.error).max(axis=(0, 1)))
+experiment = GeneratedTrajectoryExperiment("panda")
+errors = experiment.measure([Case(trajectory="triangle", stiffness=(200, 20, 0))])
+print(errors)
+errors.save("runs/triangle")
 """
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path as File
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
     TRAJECTORIES,
     Case,
@@ -27,13 +30,16 @@ from stiction_envs.experiments.gte.protocol import (
     load_gte_protocol,
     named_path,
 )
+from stiction_envs.experiments.gte.results import TrackingErrors
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.run_log import RunLog
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
-from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
+from stiction_envs.measured import thesis_robots
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -42,7 +48,7 @@ MAX_SLOTS = 128
 _PART = 10  # samples between two looks whether all arms are done
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, init=False, repr=False)
 class GeneratedTrajectoryExperiment:
     """One arm, its friction, its controller and the protocol: all that defines a result."""
 
@@ -53,19 +59,18 @@ class GeneratedTrajectoryExperiment:
     motion: MotionLimits
     interface: TorqueInterface
     start: Array
-    paths: Mapping[str, Path] = field(default_factory=dict)
+    paths: Mapping[str, Path]
     """Paths other than the triangle and the pentagon, by name."""
-    belief: Arm | None = None
-    scatter: bool = True
-    seed: int = 0
-    nthread: int = 0
+    belief: Arm | None
+    scatter: bool
+    seed: int
+    nthread: int
 
-    @classmethod
-    def of(
-        cls,
-        robot: str | File | Arm,
+    def __init__(
+        self,
+        robot: Robot,
         *,
-        friction: FrictionParameters | None = None,
+        friction: Friction | None = None,
         protocol: GTEProtocol | None = None,
         settings: ImpedanceSettings | None = None,
         motion: MotionLimits | None = None,
@@ -75,14 +80,14 @@ class GeneratedTrajectoryExperiment:
         belief: Arm | None = None,
         scatter: bool = True,
         seed: int = 0,
-        timestep: float = 1e-3,
+        timestep: float | None = None,
         nthread: int = 0,
-    ) -> GeneratedTrajectoryExperiment:
-        """Set the experiment up for a robot name, a model path or an `Arm`.
+    ) -> None:
+        """Set the experiment up.
 
         Args:
-            robot: the arm.
-            friction: parameters of one arm; None for the TOML of that name.
+            robot: name, model file, arm, or an arm with its friction (`load_model`).
+            friction: of one arm, or its TOML; None for the robot's own.
             protocol: None for the default.
             settings: of the controller; None for the robot's controller rate and the defaults.
             motion: of the trajectory generator.
@@ -92,13 +97,14 @@ class GeneratedTrajectoryExperiment:
             belief: the controller's own model of the arm; None for the true one.
             scatter: whether iterations differ.
             seed: of the scatter.
-            timestep: physics step [s].
+            timestep: physics step [s]; None for the model's own, or 1 ms.
             nthread: threads, 0 for all processors.
 
         Raises:
             StictionError: anything wrong with the arm, its friction or the start.
         """
-        arm = robot if isinstance(robot, Arm) else load_arm(robot)
+        sticking = sticking_model(robot, friction, timestep=timestep)
+        arm = sticking.arm
         interface = TorqueInterface.of(arm) if interface is None else interface
         if settings is None:
             settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
@@ -108,20 +114,25 @@ class GeneratedTrajectoryExperiment:
         low, high = arm.limits.position.T
         if begin.shape != (arm.n,) or not np.all((begin > low) & (begin < high)):
             raise StictionError(f"start {begin}: expected {arm.n} angles within the limits")
-        return cls(
-            sticking=build(arm, friction, timestep=timestep),
-            protocol=load_gte_protocol() if protocol is None else protocol,
-            approach=load_protocol(arm.name),
-            settings=settings,
-            motion=MotionLimits() if motion is None else motion,
-            interface=interface,
-            start=begin,
-            paths=dict(paths or {}),
-            belief=belief,
-            scatter=scatter,
-            seed=seed,
-            nthread=nthread,
-        )
+        fields = {
+            "sticking": sticking,
+            "protocol": load_gte_protocol() if protocol is None else protocol,
+            "approach": load_protocol(arm.name),
+            "settings": settings,
+            "motion": MotionLimits() if motion is None else motion,
+            "interface": interface,
+            "start": begin,
+            "paths": dict(paths or {}),
+            "belief": belief,
+            "scatter": scatter,
+            "seed": seed,
+            "nthread": nthread,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
 
     @property
     def n(self) -> int:
@@ -184,6 +195,47 @@ class GeneratedTrajectoryExperiment:
         begin, goal = starts + 1, ends + 1
         segment.start(position[begin], quaternion[begin], position[goal], quaternion[goal])
         return segment.duration
+
+    def expected_seconds(self, cases: Sequence[Case], iterations: int | None = None) -> float:
+        """Return the simulated time [s] that cases take an arm that follows exactly."""
+        repeats = self.protocol.iterations if iterations is None else iterations
+        tail = self.protocol.tail
+        return repeats * sum(self.nominal_duration(self.path(c.trajectory)) + tail for c in cases)
+
+    def measure(
+        self,
+        cases: Sequence[Case],
+        *,
+        iterations: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> TrackingErrors:
+        """Run cases to the end; see `run`. The result can be saved as tables and plots."""
+        runs = self.run(cases, iterations=iterations, progress=progress)
+        arm = self.sticking.arm
+        own = any(c.trajectory in self.paths for c in cases)
+        return TrackingErrors(
+            robot=arm.name,
+            runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
+            compared=arm.name in thesis_robots("4.11") and not own,
+            provenance=provenance(
+                "gte",
+                {
+                    "robot": arm.name,
+                    "model_sha256": model_sha256(self.sticking),
+                    "protocol": dataclasses.asdict(self.protocol),
+                    "settings": dataclasses.asdict(self.settings),
+                    "motion": dataclasses.asdict(self.motion),
+                    "interface": dataclasses.asdict(self.interface),
+                    "start": self.start,
+                    "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
+                    "belief_sha256": None if self.belief is None else _sha256(self.belief.xml),
+                    "scatter": self.scatter,
+                    "iterations": iterations,
+                    "cases": [dataclasses.asdict(c) for c in cases],
+                },
+                seed=self.seed,
+            ),
+        )
 
     def run(
         self,
@@ -266,3 +318,7 @@ class GeneratedTrajectoryExperiment:
         if case.phases == "spread":
             out["phase"] = 2 * np.pi * np.arange(n) / n
         return out
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

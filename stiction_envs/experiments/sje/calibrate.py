@@ -13,18 +13,20 @@ with the friction the arm has, or with the table's where that is far off.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.settings import CalibrationSettings, experiment_settings
-from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     FrictionParameters,
@@ -32,11 +34,12 @@ from stiction_envs.friction.parameters import (
     friction_text,
 )
 from stiction_envs.measured.tables import BaseTable
+from stiction_envs.reporting.atomic import write_text_atomic
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Calibration:
     """What an identification found, and how well it reproduces the table."""
 
@@ -49,6 +52,49 @@ class Calibration:
     rounds: int
     negative_load: tuple[int, ...]
     """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values: every base torque measured and simulated."""
+        return {
+            "robot": self.measured.robot,
+            "rounds": self.rounds,
+            "largest_relative_error": self.error,
+            "negative_load_coefficient": list(self.negative_load),
+            "rows": [
+                {
+                    "joint": j + 1,
+                    "load": LOADS[k],
+                    "direction": DIRECTIONS[d],
+                    "measured_nm": tau,
+                    "simulated_nm": self.simulated[j, k, d],
+                }
+                for (j, k, d), tau in np.ndenumerate(self.measured.tau)
+            ],
+        }
+
+    def write_toml(
+        self, path: Path, *, base: str | Path, table: Path, provenance: Mapping[str, Any]
+    ) -> None:
+        """Write the friction TOML, provenance inside.
+
+        Args:
+            path: of the TOML; its folder is made.
+            base: robot or friction TOML that the calibration began with: quantities that it does
+                not find keep the sources they have there.
+            table: file of the measured base torques.
+            provenance: of the run.
+        """
+        strings = _provenance_strings(provenance)
+        text = calibrated_toml(self, base, table.name, table.read_bytes(), strings)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text_atomic(path, text)
+
+    def __repr__(self) -> str:
+        error = f"largest error {100 * self.error:.2g} %"
+        return f"<Calibration of {self.measured.robot}: {self.rounds} rounds, {error}>"
+
+    def __str__(self) -> str:
+        return describe(self.to_json())
 
 
 def with_levels(
@@ -120,8 +166,8 @@ def calibrate(
     for round_ in range(1, s.rounds + 1):
         parameters = with_levels(experiment.sticking.parameters, poses, friction, offset, s)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
-        trial = dataclasses.replace(experiment, sticking=sticking, scatter=False)
-        simulated = base_torques(trial)
+        trial = experiment.replace(sticking=sticking, scatter=False)
+        simulated = trial.base_torques().tau
         error = np.abs(simulated - table.tau) / np.abs(table.tau)
         worst = float(np.nan_to_num(error, nan=np.inf).max())
         if best is None or worst < best.error:
@@ -156,7 +202,7 @@ def calibrate(
         )
         raise ExperimentError(
             f"calibration did not converge: joint {cell[0] + 1}, "
-            f"{('load', 'no_load')[cell[1]]}, {'+-'[cell[2]]}: simulated "
+            f"{LOADS[cell[1]]}, {DIRECTIONS[cell[2]]}: simulated "
             f"{best.simulated[cell]:.4f} N·m, measured {table.tau[cell]:.4f} N·m"
         )
     return best
@@ -169,9 +215,23 @@ def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
     return friction, own.offset[:, None] + own.gravity_error[:, None] * poses.signed
 
 
-def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text: bytes) -> str:
-    """Return the friction TOML of a calibration: old sources kept, new ones stated."""
-    old = friction_text(robot)
+def calibrated_toml(
+    result: Calibration,
+    base: str | Path,
+    table_name: str,
+    table_text: bytes,
+    run: Mapping[str, str] | None = None,
+) -> str:
+    """Return the friction TOML of a calibration: old sources kept, new ones stated.
+
+    Args:
+        result: the calibration.
+        base: robot or friction TOML that it began with.
+        table_name: of the measured table.
+        table_text: its bytes.
+        run: what else its provenance says.
+    """
+    old = friction_text(base)
     sources = {k: str(v["source"]) for k, v in old.items() if k not in ("meta", "provenance")}
     found = f"calibrated: stiction_envs.experiments.sje.calibrate on {table_name}"
     for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
@@ -188,6 +248,7 @@ def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text
         sources=sources,
         meta=old["meta"],
         provenance={
+            **(run or {}),
             "method": "stiction_envs.experiments.sje.calibrate: simulate, correct, repeat",
             "table": table_name,
             "table_sha256": hashlib.sha256(table_text).hexdigest(),
@@ -196,3 +257,33 @@ def calibrated_toml(result: Calibration, robot: str, table_name: str, table_text
             "scatter": "off",
         },
     )
+
+
+def _provenance_strings(found: Mapping[str, Any]) -> dict[str, str]:
+    """Return a run's provenance as the strings that a friction TOML holds."""
+    inputs = {k: v["sha256"] for k, v in found["inputs"].items()}
+    return {
+        "arguments_sha256": found["arguments_sha256"],
+        "git_commit": found["git_commit"] or "none: not run from a checkout",
+        "seed": str(found["seed"]),
+        **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
+        "versions": ", ".join(f"{k} {v}" for k, v in found["versions"].items()),
+    }
+
+
+def describe(answer: Mapping[str, Any]) -> str:
+    """Return the `Calibration.to_json` of an arm as a readable table."""
+    lines = [f"{'configuration':<22}{'measured [N·m]':>16}{'simulated [N·m]':>17}{'off':>9}"]
+    for r in answer["rows"]:
+        pose = "Load" if r["load"] == "load" else "No load"
+        name = f"Joint {r['joint']} {pose} ({r['direction']})"
+        off = 100 * (r["simulated_nm"] / r["measured_nm"] - 1)
+        lines.append(
+            f"{name:<22}{r['measured_nm']:>+16.4f}{r['simulated_nm']:>+17.4f}{off:>+7.2f} %"
+        )
+    if answer["negative_load_coefficient"]:
+        joints = ", ".join(map(str, answer["negative_load_coefficient"]))
+        lines.append(
+            f"joints {joints}: friction was smaller in the load pose, which load does not explain"
+        )
+    return "\n".join([*lines, f"{answer['rounds']} rounds"])

@@ -1,42 +1,50 @@
 """Single Joint Experiment (thesis 3.2): the torque at which a joint breaks away.
 
-bench = SingleJointExperiment.of("panda")
-for m in bench.run(bench.jobs()):
-    print(m.job.configuration, m.mean, m.std)
+experiment = SingleJointExperiment("panda")
+base = experiment.base_torques()
+print(base)
+base.save("runs/base")
 """
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.experiments.sje.jobs import Dither, jobs_of
 from stiction_envs.experiments.sje.poses import Poses, find_poses
 from stiction_envs.experiments.sje.protocol import (
+    DIRECTIONS,
+    LOADS,
     Configuration,
     Job,
     Measurement,
     Protocol,
-    configurations,
     load_protocol,
 )
+from stiction_envs.experiments.sje.results import BreakawayTorques
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig
-from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.experiments.sje.rows import in_order
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.reporting.provenance import provenance
 
 Array = NDArray[np.float64]
 MAX_SLOTS = 384
 """Simulations run at once; more cost memory and gain nothing on a few cores."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, init=False, repr=False)
 class SingleJointExperiment:
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
 
@@ -44,57 +52,86 @@ class SingleJointExperiment:
     protocol: Protocol
     interface: TorqueInterface
     poses: Poses
-    scatter: bool = True
-    seed: int = 0
-    nthread: int = 0
+    scatter: bool
+    seed: int
+    nthread: int
 
-    @classmethod
-    def of(
-        cls,
-        robot: str | Path | Arm,
+    def __init__(
+        self,
+        robot: Robot,
         *,
-        friction: FrictionParameters | None = None,
+        friction: Friction | None = None,
         protocol: Protocol | None = None,
         interface: TorqueInterface | None = None,
         scatter: bool = True,
         seed: int = 0,
-        timestep: float = 1e-3,
+        timestep: float | None = None,
         nthread: int = 0,
-    ) -> SingleJointExperiment:
-        """Set the experiment up for a robot name, a model path or an `Arm`.
+    ) -> None:
+        """Set the experiment up.
 
         Args:
-            robot: the arm.
-            friction: parameters of one arm; None for the TOML of that name.
+            robot: name, model file, arm, or an arm with its friction (`load_model`).
+            friction: of one arm, or its TOML; None for the robot's own.
             protocol: None for the robot's.
             interface: None for the robot's.
             scatter: whether iterations differ.
             seed: of the scatter.
-            timestep: physics step [s].
+            timestep: physics step [s]; None for the model's own, or 1 ms.
             nthread: threads, 0 for all processors.
 
         Raises:
             StictionError: anything wrong with the arm, its friction or its poses.
         """
-        arm = robot if isinstance(robot, Arm) else load_arm(robot)
-        return cls(
-            sticking=build(arm, friction, timestep=timestep),
-            protocol=load_protocol(arm.name) if protocol is None else protocol,
-            interface=TorqueInterface.of(arm) if interface is None else interface,
-            poses=find_poses(arm),
-            scatter=scatter,
-            seed=seed,
-            nthread=nthread,
-        )
+        sticking = sticking_model(robot, friction, timestep=timestep)
+        arm = sticking.arm
+        fields = {
+            "sticking": sticking,
+            "protocol": load_protocol(arm.name) if protocol is None else protocol,
+            "interface": TorqueInterface.of(arm) if interface is None else interface,
+            "poses": find_poses(arm),
+            "scatter": scatter,
+            "seed": seed,
+            "nthread": nthread,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with some fields changed; poses stay those of the arm."""
+        unknown_names = set(changes) - {f.name for f in dataclasses.fields(self)}
+        if unknown_names:
+            raise TypeError(f"{type(self).__name__} has no field {sorted(unknown_names)[0]!r}")
+        out = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(out, name, value)
+        return out
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return self.sticking.n
 
-    def jobs(self, joints: list[int] | None = None) -> list[Job]:
-        """Return the undithered jobs of all configurations, or of some joints (1..n)."""
-        return [Job(c) for c in configurations(self.n, joints)]
+    def jobs(
+        self,
+        joints: Sequence[int] | None = None,
+        *,
+        loads: Sequence[str] = LOADS,
+        directions: Sequence[str] = DIRECTIONS,
+        dither: Dither | None = None,
+    ) -> list[Job]:
+        """Return the jobs of all configurations, or of some; see `jobs_of`."""
+        return jobs_of(
+            self.sticking.arm,
+            self.interface,
+            joints,
+            loads=loads,
+            directions=directions,
+            dither=dither,
+        )
 
     def rig(
         self,
@@ -124,6 +161,63 @@ class SingleJointExperiment:
         stiction = p.stiction_at(self.poses.load[:, load])[j, direction]
         offset = p.offset[j] + p.gravity_error[j] * self.poses.signed[j, load]
         return float(abs(stiction * job.configuration.sign + offset))
+
+    def expected_seconds(self, jobs: Sequence[Job], iterations: int | None = None) -> float:
+        """Return the simulated time [s] that jobs take, roughly, for a progress bar."""
+        p = self.protocol
+        approach = p.return_time + p.settle_time
+        ramps = sum(approach + self.expected(job) / p.ramp_rate for job in jobs)
+        return float(ramps * (p.iterations if iterations is None else iterations))
+
+    def measure(
+        self,
+        jobs: Sequence[Job],
+        *,
+        iterations: int | None = None,
+        progress: Callable[[float], None] | None = None,
+        slots: int = MAX_SLOTS,
+        file: str = "sje.csv",
+    ) -> BreakawayTorques:
+        """Run jobs to the end; see `run`. The result can be saved as ``file`` and plots."""
+        measured = self.run(jobs, iterations=iterations, progress=progress, slots=slots)
+        arm = self.sticking.arm
+        return BreakawayTorques(
+            robot=arm.name,
+            n=self.n,
+            protocol=self.protocol,
+            measurements=tuple(in_order(measured)),
+            provenance=provenance(
+                "sje",
+                {
+                    "robot": arm.name,
+                    "model_sha256": model_sha256(self.sticking),
+                    "protocol": dataclasses.asdict(self.protocol),
+                    "interface": dataclasses.asdict(self.interface),
+                    "scatter": self.scatter,
+                    "iterations": iterations,
+                    "jobs": [dataclasses.asdict(job) for job in jobs],
+                },
+                seed=self.seed,
+            ),
+            file=file,
+        )
+
+    def base_torques(
+        self,
+        *,
+        iterations: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> BreakawayTorques:
+        """Measure the torque at which every joint breaks away without dither.
+
+        Args:
+            iterations: repeats, None for the protocol's.
+            progress: called with the simulated seconds of every block, summed over slots.
+
+        Returns:
+            Rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
+        """
+        return self.measure(self.jobs(), iterations=iterations, progress=progress, file="base.csv")
 
     def run(
         self,
@@ -241,17 +335,4 @@ class RampLog:
         )
 
 
-def base_torques(
-    experiment: SingleJointExperiment,
-    *,
-    iterations: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Array:
-    """Return (n, 2, 2) base torques τ_b [N·m], signed: joint, load/no load, +/−."""
-    out = np.full((experiment.n, 2, 2), np.nan)
-    for m in experiment.run(experiment.jobs(), iterations=iterations, progress=progress):
-        out[m.job.configuration.index] = m.mean
-    return out
-
-
-__all__ = ["Configuration", "Job", "Measurement", "SingleJointExperiment", "base_torques"]
+__all__ = ["Configuration", "Job", "Measurement", "SingleJointExperiment"]

@@ -206,7 +206,7 @@ class WholeArm:
                 for state, jobs in wanted:
                     fields[field][jobs[0].configuration.joint - 1] *= getattr(state, name)
         cutoff = wanted[0][0].low_pass
-        experiment = SingleJointExperiment.of(
+        experiment = SingleJointExperiment(
             self.arm,
             friction=self.friction.replace(**fields),
             protocol=self.protocol,

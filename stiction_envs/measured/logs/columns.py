@@ -37,6 +37,12 @@ class Columns:
         return (self.t, *(c for group in self.channels.values() for c in group))
 
 
+def joints_of(names: Sequence[str]) -> int:
+    """Return the highest joint that has a column of angles; 0 without any."""
+    found = [_CHANNEL.fullmatch(name.strip()) for name in names]
+    return max((int(m[2]) for m in found if m and m[1] == "q"), default=0)
+
+
 def expected(n_joints: int, *, time: bool = True) -> str:
     """The columns of a log, for the end of a message."""
     n = n_joints

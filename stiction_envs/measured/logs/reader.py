@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
 
+IGNORED = "columns not used"
+"""How the warning of columns that nothing reads begins."""
+
 Path = str | os.PathLike[str]
 
 
@@ -216,7 +219,7 @@ def _ignored(raw: RawLog) -> list[str]:
         return []
     shown = ", ".join(repr(name) for name in raw.ignored[:8])
     more = f" and {len(raw.ignored) - 8} more" if len(raw.ignored) > 8 else ""
-    return [f"columns not used: {shown}{more}"]
+    return [f"{IGNORED}: {shown}{more}"]
 
 
 def _join_runs(rows: Rows, s: ReaderSettings) -> list[Correction]:

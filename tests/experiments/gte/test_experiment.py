@@ -74,7 +74,7 @@ def bench(robot: str = "panda", kind: str = "rigid", **options: object):
     protocol = load_gte_protocol()
     if tail is not None:
         protocol = protocol.replace(tail=tail)
-    return GeneratedTrajectoryExperiment.of(
+    return GeneratedTrajectoryExperiment(
         robot,
         **{"friction": friction(name, kind), "paths": PATHS, "protocol": protocol} | options,
     )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from benchmarks.base_scatter import means_with_scatter
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml, with_levels
-from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, from_table, load_friction
@@ -30,9 +28,9 @@ TWO_LINKS = """
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["panda", "iiwa7"])
 def test_table_4_3_is_reproduced_within_1_percent(robot):
-    experiment = SingleJointExperiment.of(robot, scatter=False)
+    experiment = SingleJointExperiment(robot, scatter=False)
     measured = thesis_base(robot).tau
-    error = np.abs(base_torques(experiment) / measured - 1)
+    error = np.abs(experiment.base_torques().tau / measured - 1)
     assert error.max() < 0.01, f"worst cell {np.unravel_index(error.argmax(), error.shape)}"
 
 
@@ -40,7 +38,7 @@ def test_table_4_3_is_reproduced_within_1_percent(robot):
 @pytest.mark.parametrize(("robot", "joints"), [("panda", [6, 7]), ("iiwa7", [3])])
 def test_means_of_32_iterations_with_scatter_are_within_3_percent(robot, joints):
     """All joints: benchmarks/base_scatter.py."""
-    experiment = SingleJointExperiment.of(robot, scatter=True, seed=1)
+    experiment = SingleJointExperiment(robot, scatter=True, seed=1)
     measured = thesis_base(robot).tau
     means = means_with_scatter(experiment, joints)
     error = np.abs(means / measured - 1)[np.array(joints) - 1]
@@ -53,7 +51,7 @@ def experiment(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "small.xml"
     path.write_text(TWO_LINKS)
     protocol = load_protocol("small").replace(ramp_rate=1.0, iterations=2, return_time=0.3)
-    return SingleJointExperiment.of(load_arm(path), protocol=protocol, scatter=False)
+    return SingleJointExperiment(load_arm(path), protocol=protocol, scatter=False)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +63,8 @@ def hidden(experiment):
         friction=np.array([[1.4, 0.9], [0.5, 0.6]]),
         offset=np.array([[-0.3, 0.05], [0.1, -0.1]]),
     )
-    arm = dataclasses.replace(experiment, sticking=build(experiment.sticking.arm, truth))
-    return truth, BaseTable(robot="small", tau=base_torques(arm))
+    arm = experiment.replace(sticking=build(experiment.sticking.arm, truth))
+    return truth, BaseTable(robot="small", tau=arm.base_torques().tau)
 
 
 def test_hidden_friction_and_offset_are_found(experiment, hidden):

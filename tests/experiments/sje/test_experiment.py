@@ -11,7 +11,7 @@ import pytest
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.experiments.sje.experiment import SingleJointExperiment, base_torques
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
@@ -29,7 +29,7 @@ RATE, QUICK = 0.2, 0.5
 
 @cache
 def bench(robot: str = "panda", *, scatter: bool = True, seed: int = 0, **protocol: float):
-    return SingleJointExperiment.of(
+    return SingleJointExperiment(
         robot, scatter=scatter, seed=seed, protocol=load_protocol(robot).replace(**protocol)
     )
 
@@ -231,7 +231,7 @@ LIGHT = Configuration(7, "load", "+")
 
 
 def test_no_scatter_repeats_bit_for_bit():
-    a, b = (SingleJointExperiment.of("panda", scatter=False, seed=s) for s in (0, 1))
+    a, b = (SingleJointExperiment("panda", scatter=False, seed=s) for s in (0, 1))
     first, again, other = (one(x, Job(LIGHT), 2).tau for x in (a, a, b))
     assert first.tobytes() == again.tobytes() == other.tobytes()
 
@@ -239,7 +239,7 @@ def test_no_scatter_repeats_bit_for_bit():
 def test_scatter_is_seeded():
     """Same seed, same bits; another seed, other torques; phases and noise belong to the seed."""
     first = one(bench(seed=3, ramp_rate=QUICK), Job(LIGHT), 3).tau
-    fresh = SingleJointExperiment.of(
+    fresh = SingleJointExperiment(
         "panda", seed=3, protocol=load_protocol("panda").replace(ramp_rate=QUICK)
     )
     assert one(fresh, Job(LIGHT), 3).tau.tobytes() == first.tobytes()
@@ -300,7 +300,7 @@ def test_nothing_to_do():
 def test_base_torques_are_the_means_in_their_places():
     """(n, 2, 2) by joint, load, direction, signed."""
     b = bench(scatter=False, ramp_rate=QUICK)
-    tau = base_torques(b, iterations=1)
+    tau = b.base_torques(iterations=1).tau
     assert tau.shape == (7, 2, 2)
     assert np.all(np.sign(tau) == [1.0, -1.0])
     for m in b.run(b.jobs([5, 7]), iterations=1):
@@ -337,7 +337,7 @@ def test_recorded_torque_excludes_the_dither():
 
 def slow_iiwa(rate: int) -> SingleJointExperiment:
     arm = load_arm("iiwa7")
-    return SingleJointExperiment.of(
+    return SingleJointExperiment(
         arm,
         scatter=False,
         protocol=load_protocol("iiwa7").replace(ramp_rate=QUICK),

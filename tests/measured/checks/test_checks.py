@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stiction_envs.measured.checks.__main__ import main
 
 import stiction_envs.measured as measured
 from stiction_envs.errors import StictionError
@@ -29,7 +30,6 @@ from stiction_envs.measured import (
     check_units,
     write_sje,
 )
-from stiction_envs.measured.checks.__main__ import main
 from stiction_envs.measured.checks.rules import setting_key
 
 THESIS = Path(measured.__file__).parent / "thesis"

@@ -1,41 +1,35 @@
-"""Output folders, progress and the last resort of the error handling."""
+"""Output folders, and the provenance that tells one run from another."""
 
-import argparse
-import io
 import json
-import sys
 
 import pytest
 
-from stiction_envs.cli import folder as folder_module
-from stiction_envs.cli import progress as progress_module
-from stiction_envs.cli import sje
-from stiction_envs.cli.common import plain
-from stiction_envs.cli.folder import OutputFolder, git_commit, provenance
-from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting import provenance as provenance_module
+from stiction_envs.reporting.json_text import plain
+from stiction_envs.reporting.output_folder import OutputFolder, check_file
+from stiction_envs.reporting.provenance import git_commit, provenance
 
 
-def found(**changes: object) -> dict:
-    values = {"command": "sje", "seed": 0, "joint": [7], "out": "a", "threads": 0, **changes}
-    return provenance(argparse.Namespace(**values), {})
+def found(command: str = "sje", seed: int = 0, **arguments: object) -> dict:
+    return provenance(command, {"joint": [7], **arguments}, seed=seed)
 
 
 def test_identity_depends_on_what_decides_a_result():
     mine = found()["arguments_sha256"]
-    assert found(out="b", threads=4)["arguments_sha256"] == mine
+    assert found()["arguments_sha256"] == mine
     assert found(seed=1)["arguments_sha256"] != mine
     assert found(joint=[6])["arguments_sha256"] != mine
     assert found(command="tune")["arguments_sha256"] != mine
 
 
 def test_identity_depends_on_the_content_of_inputs_and_not_on_their_place(tmp_path):
-    args = argparse.Namespace(command="sje", seed=0, dither=tmp_path / "a.csv")
     hashes = []
     for name, text in (("a.csv", "1"), ("b.csv", "1"), ("a.csv", "2")):
-        args.dither = tmp_path / name
-        args.dither.write_text(text)
-        hashes.append(provenance(args, {"dither": args.dither})["arguments_sha256"])
+        path = tmp_path / name
+        path.write_text(text)
+        made = provenance("sje", {"dither": path}, seed=0, inputs={"dither": path})
+        hashes.append(made["arguments_sha256"])
     assert hashes[0] == hashes[1]
     assert hashes[0] != hashes[2]
 
@@ -87,59 +81,9 @@ def test_commit_is_that_of_this_checkout_or_none(monkeypatch, tmp_path):
     assert commit is None or len(commit.removesuffix("-dirty")) == 40
     git_commit.cache_clear()
     # a package below somebody else's repository
-    monkeypatch.setattr(
-        folder_module.stiction_envs, "__file__", str(tmp_path / "p" / "__init__.py")
-    )
+    monkeypatch.setattr(provenance_module, "package_folder", lambda: tmp_path / "p")
     assert git_commit() is None
     git_commit.cache_clear()
-
-
-def test_progress_off_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
-    clock = [0.0]
-    monkeypatch.setattr(progress_module.time, "monotonic", lambda: clock[0])
-    with Progress() as progress:
-        for _ in range(100):
-            clock[0] += 1.0
-            progress.add("sje", 1.0, 80.0)
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 100 // progress_module.EVERY
-    assert lines[0] == "sje: 12 % (10 of 80 s simulated)"
-    assert lines[-1] == "sje: 100 % (80 of 80 s simulated)"
-
-
-def test_progress_on_a_terminal_is_a_bar(monkeypatch):
-    terminal = io.StringIO()
-    monkeypatch.setattr(terminal, "isatty", lambda: True)
-    monkeypatch.setattr(sys, "stderr", terminal)
-    with Progress() as progress:
-        progress.set("base", 1.0, 4.0)
-        progress.set("final", 2.0, 4.0)
-    text = terminal.getvalue()
-    assert "base:" in text
-    assert "final:" in text
-    assert "|" in text
-
-
-def test_unexpected_error_is_one_line(cli, work, monkeypatch):
-    def broken(args):
-        raise RuntimeError("two\nlines")
-
-    monkeypatch.setattr(sje.common, "read_arm", broken)
-    ran = cli("sje", "panda")
-    assert ran.code == 1
-    assert ran.lines == ["error: RuntimeError: two lines (STICTION_DEBUG=1 shows the traceback)"]
-    monkeypatch.setenv("STICTION_DEBUG", "1")
-    assert "Traceback" in cli("sje", "panda").err
-
-
-def test_interrupt_says_how_to_go_on(cli, work, monkeypatch):
-    def interrupt(args):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sje.common, "read_arm", interrupt)
-    ran = cli("sje", "panda")
-    assert ran.code == 1
-    assert ran.lines == ["error: interrupted: nothing was written; run the same command again"]
 
 
 def test_plain_json():
@@ -147,3 +91,15 @@ def test_plain_json():
 
     value = {"a": np.array([1.0, np.nan]), 2: (np.float64(3), float("inf")), "b": True}
     assert plain(value) == {"a": [1.0, None], "2": [3.0, None], "b": True}
+
+
+def test_a_file_is_not_replaced_unless_forced(tmp_path):
+    path = tmp_path / "friction.toml"
+    check_file(path, ".toml", force=False)
+    path.write_text("mine")
+    with pytest.raises(StictionError, match="--force"):
+        check_file(path, ".toml", force=False)
+    check_file(path, ".toml", force=True)
+    for wrong in (tmp_path / "friction", tmp_path, tmp_path / "friction.csv"):
+        with pytest.raises(StictionError, match=r"expected a path to a \.toml"):
+            check_file(wrong, ".toml", force=True)

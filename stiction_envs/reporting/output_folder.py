@@ -1,110 +1,22 @@
 """Output folders: never another run's files, always a `provenance.json` that says what made them.
 
-folder = OutputFolder(path, provenance(...), force=args.force)   # raises, writes nothing
+folder = OutputFolder(path, provenance(...), force=force)        # raises, writes nothing
 with folder:                                                     # makes the folder
     write(folder.path / "sje.csv")                               # on success lists the files
 """
 
 from __future__ import annotations
 
-import argparse
-import functools
-import hashlib
 import json
 import os
-import platform
-import subprocess
-from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import stiction_envs
-from stiction_envs.cli.common import plain
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import write_text_atomic
 
 NAME = "provenance.json"
-PACKAGES = ("stiction-envs", "mujoco", "numpy", "scipy", "gymnasium", "optuna", "pin")
-NOT_RECORDED = {
-    *("command", "run", "show", "interrupted"),  # the program's own
-    *("out", "force", "json", "threads", "slots", "seed"),  # seed stands alone; no result has these
-}
-
-
-def versions() -> dict[str, str | None]:
-    """Return the versions a result depends on; None for a package that is not installed."""
-    out: dict[str, str | None] = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            out[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            out[name] = None
-    out["stiction-envs"] = stiction_envs.__version__
-    return out
-
-
-@functools.cache
-def git_commit() -> str | None:
-    """Return the commit of the checkout this package runs from, "-dirty" if it was changed.
-
-    None for an installed package, also where its environment lies in somebody's repository.
-    """
-    root = Path(stiction_envs.__file__).resolve().parent.parent
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(
-            ["git", "-C", str(root), *arguments],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
-        return done.stdout.strip()
-
-    try:
-        if Path(git("rev-parse", "--show-toplevel")).resolve() != root:
-            return None
-        commit = git("rev-parse", "HEAD")
-        changed = git("status", "--porcelain", "--untracked-files=no")
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return commit + ("-dirty" if changed else "")
-
-
-def sha256(path: Path) -> str:
-    """Return the hash of a file's bytes."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def provenance(args: argparse.Namespace, inputs: dict[str, Path]) -> dict[str, Any]:
-    """Return what makes a result: versions, commit, seed, arguments and hashes of input files.
-
-    No time and no place of output: the same run gives the same text. ``arguments_sha256`` tells
-    one run from another by command, seed, arguments and the content of the inputs.
-    """
-    arguments = {k: plain(v) for k, v in vars(args).items() if k not in NOT_RECORDED}
-    files = {k: {"file": str(v), "sha256": sha256(v)} for k, v in sorted(inputs.items())}
-    package = Path(stiction_envs.__file__).resolve().parent
-    for k, v in inputs.items():
-        if v.resolve().is_relative_to(package):  # where it is installed does not matter
-            files[k]["file"] = f"stiction_envs/{v.resolve().relative_to(package).as_posix()}"
-    identity = {
-        "command": args.command,
-        "seed": args.seed,
-        "arguments": {k: v for k, v in arguments.items() if k not in inputs},
-        "inputs": {k: v["sha256"] for k, v in files.items()},
-    }
-    text = json.dumps(identity, sort_keys=True)
-    return {
-        "command": args.command,
-        "arguments": arguments,
-        "arguments_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "seed": args.seed,
-        "inputs": files,
-        "git_commit": git_commit(),
-        "versions": versions(),
-    }
 
 
 def check_place(path: Path) -> None:
@@ -113,9 +25,25 @@ def check_place(path: Path) -> None:
     while not there.exists() and there != there.parent:
         there = there.parent
     if there != path and not there.is_dir():
-        raise StictionError(f"--out {path}: {there} is not a folder")
+        raise StictionError(f"output {path}: {there} is not a folder")
     if not os.access(there, os.W_OK):
-        raise StictionError(f"--out {path}: no permission to write in {there}")
+        raise StictionError(f"output {path}: no permission to write in {there}")
+
+
+def check_file(path: Path, suffix: str, *, force: bool) -> None:
+    """Raise if a file of a kind cannot be written at ``path``, or would replace another.
+
+    Args:
+        path: the file.
+        suffix: of its name, with the dot.
+        force: whether it may replace another.
+    """
+    if path.suffix != suffix or path.is_dir():
+        what = "is a folder" if path.is_dir() else f"ends in {path.suffix or 'nothing'!r}"
+        raise StictionError(f"output {path}: {what}: expected a path to a {suffix}")
+    if path.exists() and not force:
+        raise StictionError(f"output {path}: exists: choose another name, or force (--force)")
+    check_place(path)
 
 
 class OutputFolder:
@@ -136,10 +64,10 @@ class OutputFolder:
             StictionError: the folder holds files, or cannot be one.
         """
         self.path = path
-        self._found = found
+        self.provenance = found
         self._force = force
         if path.exists() and not path.is_dir():
-            raise StictionError(f"--out {path}: is a file: allowed is a folder")
+            raise StictionError(f"output {path}: is a file: expected a folder")
         check_place(path)
         there = self._names()
         before = self._read()
@@ -147,7 +75,9 @@ class OutputFolder:
         self.resumed = bool(resumable and same and not force)
         if there and not force and not self.resumed:
             what = f"a run of stiction {before['command']}" if before.get("command") else "files"
-            raise StictionError(f"--out {path}: holds {what}: choose another folder, or --force")
+            raise StictionError(
+                f"output {path}: holds {what}: choose another folder, or force (--force)"
+            )
         if self.resumed:
             self._foreign = set(before.get("kept", []))
         else:
@@ -222,10 +152,12 @@ class OutputFolder:
         return self._below(there - set(before["kept"]) - {NAME}) if "kept" in before else []
 
     def _write(self, state: dict[str, Any]) -> None:
-        text = json.dumps({**self._found, **state}, indent=2, ensure_ascii=False, sort_keys=True)
+        text = json.dumps(
+            {**self.provenance, **state}, indent=2, ensure_ascii=False, sort_keys=True
+        )
         write_text_atomic(self.path / NAME, text + "\n")
 
 
-def default_folder(command: str, robot: str) -> Path:
-    """Return ``runs/<command>-<robot>``."""
-    return Path("runs") / f"{command}-{robot}"
+def default_folder(command: str, robot: str | Path) -> Path:
+    """Return ``runs/<command>-<robot>``; of a robot's file its stem."""
+    return Path("runs") / f"{command}-{Path(robot).stem}"

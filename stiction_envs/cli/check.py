@@ -1,0 +1,69 @@
+"""``stiction check``: what is wrong in torque tables and joint logs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.cli import common
+
+EXIT_CODES = (
+    "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
+    "2 bad usage: no such file, or neither a torque table nor a joint log"
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "check",
+        summary="List what is wrong in torque tables and joint logs, one line each.",
+        example="stiction check base.csv log.csv --robot panda",
+        interrupted="run the same command again",
+        run=run,
+        show=show,
+    )
+    parser.epilog = f"{parser.epilog}\n{EXIT_CODES}"
+    parser.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="torque tables (as sje.csv, or as the thesis prints them; several are also checked "
+        "against each other) or joint logs",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help=f"whose logs these are, for units and limits: {common.robot_help()}",
+    )
+    common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Check; write ``findings.csv`` where asked to."""
+    from stiction_envs.measured.checks.files import check
+
+    folder = None
+    if args.out is not None:
+        inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
+        folder = common.output_folder(args, "", inputs)
+    result = check(*args.files, robot=args.robot)
+    if folder is not None:
+        with common.working(), folder:
+            result.write(folder.path)
+    count = len(result.defects)
+    return {
+        "command": "check",
+        **result.to_json(),
+        "failed": f"{count} defect{'s' * (count > 1)} found" if count else None,
+    }
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the findings, one in a line."""
+    from stiction_envs.measured.checks.files import describe
+
+    return describe(result["findings"])

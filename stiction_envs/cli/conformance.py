@@ -1,0 +1,71 @@
+"""``stiction conformance``: does each joint hold under its stiction, and go over it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from stiction_envs.cli import common
+from stiction_envs.cli.progress import Progress
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "conformance",
+        summary="Test that each joint holds at 90 % of its stiction for a minute, and goes at "
+        "110 %; exit code 1 if one does not.",
+        example="stiction conformance panda",
+        interrupted="run the same command again",
+        run=run,
+        show=show,
+    )
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="one of ours, or a path to an MJCF whose joints carry friction (`stiction export` "
+        "writes one)",
+    )
+    parser.add_argument(
+        "--stiction",
+        nargs="+",
+        type=common.number(0),
+        metavar="NM",
+        help="of every hinge [N·m], 0 to leave one out (default: the model's)",
+    )
+    common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Test; write ``conformance.csv`` and provenance."""
+    from stiction_envs.experiments.conformance import conformance
+    from stiction_envs.robots.files import robot_files
+
+    folder = common.output_folder(args, args.robot, robot_files(args.robot))
+    with Progress("tests") as progress:
+        result = conformance(
+            args.robot,
+            args.stiction,
+            nthread=args.threads,
+            progress=lambda k, n: progress.set("conformance", k, n),
+        )
+    with common.working(), folder:
+        result.write(folder.path)
+    answer = result.to_json()
+    stuck = [r["joint"] for r in answer["rows"] if not (r["holds"] and r["goes"])]
+    return {
+        "command": "conformance",
+        "robot": args.robot,
+        "out": str(folder.path),
+        **answer,
+        "failed": f"does not stick as it should: {', '.join(stuck)}" if stuck else None,
+    }
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the result as a readable table."""
+    from stiction_envs.experiments.conformance_report import describe
+
+    text = describe(result["rows"], result["settings"])
+    return f"{text}\nwritten to {result['out']}: conformance.csv"

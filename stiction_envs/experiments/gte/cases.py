@@ -1,0 +1,79 @@
+"""What a Generated Trajectory Experiment is asked: a path by name or file, dither of a table."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path as File
+
+from stiction_envs.control.trajectory import Path, read_path
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
+from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.robots import Arm
+
+Stiffness = tuple[float, float, float]
+
+
+def read_trajectory(text: str | File) -> Path | None:
+    """Return the path of a CSV file; None for a path by name.
+
+    Raises:
+        StictionError: neither a name nor a CSV that can be read.
+    """
+    if str(text) in TRAJECTORIES:
+        return None
+    if not str(text).lower().endswith(".csv"):
+        raise unknown("trajectory", str(text), [*TRAJECTORIES, "a path to a .csv"])
+    return read_path(str(text))
+
+
+def read_dither(
+    table: str | File, arm: Arm, *, waveform: str | None = None
+) -> tuple[AmplitudeRow, ...]:
+    """Return the rows of an amplitude table that an arm can take.
+
+    Args:
+        table: the file.
+        arm: says how strong and fast a dither it takes.
+        waveform: of every joint; None for the table's.
+
+    Raises:
+        StictionError: a table that cannot be read, that dithers no joint, or too much.
+    """
+    rows = read_amplitudes(
+        table,
+        n_joints=arm.n,
+        torque_limit=arm.limits.torque,
+        controller_rate_hz=arm.controller_rate_hz,
+    )
+    if not any(row.amplitude_nm > 0 for row in rows):
+        raise StictionError(f"{table}: dithers no joint: expected an amplitude_nm above 0")
+    if waveform is not None:
+        rows = [dataclasses.replace(row, waveform=waveform) for row in rows]
+    return tuple(rows)
+
+
+def with_and_without(
+    trajectory: str,
+    stiffness: Stiffness,
+    dither: Sequence[AmplitudeRow] = (),
+    *,
+    gate_velocity: float | None = None,
+    phases: str | None = None,
+) -> list[Case]:
+    """Return the case without dither, and the one with it if there is any.
+
+    Args:
+        trajectory: name of the path.
+        stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
+        dither: of each dithered joint.
+        gate_velocity: of the dither [rad/s]; None for no gate.
+        phases: of the joints' dithers; None for the default.
+    """
+    plain = Case(trajectory=trajectory, stiffness=stiffness)
+    if not dither:
+        return [plain]
+    options = {"gate_velocity": gate_velocity, "phases": phases}
+    given = {k: v for k, v in options.items() if v is not None}
+    return [plain, dataclasses.replace(plain, dither=tuple(dither), **given)]  # type: ignore[arg-type]

@@ -1,0 +1,108 @@
+"""From whatever names an arm to a model that sticks, and the files that it comes from."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import (
+    QUANTITIES,
+    FrictionParameters,
+    friction_path,
+    load_friction,
+)
+from stiction_envs.robots import ARMS, Arm, load_arm
+
+Robot = str | Path | Arm | StickingModel
+"""Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
+Friction = str | Path | FrictionParameters
+"""Parameters of one arm, or the TOML that holds them."""
+TIMESTEP = 1e-3
+"""Of a model that is not told [s]."""
+
+
+def friction_file(robot: str | Path, given: str | Path | None = None) -> Path:
+    """Return the friction TOML that counts: the one given, the robot's, or the generic one.
+
+    Raises:
+        StictionError: what is given is no path to a TOML.
+    """
+    if given is None:
+        return friction_path(robot if str(robot) in ARMS else "generic")
+    if Path(given).suffix != ".toml":
+        raise StictionError(f"friction file {given}: expected a path to a .toml")
+    return Path(given)
+
+
+def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
+    """Return the friction of an arm: its own where none is given.
+
+    Raises:
+        StictionError: a file that cannot be read, or is of another number of joints.
+    """
+    if isinstance(given, FrictionParameters):
+        return given
+    return load_friction(friction_file(arm.name if arm.registered else "own", given), arm.n)
+
+
+def arm_of(robot: Robot) -> Arm:
+    """Return the arm of a name, a model file or a model.
+
+    Raises:
+        StictionError: an arm that cannot be loaded.
+    """
+    if isinstance(robot, StickingModel):
+        return robot.arm
+    return robot if isinstance(robot, Arm) else load_arm(robot)
+
+
+def sticking_model(
+    robot: Robot, friction: Friction | None = None, *, timestep: float | None = None
+) -> StickingModel:
+    """Return an arm with its friction as a model.
+
+    Args:
+        robot: the arm; one that has its friction keeps it.
+        friction: instead of its own.
+        timestep: physics step [s]; None for the model's own, or 1 ms.
+
+    Raises:
+        StictionError: an arm or friction that cannot be loaded, or do not fit each other.
+    """
+    if not isinstance(robot, StickingModel):
+        arm = arm_of(robot)
+        step = TIMESTEP if timestep is None else timestep
+        return build(arm, friction_of(arm, friction), timestep=step)
+    step = robot.timestep if timestep is None else timestep
+    if friction is None and step == robot.timestep:
+        return robot
+    own = robot.parameters if friction is None else friction_of(robot.arm, friction)
+    return build(robot.arm, own, timestep=step)
+
+
+def with_rotors(friction: FrictionParameters, arm: Arm) -> FrictionParameters:
+    """Return friction with the rotors that the arm has by itself, where it has none.
+
+    Joint torques behind the gear do not show rotors, and without one the bristle of a joint shakes
+    a light link: σ1 is chosen for the inertia of the rest pose, which is less elsewhere.
+
+    Args:
+        friction: of one arm.
+        arm: its own friction's rotor inertia counts (`generic.toml` for an arm that is not ours).
+    """
+    own = friction_of(arm).rotor_inertia
+    known = friction.rotor_inertia > 0
+    return friction.replace(rotor_inertia=np.where(known, friction.rotor_inertia, own))
+
+
+def model_sha256(sticking: StickingModel) -> str:
+    """Return a hash of the arm and its friction."""
+    digest = hashlib.sha256(sticking.arm.xml.encode())
+    for name in QUANTITIES:
+        digest.update(repr(getattr(sticking.parameters, name).tolist()).encode())
+    digest.update(repr(sticking.timestep).encode())
+    return digest.hexdigest()

@@ -1,0 +1,181 @@
+"""`diagnose`: what a simulation gets wrong about measured joint logs or torque tables.
+
+d = diagnose("log.csv", "panda", torque="link")
+print(d)                       # verdict and causes
+d.save("runs/why")             # diagnosis.json, report.html, model.xml, model.toml, plots
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.diagnosis import diagnose as diagnose_logs
+from stiction_envs.gap.model_file import Nominal, read, resolve
+from stiction_envs.gap.result import DiagnosisResult
+from stiction_envs.gap.save import LogDiagnosis
+from stiction_envs.gap.tables.from_files import diagnose_files
+from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.logs.sources import Log, log_sources
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.files import robot_files
+
+SIDES = ("motor", "link")
+"""Of the gear, on which torque can be measured."""
+METHODS = ("auto", "lsm")
+"""The tool's result, or the thesis's least squares (equation 3.1) with it."""
+
+
+def diagnose(
+    data: Log | Sequence[Log],
+    robot: str | Path | Arm,
+    *,
+    torque: str = "motor",
+    nominal: str | Path | FrictionParameters | Nominal | None = None,
+    poses: Sequence[str | Path] = (),
+    payload: Sequence[float] | None = None,
+    tilt: Sequence[float] | None = None,
+    cutoff_hz: float | None = None,
+    method: str = "auto",
+    seed: int = 0,
+    nthread: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> DiagnosisResult:
+    """Name what a simulation gets wrong about measurements of one robot.
+
+    Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``) or torque tables (the form of ``sje.csv``, base
+    torques and dithered ones) are told from their columns.
+
+    Args:
+        data: a file or several of one kind, or logs that were read.
+        robot: name, model file or arm.
+        torque: side of the gear on which a log's torque was measured, "motor" or "link".
+        nominal: the simulation to judge: "rigid" (of logs the default), "shipped" (of tables the
+            default), a TOML (friction, or an earlier ``model.toml``), or parameters.
+        poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
+        payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
+            that of an earlier diagnosis, or none.
+        tilt: known roll and pitch of the base [rad]; None likewise.
+        cutoff_hz: bandwidth of a log's zero-phase filter; None chooses it from the data.
+        method: "lsm" adds the thesis's least squares to a log's result.
+        seed: of the bootstrap.
+        nthread: threads, 0 for all processors.
+        progress: called with a stage and its part done.
+
+    Returns:
+        `LogDiagnosis` or `TableResult`: verdict, causes, ``save``.
+
+    Raises:
+        StictionError: files that cannot be read, do not fit the robot, or are of two kinds.
+    """
+    given = [data] if isinstance(data, str | Path | JointLog) else list(data)
+    if not given and not poses:
+        raise StictionError("no log given: expected one or more logs, or poses (--poses)")
+    if torque not in SIDES:
+        raise unknown("torque side", torque, SIDES)
+    if method not in METHODS:
+        raise unknown("method", method, METHODS)
+    of_tables = _of_tables(given)
+    nominal = default_nominal(given) if nominal is None else nominal
+    if of_tables:
+        used = {"torque": torque != "motor", "poses": bool(poses), "method": method != "auto"}
+        used["cutoff"] = cutoff_hz is not None
+        for option in (k for k, is_used in used.items() if is_used):
+            raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
+    arm, judged = _models(robot, nominal, payload, tilt)
+    sources = log_sources([*given, *poses])
+    arguments = {
+        "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
+        "robot": arm.name if isinstance(robot, Arm) else robot,
+        "torque": torque,
+        "cutoff": cutoff_hz,
+        "poses": list(poses),
+        "nominal": nominal if isinstance(nominal, str | Path) else "parameters",
+        "payload": payload,
+        "tilt": tilt,
+        "method": method,
+        **sources.in_memory,
+    }
+    inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
+    if isinstance(nominal, str | Path) and Path(nominal).is_file():
+        inputs["nominal"] = Path(nominal)
+    shared: dict[str, Any] = {
+        "nominal_name": _name(nominal),
+        "sources": sources,
+        "provenance": provenance("diagnose", arguments, seed=seed, inputs=inputs),
+        "nthread": nthread,
+    }
+    if of_tables:
+        files = [x for x in given if isinstance(x, str | Path)]
+        return diagnose_files(files, arm, judged, progress=progress, **shared)
+    found = diagnose_logs(
+        _read(given, poses, arm),
+        arm,
+        nominal=judged,
+        link_side=torque == "link",
+        cutoff_hz=cutoff_hz,
+        seed=seed,
+        progress=progress,
+    )
+    return LogDiagnosis(diagnosis=found, torque=torque, with_lines=method == "lsm", **shared)
+
+
+def default_nominal(data: Sequence[Log]) -> str:
+    """Return what is judged where nobody says: of logs the arm as most people simulate it.
+
+    Joints without friction have no breakaway torque, so that of tables it is ours.
+    """
+    return "shipped" if _of_tables(data) else "rigid"
+
+
+def _of_tables(data: Sequence[Log]) -> bool:
+    """Return whether the data are torque tables.
+
+    Raises:
+        StictionError: some are and some are not.
+    """
+    kinds = {file_kind(x): x for x in data if isinstance(x, str | Path)}
+    if TABLE in kinds and (len(kinds) > 1 or any(isinstance(x, JointLog) for x in data)):
+        raise StictionError(
+            f"{kinds[TABLE]} is a torque table, the others are joint logs: expected one kind"
+        )
+    return TABLE in kinds
+
+
+def _read(given: Sequence[Log], poses: Sequence[str | Path], arm: Arm) -> list[JointLog]:
+    """Return the logs in their order, then the poses."""
+    files = [x for x in given if isinstance(x, str | Path)]
+    read_here = iter(read_logs(files, arm.n, limits=arm.limits) if files else [])
+    logs = [x if isinstance(x, JointLog) else next(read_here) for x in given]
+    return logs + [read_poses(x, arm.n, limits=arm.limits) for x in poses]
+
+
+def _models(
+    robot: str | Path | Arm,
+    nominal: str | Path | FrictionParameters | Nominal,
+    payload: Sequence[float] | None,
+    tilt: Sequence[float] | None,
+) -> tuple[Arm, Nominal]:
+    """Return the arm and what is judged; an earlier diagnosis knows its payload and tilt."""
+    if isinstance(robot, Arm):
+        if payload is not None or tilt is not None:
+            raise StictionError("payload and tilt: expected in the arm, where an arm is given")
+        return robot, resolve(nominal, robot)
+    if isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml":
+        before = read(Path(nominal))
+        if before.robot is not None:
+            payload = before.payload if payload is None else payload
+            tilt = before.tilt if tilt is None else tilt
+    arm = load_arm(robot, payload=payload, tilt=tilt or (0.0, 0.0))
+    return arm, resolve(nominal, arm)
+
+
+def _name(nominal: str | Path | FrictionParameters | Nominal) -> str:
+    if not isinstance(nominal, str | Path):
+        return "given"
+    return str(nominal) if nominal in ("rigid", "shipped") else Path(nominal).name

@@ -1,0 +1,157 @@
+"""Torque tables as files: base and dithered torques of one robot, and their diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, Configuration
+from stiction_envs.friction.sticking import friction_of
+from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.tables.cells import Cell
+from stiction_envs.gap.tables.diagnosis import diagnose_tables
+from stiction_envs.gap.tables.save import TableResult
+from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
+from stiction_envs.measured.logs.sources import LogSources
+from stiction_envs.measured.tables import our_name
+from stiction_envs.robots import Arm
+
+UNUSED_NM = 1.0
+"""Base torque that stands where none was measured and none is used [N·m]: a table holds all."""
+
+
+def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[Cell]]:
+    """Read base torques and dithered torques of an arm from SJE tables.
+
+    Args:
+        paths: files in the form of ``sje.csv``; a base torque that two of them hold must be the
+            same in both.
+        arm: rows of other robots are left out.
+
+    Returns:
+        Base torques, and the dithered torques that have one.
+
+    Raises:
+        StictionError: a file that cannot be read, no row of the arm, or a joint with dithered
+            torques that lacks one of its four base torques.
+    """
+    rows = [(str(path), row) for path in paths for row in read_sje(path)]
+    robots = list(dict.fromkeys(our_name(row.robot) for _, row in rows))
+    if arm.name in robots or arm.registered:
+        rows = [(path, row) for path, row in rows if our_name(row.robot) == arm.name]
+    if not rows or (arm.name not in robots and len(robots) > 1):
+        raise StictionError(
+            f"{paths[0]}: torques of {', '.join(robots)}: expected robot {arm.name}"
+        )
+    base = _base(rows)
+    cells = [_cell(path, row, base) for path, row in rows if row.amplitude_nm > 0]
+    if not cells:
+        raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
+    for joint in {c.row.joint for c in cells}:
+        if joint > arm.n:
+            raise StictionError(f"{paths[0]}: joint {joint}: {arm.name} has {arm.n}")
+        for load in LOADS:
+            for direction in DIRECTIONS:
+                if Configuration(joint, load, direction) not in base:
+                    raise StictionError(
+                        f"{paths[0]}: joint {joint} has dithered torques, but no base torque in "
+                        f"{load} {direction}: expected all four"
+                    )
+    tau = np.tile([UNUSED_NM, -UNUSED_NM], (arm.n, 2, 1))
+    for where, value in base.items():
+        if where.joint <= arm.n:
+            tau[where.index] = value
+    return BaseTable(arm.name, tau), cells
+
+
+def _base(rows: Sequence[tuple[str, SJERow]]) -> dict[Configuration, float]:
+    out: dict[Configuration, float] = {}
+    for path, row in rows:
+        if not row.is_base:
+            continue
+        where = Configuration(row.joint, row.load, row.direction)
+        if out.setdefault(where, row.tau_nm) != row.tau_nm:
+            raise StictionError(
+                f"{path}: base torque of joint {row.joint}, {row.load} {row.direction} is "
+                f"{row.tau_nm:g} N·m and {out[where]:g} N·m: expected one"
+            )
+    return out
+
+
+def _cell(path: str, row: SJERow, base: dict[Configuration, float]) -> Cell:
+    where = Configuration(row.joint, row.load, row.direction)
+    if where not in base:
+        raise StictionError(
+            f"{path}: joint {row.joint}, {row.load} {row.direction} has dithered torques: "
+            "expected its base torque too (a row with frequency and amplitude 0)"
+        )
+    tau = base[where]
+    return Cell(
+        DitheredRow(
+            robot=row.robot,
+            joint=row.joint,
+            load=row.load,
+            direction=row.direction,
+            frequency_hz=row.frequency_hz,
+            scale=row.amplitude_nm / abs(tau),
+            amplitude_nm=row.amplitude_nm,
+            tau_base_nm=tau,
+            tau_sje_nm=row.tau_nm,
+            change_pct=100 * (row.tau_nm / tau - 1),
+            table=Path(path).name,
+            amplitude_set="scale",
+            outlier=False,
+        )
+    )
+
+
+def diagnose_files(
+    paths: Sequence[str | Path],
+    arm: Arm,
+    nominal: Nominal,
+    *,
+    nominal_name: str,
+    sources: LogSources,
+    provenance: dict[str, Any],
+    nthread: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> TableResult:
+    """Say what a simulation gets wrong about torque tables.
+
+    Args:
+        paths: the tables.
+        arm: the arm.
+        nominal: its friction.
+        nominal_name: what the report calls it.
+        sources: of the tables.
+        provenance: of the run.
+        nthread: threads, 0 for all processors.
+        progress: called with a stage and 0.
+
+    Raises:
+        StictionError: tables that cannot be read or are of another arm, or a nominal arm without
+            friction, whose joints do not break away.
+    """
+    if nominal.friction is None:
+        raise StictionError(
+            f"nominal {nominal_name}: joints of an arm without friction do not break away: "
+            "expected shipped or a path to a .toml"
+        )
+    base, cells = read_tables(paths, arm)
+    friction = friction_of(arm, nominal.friction)
+    say = progress or (lambda *_: None)
+    found = diagnose_tables(
+        base, cells, arm, friction, nthread=nthread, progress=lambda text: say(text, 0.0)
+    )
+    return TableResult(
+        diagnosis=found,
+        arm=arm,
+        friction=friction,
+        nominal_name=nominal_name,
+        sources=sources,
+        provenance=provenance,
+    )

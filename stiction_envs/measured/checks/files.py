@@ -1,0 +1,184 @@
+"""`check`: what is wrong in files of measurements, torque tables and joint logs.
+
+found = check("base.csv", "log.csv", robot="panda")
+print(found)                   # one finding in a line
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.rules import Defect
+from stiction_envs.measured.checks.tables import check_tables, read_rows
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.kinds import TABLE, file_kind, header_of
+from stiction_envs.measured.logs.columns import joints_of
+from stiction_envs.measured.logs.reader import IGNORED, JointLog, read_logs
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.result import Result
+from stiction_envs.robots import load_arm
+
+REMARK = "remark"
+"""Kind of what is true but not wrong."""
+ALLOWED = ("gap", "run", "epoch")
+"""Corrections of a log that only say how it was recorded: segments, recordings, dates as time."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong in a file, or worth a remark."""
+
+    file: str
+    where: str
+    """Row or cell; empty for the file as a whole."""
+    kind: str
+    """Of a table's defect: see `Defect.kind`. Of a log: ``corrected`` when it is read, ``warning``
+    if it cannot be. ``unreadable``: nothing can be done with the file. ``remark``: not wrong."""
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Findings(Result):
+    """What is wrong in some files."""
+
+    files: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    """In the order of the files, tables first."""
+    provenance: dict[str, Any]
+
+    @property
+    def defects(self) -> tuple[Finding, ...]:
+        """Findings but for remarks."""
+        return tuple(x for x in self.findings if x.kind != REMARK)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return files and findings."""
+        return {"files": list(self.files), "findings": [asdict(x) for x in self.findings]}
+
+    def write(self, folder: Path) -> None:
+        """Write ``findings.csv``."""
+        rows = [(x.file, x.where, x.kind, x.message) for x in self.findings]
+        write_lines(folder / "findings.csv", ("file", "where", "kind", "message"), rows)
+
+    def __repr__(self) -> str:
+        remarks = len(self.findings) - len(self.defects)
+        return (
+            f"<Findings in {len(self.files)} files: {len(self.defects)} defects, {remarks} remarks>"
+        )
+
+    def __str__(self) -> str:
+        return describe([asdict(x) for x in self.findings])
+
+
+def describe(findings: Sequence[Mapping[str, str]]) -> str:
+    """Return findings as text, one in a line: file, where, kind, message."""
+    lines = [": ".join(text for text in x.values() if text) for x in findings]
+    return "\n".join(lines) or "nothing wrong"
+
+
+def check(*files: str | os.PathLike[str], robot: str | Path | None = None) -> Findings:
+    """Say what is wrong in torque tables and joint logs, told from their columns.
+
+    Tables: percentages that do not follow from their torques, amplitudes that are not base × scale,
+    repetitions that contradict (of one table and between tables), impossible signs, sizes, units.
+    Logs: units, clock, repeated and missing rows, stuck or saturated channels, speeds that lag.
+
+    Args:
+        files: paths.
+        robot: whose logs these are; without it fewer wrong units are seen.
+
+    Raises:
+        StictionError: no file, one that is not there, or that is neither table nor log.
+    """
+    if not files:
+        raise StictionError("no file given: expected one or more torque tables or joint logs")
+    paths = [Path(x) for x in files]
+    for path in paths:
+        if not path.is_file():
+            raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
+    arm = None if robot is None else load_arm(robot)
+    kinds = {path: file_kind(path) for path in paths}
+    findings = _of_tables([p for p in kinds if kinds[p] == TABLE])
+    for path in (p for p in kinds if kinds[p] != TABLE):
+        try:
+            n = count_joints(path) if arm is None else arm.n
+            (log,) = read_logs([path], n, limits=None if arm is None else arm.limits)
+            findings += _of_log(path, log)
+        except StictionError as error:
+            findings.append(_unreadable(path, error))
+    return Findings(
+        files=tuple(map(str, paths)),
+        findings=tuple(findings),
+        provenance=provenance(
+            "check",
+            {"files": [str(p) for p in paths], "robot": robot},
+            seed=0,
+            inputs={f"file{k}": p for k, p in enumerate(paths, 1)},
+        ),
+    )
+
+
+def _of_tables(paths: Sequence[Path]) -> list[Finding]:
+    findings, tables = [], {}
+    for path in paths:
+        try:
+            tables[str(path)] = read_rows(path)
+        except StictionError as error:
+            findings.append(_unreadable(path, error))
+    return findings + [_of_defect(d) for d in check_tables(tables)]
+
+
+def _of_defect(d: Defect) -> Finding:
+    text = f"{d.printed}, expected {d.expected}: {d.message}"
+    return Finding(d.table, d.where, d.kind, text)
+
+
+def _of_log(path: Path, log: JointLog) -> list[Finding]:
+    out = [
+        Finding(str(path), "", REMARK if m.kind in ALLOWED else "corrected", m.text)
+        for m in log.corrections
+    ]
+    for text in log.warnings:
+        kind = REMARK if text.startswith(IGNORED) else "warning"
+        out.append(Finding(str(path), "", kind, text))
+    return out
+
+
+def _unreadable(path: Path, error: StictionError) -> Finding:
+    """Return an error as a finding; its message begins with the file."""
+    text = str(error).removeprefix(str(path)).lstrip(":, ")
+    return Finding(str(path), "", "unreadable", text)
+
+
+def count_joints(path: Path) -> int:
+    """Return for how many joints a log has angles.
+
+    Raises:
+        StictionError: a log without a column of angles, or that cannot be read.
+    """
+    name = path.name.lower()
+    try:
+        if name.endswith(".npz"):
+            with np.load(path, allow_pickle=False) as arrays:
+                names = list(arrays)
+                if "q" in names:
+                    return int(arrays["q"].shape[1])
+        elif name.endswith(".parquet"):
+            parquet: Any = import_module("pyarrow.parquet")
+            names = list(parquet.read_schema(path).names)
+        else:
+            names = header_of(path)
+    except Exception:
+        # damaged archives raise almost anything
+        raise StictionError(f"{path}: damaged, or no such kind of file") from None
+    if not (found := joints_of(names)):
+        raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
+    return found

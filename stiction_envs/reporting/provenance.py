@@ -1,0 +1,111 @@
+"""What makes a result: versions, git commit, seed, arguments, hashes of the input files."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from stiction_envs import version
+from stiction_envs.reporting.json_text import plain
+
+PACKAGES = ("stiction-envs", "mujoco", "numpy", "scipy", "gymnasium", "optuna", "pin")
+
+
+def package_folder() -> Path:
+    """Return where this package is installed."""
+    return Path(version.__file__).resolve().parent
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions a result depends on; None for a package that is not installed."""
+    out: dict[str, str | None] = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            out[name] = None
+    out["stiction-envs"] = version.__version__
+    return out
+
+
+@functools.cache
+def git_commit() -> str | None:
+    """Return the commit of the checkout this package runs from, "-dirty" if it was changed.
+
+    None for an installed package, also where its environment lies in somebody's repository.
+    """
+    root = package_folder().parent
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", "-C", str(root), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+        return done.stdout.strip()
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != root:
+            return None
+        commit = git("rev-parse", "HEAD")
+        changed = git("status", "--porcelain", "--untracked-files=no")
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + ("-dirty" if changed else "")
+
+
+def sha256(path: Path) -> str:
+    """Return the hash of a file's bytes."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def provenance(
+    command: str,
+    arguments: Mapping[str, Any],
+    *,
+    seed: int,
+    inputs: Mapping[str, Path] | None = None,
+) -> dict[str, Any]:
+    """Return the contents of ``provenance.json``.
+
+    No time and no place of output: the same run gives the same text. ``arguments_sha256`` tells
+    one run from another by command, seed, arguments and the content of the inputs.
+
+    Args:
+        command: name of the command, or of the function it calls.
+        arguments: what else decides the result, by name.
+        seed: of all that is random.
+        inputs: files by the name of their argument; what is in a file counts, not its place.
+    """
+    inputs = {} if inputs is None else inputs
+    shown = {k: plain(v) for k, v in arguments.items()}
+    files = {k: {"file": str(v), "sha256": sha256(v)} for k, v in sorted(inputs.items())}
+    package = package_folder()
+    for k, v in inputs.items():
+        if v.resolve().is_relative_to(package):  # where it is installed does not matter
+            files[k]["file"] = f"stiction_envs/{v.resolve().relative_to(package).as_posix()}"
+    identity = {
+        "command": command,
+        "seed": seed,
+        "arguments": {k: v for k, v in shown.items() if k not in inputs},
+        "inputs": {k: v["sha256"] for k, v in files.items()},
+    }
+    text = json.dumps(identity, sort_keys=True)
+    return {
+        "command": command,
+        "arguments": shown,
+        "arguments_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "seed": seed,
+        "inputs": files,
+        "git_commit": git_commit(),
+        "versions": versions(),
+    }

@@ -1,0 +1,46 @@
+"""What a function of the library hands back: short to print, and saved as its command writes it."""
+
+from __future__ import annotations
+
+import abc
+import os
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.reporting.output_folder import OutputFolder
+
+
+class Result(abc.ABC):
+    """A result that can be saved."""
+
+    provenance: dict[str, Any]
+    """Versions, commit, seed, arguments and hashes of inputs that made it."""
+
+    @abc.abstractmethod
+    def write(self, folder: Path) -> None:
+        """Write the files into a folder that is there; `save` is what makes one.
+
+        Args:
+            folder: where to.
+        """
+
+    @abc.abstractmethod
+    def to_json(self) -> dict[str, Any]:
+        """Return what the command prints with ``--json``."""
+
+    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write what the command of this result writes, ``provenance.json`` too.
+
+        Args:
+            folder: made where it is missing.
+            force: whether the files of another run in it are replaced.
+
+        Returns:
+            The folder.
+
+        Raises:
+            StictionError: the folder holds files, or cannot be one; nothing was written.
+        """
+        with OutputFolder(Path(folder), self.provenance, force=force) as out:
+            self.write(out.path)
+        return out.path

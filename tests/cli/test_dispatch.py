@@ -1,0 +1,67 @@
+"""Progress, and the last resort of the error handling."""
+
+import argparse
+import io
+import sys
+
+from stiction_envs.cli import common, sje
+from stiction_envs.cli import progress as progress_module
+from stiction_envs.cli.progress import Progress
+
+
+def test_identity_does_not_depend_on_where_and_how_fast():
+    def found(**changes: object) -> str:
+        values = {"command": "sje", "seed": 0, "joint": [7], "out": "a", "threads": 0, **changes}
+        return common.run_provenance(argparse.Namespace(**values), {})["arguments_sha256"]
+
+    assert found(out="b", threads=4, force=True) == found()
+    assert found(joint=[6]) != found()
+    assert found(seed=1) != found()
+
+
+def test_progress_off_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: clock[0])
+    with Progress() as progress:
+        for _ in range(100):
+            clock[0] += 1.0
+            progress.add("sje", 1.0, 80.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 100 // progress_module.EVERY
+    assert lines[0] == "sje: 12 % (10 of 80 s simulated)"
+    assert lines[-1] == "sje: 100 % (80 of 80 s simulated)"
+
+
+def test_progress_on_a_terminal_is_a_bar(monkeypatch):
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with Progress() as progress:
+        progress.set("base", 1.0, 4.0)
+        progress.set("final", 2.0, 4.0)
+    text = terminal.getvalue()
+    assert "base:" in text
+    assert "final:" in text
+    assert "|" in text
+
+
+def test_unexpected_error_is_one_line(cli, work, monkeypatch):
+    def broken(args):
+        raise RuntimeError("two\nlines")
+
+    monkeypatch.setattr(sje.common, "read_arm", broken)
+    ran = cli("sje", "panda")
+    assert ran.code == 1
+    assert ran.lines == ["error: RuntimeError: two lines (STICTION_DEBUG=1 shows the traceback)"]
+    monkeypatch.setenv("STICTION_DEBUG", "1")
+    assert "Traceback" in cli("sje", "panda").err
+
+
+def test_interrupt_says_how_to_go_on(cli, work, monkeypatch):
+    def interrupt(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sje.common, "read_arm", interrupt)
+    ran = cli("sje", "panda")
+    assert ran.code == 1
+    assert ran.lines == ["error: interrupted: nothing was written; run the same command again"]
