@@ -180,6 +180,8 @@ class NoiseSettings:
     """Fewer pairs of such poses say nothing of the scatter."""
     seen: float
     """Times the noise floor by which a torque must change to be seen [-]."""
+    clear: float
+    """The same for a torque that scales or shifts what a cause adds [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)

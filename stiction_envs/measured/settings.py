@@ -175,12 +175,20 @@ class MotionThresholds:
     """A joint that is faster moves for certain [rad/s]: ten times the width of a direction."""
     near_stiction_speed: float
     """A joint that is slower is near stiction [rad/s]."""
+    slow_speed: float
+    """Slower motion shows friction that falls with speed [rad/s]."""
+    speed_spread: float
+    """Least standard deviation of a joint's speeds over their mean for them to be several [-]."""
+    least_acceleration: float
+    """A joint that accelerates less, root mean square, hardly does [rad/s²]."""
     stir_span: float
     """A joint that covers a smaller angle does not even stir [rad]."""
     hold_span: float
     """A joint that covers a smaller angle only holds [rad]."""
     travel_span: float
     """Angle that a joint must turn for its motion to say anything [rad]."""
+    wide_span: float
+    """The same for what grows with the angle [rad]."""
     start_span: float
     """A joint that turns this far in its first `start_samples` moves from the start [rad]."""
     start_samples: int
@@ -191,14 +199,19 @@ class MotionThresholds:
     """The same as a part of the power of the speed [-]."""
     acting_share: float
     """Least part of the samples in which a joint must move for a cause to act [-]."""
+    slow_share: float
+    """Least part of the samples with slow motion for it to show anything [-]."""
+    moving_share: float
+    """Least part of the samples in which a joint moves where little motion says little [-]."""
+    always_share: float
+    """Part of the samples from which on a joint always moves [-]."""
     both_ways_share: float
     """Part of the samples in which a joint must move there, and back, for its friction to have a
     say [-]."""
 
     def __post_init__(self) -> None:
-        check_numbers(
-            self, shares=("mover_ratio", "mover_power", "acting_share", "both_ways_share")
-        )
+        shares = ("mover_ratio", "mover_power", "acting_share", "both_ways_share")
+        check_numbers(self, shares=(*shares, "slow_share", "moving_share", "always_share"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -140,4 +140,5 @@ class ActuatorDelay(TorqueShift):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm's torques change too little."""
-        return "" if np.any(data.rigid.std(axis=0) > 5 * data.noise) else "no torque changes"
+        least = data.settings.noise.clear * data.noise
+        return "" if np.any(data.rigid.std(axis=0) > least) else "no torque changes"

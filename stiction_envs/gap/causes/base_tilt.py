@@ -59,7 +59,7 @@ class BaseTilt(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
-        if float(np.ptp(data.q, axis=0).max()) < 0.05:
+        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
             return "the arm holds one pose only"
         for k in range(2):
             sideways = data.recording.derived(_sideways)[..., k]

@@ -50,6 +50,6 @@ class DirectionAsymmetry(Cause):
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether both directions are missing; without rest it is an offset."""
         missing = lacks_both_directions(data, joint)
-        if not missing and moving(data, joint).mean() > 0.999:
+        if not missing and moving(data, joint).mean() > data.settings.motion.always_share:
             missing = f"joint {joint + 1} never rests, so this is the same as an offset"
         return missing

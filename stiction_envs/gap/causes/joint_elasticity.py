@@ -101,7 +101,7 @@ class JointElasticity(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint's torque changes too little."""
-        if float(data.rigid[:, joint].std()) < 5 * data.noise[joint]:
+        if float(data.rigid[:, joint].std()) < data.settings.noise.clear * data.noise[joint]:
             return f"joint {joint + 1} carries no torque that changes"
         return ""
 

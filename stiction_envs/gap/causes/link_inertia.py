@@ -61,4 +61,5 @@ class LinkInertia(Cause):
         if rests(data, joint):
             return f"joint {joint + 1} does not move"
         a = float(data.ddq[:, joint].std())
-        return f"joint {joint + 1} hardly accelerates" if a < 0.02 else ""
+        least = data.settings.motion.least_acceleration
+        return f"joint {joint + 1} hardly accelerates" if a < least else ""

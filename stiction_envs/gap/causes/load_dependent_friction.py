@@ -55,6 +55,6 @@ class LoadDependentFriction(Cause):
         """Return whether directions or a change of load are missing."""
         load = np.abs(data.rigid[:, joint])
         missing = lacks_both_directions(data, joint)
-        if not missing and load.std() < 5 * data.noise[joint]:
+        if not missing and load.std() < data.settings.noise.clear * data.noise[joint]:
             missing = f"joint {joint + 1} carries no load that changes"
         return missing

@@ -72,7 +72,7 @@ class Payload(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
-        if float(np.ptp(data.q, axis=0).max()) < 0.05:
+        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
             return "the arm holds one pose only"
         weight = data.recording.derived(_regressor)[..., 0]
         if not changes(data, HEAVY * weight).any():

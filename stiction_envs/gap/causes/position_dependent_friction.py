@@ -122,8 +122,8 @@ class PositionDependentFriction(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
-        span = float(np.ptp(data.q[:, joint]))
-        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < 0.05 else ""
+        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.travel_span
+        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
 
 
 def _shown(waves: Array, base: Array, r: Array) -> Array:

@@ -72,10 +72,10 @@ class StribeckFriction(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether slow or fast motion is missing."""
-        v = np.abs(data.dq[:, joint])
+        v, s = np.abs(data.dq[:, joint]), data.settings.motion
         if not (missing := lacks_both_directions(data, joint)):
-            if ((v > data.settings.motion.rest_speed) & (v < 0.1)).mean() < 0.01:
+            if ((v > s.rest_speed) & (v < s.slow_speed)).mean() < s.slow_share:
                 missing = f"joint {joint + 1} never moves slowly"
-            elif moving(data, joint).mean() < 0.1:
+            elif moving(data, joint).mean() < s.moving_share:
                 missing = f"joint {joint + 1} hardly moves"
         return missing

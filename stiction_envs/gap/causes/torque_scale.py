@@ -60,6 +60,6 @@ class TorqueScale(Cause):
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint carries too little torque."""
         size = float(data.nominal[:, joint].std())
-        if size < 5 * data.noise[joint]:
+        if size < data.settings.noise.clear * data.noise[joint]:
             return f"joint {joint + 1} carries no torque that changes"
         return ""

@@ -44,7 +44,8 @@ class ViscousFriction(Cause):
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether directions or a spread of speeds are missing."""
         missing = lacks_both_directions(data, joint)
+        least = data.settings.motion.speed_spread
         speed = np.abs(data.dq[moving(data, joint), joint])
-        if not missing and speed.std() < 0.1 * speed.mean():
+        if not missing and speed.std() < least * speed.mean():
             missing = f"joint {joint + 1} moves at one speed only"
         return missing
