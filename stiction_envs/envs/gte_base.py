@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stiction_envs.envs.gte_layout import Stiffness
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure, sample_period
+from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case, Run
 from stiction_envs.precomputed import store
 
@@ -82,12 +82,8 @@ def _of_store(values: dict[str, Any]) -> Undithered:
 
 
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
-    period, tail = sample_period(run), experiment.protocol.tail
     measures = measure(run, experiment.protocol)
-    duration = measures.duration + tail
-    end = np.rint(measures.duration / period) + round(tail / period)
-    counted = np.arange(run.error.shape[1]) < end[:, None]
-    total = np.where(counted[..., None], np.abs(run.error), 0.0).sum(axis=1).mean(axis=0)
+    duration, total = measures.duration + experiment.protocol.tail, measures.total.mean(axis=0)
     if not (np.isfinite(duration).all() and (total > 0).all()):
         raise StictionError(
             f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "

@@ -102,6 +102,8 @@ class Measures:
     """(I, 6) of Table 4.11; NaN where the last goal was never accepted [m·samples, rad·samples]."""
     window_sum_of_mean: Array
     """(6,) its other reading, see `window_sum_of_mean`."""
+    total: Array
+    """(I, 6) sum of the absolute error until the end of the tail [m·samples, rad·samples]."""
     mean: Array
     """(I, 6) mean absolute error [m, rad]."""
     rms: Array
@@ -174,6 +176,7 @@ def measure(
     return Measures(
         window_sum=sums.window.sum,
         window_sum_of_mean=np.abs(sums.window.error.mean(axis=0)).sum(axis=0),
+        total=sums.total_error,
         mean=sums.mean,
         rms=sums.rms,
         maximum=sums.maximum,

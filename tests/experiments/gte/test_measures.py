@@ -111,6 +111,7 @@ def test_measures_are_over_the_motion():
     np.testing.assert_allclose(m.mean[:, 0], 0.01)
     np.testing.assert_allclose(m.maximum[:, 0], 0.02)
     assert not m.maximum[:, 1:].any()
+    np.testing.assert_allclose(m.total[:, :2], [[300 * 0.02 + 100 * 9.0, 100 * 9.0]] * 2)
     np.testing.assert_allclose(m.vibration, np.tile([3e-3, 4e-3, 0], (2, 1)))
     np.testing.assert_allclose(m.shaking, 5e-3)
     np.testing.assert_allclose(m.shaking_at_rest, 5e-3)
