@@ -1,4 +1,4 @@
-"""Held-out fits beside the tool's: what people do today, masses alone, and a robot without model.
+"""Held-out fits to compare with the tool's: what people do today, masses alone, and a robot without model.
 
 All are linear least squares, each block of time under the fit of all others.
 """
@@ -39,7 +39,7 @@ def held_out(data: Data, columns: list[np.ndarray], target: np.ndarray) -> np.nd
 def usual(d: Diagnosis) -> dict[str, np.ndarray]:
     """Rigid body, plus Coulomb and viscous friction, plus an offset: (n,) each [N·m].
 
-    Beside published masses, whatever the tool stood on.
+    Given published masses, whatever the baseline of the tool was.
     """
     data = d.base
     one = np.ones((len(data.t), 1))

@@ -106,7 +106,7 @@ def _change(tuner: ThesisTuner, job: Job) -> float:
 def verification(
     tuner: ThesisTuner, verified: Verified, rows: list[DitheredRow], path: Path
 ) -> None:
-    """Draw the change with the final table for every configuration, measured beside it."""
+    """Draw the change with the final table for every configuration, with what was measured."""
     cs = configurations(tuner.experiment.n)
     x = np.arange(len(cs))
     figure = Figure(figsize=(11, 4), layout="constrained")

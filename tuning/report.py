@@ -1,4 +1,4 @@
-"""report.md: what was tuned, and the thesis's tables simulated beside measured.
+"""report.md: what was tuned, and the thesis's tables simulated and measured.
 
 The words are in ``templates/``; here are the numbers and tables that go into them.
 """

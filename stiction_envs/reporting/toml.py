@@ -26,7 +26,7 @@ def toml_text(
     tables: list[str] = []
     for name, value in table.items():
         text = _NUMBERS.sub(_one_line, tomli_w.dumps({name: value}))
-        # what stands after a table's header would belong to that table
+        # what follows a table's header would belong to that table
         (tables if text.startswith("[") else single).append(
             _comment((comments or {}).get(name, "")) + text
         )

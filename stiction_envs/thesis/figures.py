@@ -309,7 +309,7 @@ def residuals(scores: ModelScores, path: Path) -> None:
 
 
 def iiwa(study: PhaseStudy, path: Path) -> None:
-    """Draw simulated change over the phase of the dither, beside the measured cells.
+    """Draw simulated change over the phase of the dither, with the measured cells.
 
     Args:
         study: the simulated phases.

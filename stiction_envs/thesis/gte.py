@@ -1,4 +1,4 @@
-"""Table 4.11 and Figures 4.6 to 4.8, E.1, F.1 and F.2 of the thesis, simulated beside measured.
+"""Table 4.11 and Figures 4.6 to 4.8, E.1, F.1 and F.2 of the thesis, simulated and measured.
 
     measured = run_thesis_cases(GeneratedTrajectoryExperiment("panda"))
     write_gte(folder, measured)

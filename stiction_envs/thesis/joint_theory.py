@@ -1,4 +1,4 @@
-"""`gap.averaging` applied to the Panda's joints: what theory says beside a fitted simulation."""
+"""`friction.averaging` applied to the Panda's joints: what theory says of a fitted simulation."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class _Phased(SingleJointExperiment):
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseStudy:
-    """Simulated changes over phase, beside the measured ones."""
+    """Simulated changes over phase, and the measured ones."""
 
     robot: str
     rows: tuple[DitheredRow, ...]

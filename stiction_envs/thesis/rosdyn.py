@@ -1,4 +1,4 @@
-"""The identification that failed in the thesis (section 4.1, Table 4.1), beside ours.
+"""The identification that failed in the thesis (section 4.1, Table 4.1), and ours.
 
 What RosDyn does, written anew after its source (github.com/CNR-STIIMA-IRAS/rosdyn, file
 rosdyn_par_estim.cpp, commit 449201e): an orthonormal basis of the base parameters from the singular

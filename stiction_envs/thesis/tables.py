@@ -1,7 +1,7 @@
-"""The thesis's Tables 4.3 and 4.5-4.10, simulated beside measured.
+"""The thesis's Tables 4.3 and 4.5-4.10, simulated and measured.
 
     found = reproduce(measure)         # measure(robot, jobs) -> {job: measurement}
-    write_tables(folder, found)        # of `reproduce_page`
+    write_tables(folder, found)        # of `tables_page`
 
 The base torques of both robots, the iiwa's first trials, the Panda's frequencies, scales, chosen
 amplitudes and their verification. Tables 4.1, 4.2, 4.4 and A.1 are line fits to trajectories and
