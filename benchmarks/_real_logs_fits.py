@@ -1,4 +1,4 @@
-"""Held-out fits to compare with the tool's: what people do today, masses alone, and a robot without model.
+"""Held-out fits besides the tool's: usual ones, masses alone, and a robot without a model.
 
 All are linear least squares, each block of time under the fit of all others.
 """
