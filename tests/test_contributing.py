@@ -1,0 +1,67 @@
+"""CONTRIBUTING.md's cause, waveform and arm work from outside the package, as they are printed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from stiction_envs.dither.dither import Dither
+from stiction_envs.gap.causes import unregister
+from stiction_envs.gap.diagnosis import diagnose
+from stiction_envs.robots import load_arm
+from tests.gap.small_logs import hidden, panda
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+SECTIONS = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
+
+
+def block(section: str, language: str) -> str:
+    (found,) = re.findall(rf"```{language}\n(.*?)```", SECTIONS[section], re.S)
+    return found
+
+
+@pytest.mark.parametrize("section", ["A cause", "A waveform", "An arm"])
+def test_each_takes_under_60_lines(section):
+    assert len(SECTIONS[section].splitlines()) < 60
+
+
+def test_the_cause_is_named():
+    exec(block("A cause", "python"), {"__name__": "contributed"})
+    try:
+        fifth = np.eye(7)[4]
+        log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.sin(12 * q) ** 3 * fifth)
+        (cause,) = diagnose([log], "panda").causes
+    finally:
+        unregister("magnetic_detent")
+    assert (cause.name, cause.joints) == ("magnetic_detent", (5,))
+    assert cause.parameters[5]["detent_nm"].value == pytest.approx(0.8, abs=0.03)
+
+
+def test_the_waveform_shakes():
+    code = block("A waveform", "python").replace('"sawtooth"', '"sawtooth_of_the_page"')
+    exec(code, {"__name__": "contributed"})
+    shaken = Dither(amplitude=[[1.5]], frequency=10.0, waveform="sawtooth_of_the_page")
+    assert [shaken.torque(t)[0, 0] for t in (0.0, 0.02, 0.06)] == pytest.approx([0.0, 0.6, -1.2])
+
+
+def test_the_arm_has_environments(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for room in ("robots", "friction"):
+        (tmp_path / "arms" / room).mkdir(parents=True)
+    arms = tmp_path / "arms"
+    name = "toy_of_the_page"
+    toml = block("An arm", "toml").replace('"toy"', f'"{name}"').replace('"Toy"', '"ToyPage"')
+    (arms / "robots" / f"{name}.xml").write_text(block("An arm", "xml"))
+    (arms / "robots" / f"{name}.toml").write_text(toml)
+    code = block("An arm", "python").replace("toy.toml", f"{name}.toml")
+    exec(code, {"__name__": "contributed"})
+    assert load_arm(name).joint_names == ("yaw", "shoulder")
+    env = gym.make("ToyPageSJE-v0")
+    observation, _ = env.reset(seed=0, options={"joint": 2, "load": "load", "direction": "+"})
+    assert env.observation_space.contains(observation)
+    assert env.step(env.action_space.low)[1] <= 0.0
