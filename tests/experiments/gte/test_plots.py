@@ -38,7 +38,7 @@ def drawn(monkeypatch) -> list[Figure]:
         figure.draw_without_rendering()
         figures.append(figure)
 
-    monkeypatch.setattr(gte_plots, "save", keep)
+    monkeypatch.setattr(gte_plots, "save_full", keep)
     return figures
 
 
