@@ -17,10 +17,13 @@ from stiction_envs.gap.diagnosis import diagnose as diagnose_logs
 from stiction_envs.gap.model_file import Nominal, read, resolve
 from stiction_envs.gap.result import DiagnosisResult
 from stiction_envs.gap.save import LogDiagnosis
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.from_files import diagnose_files
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.measured.logs.sources import Log, log_sources
+from stiction_envs.measured.settings import MeasuredSettings
+from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.files import robot_files
@@ -45,6 +48,7 @@ def diagnose(
     seed: int = 0,
     nthread: int = 0,
     progress: Callable[[str, float], None] | None = None,
+    settings: GapSettings | Changes | None = None,
 ) -> DiagnosisResult:
     """Name what a simulation gets wrong about measurements of one robot.
 
@@ -66,6 +70,8 @@ def diagnose(
         seed: of the bootstrap.
         nthread: threads, 0 for all processors.
         progress: called with a stage and its part done.
+        settings: constants of the method for logs that differ from ``settings.toml``: by name
+            (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Returns:
         `LogDiagnosis` or `TableResult`: verdict, causes, ``save``.
@@ -87,6 +93,7 @@ def diagnose(
         used["cutoff"] = cutoff_hz is not None
         for option in (k for k, is_used in used.items() if is_used):
             raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
+    own = override(gap_settings(), settings)
     arm, judged = _models(robot, nominal, payload, tilt)
     sources = log_sources([*given, *poses])
     arguments = {
@@ -101,6 +108,8 @@ def diagnose(
         "method": method,
         **sources.in_memory,
     }
+    if settings is not None:
+        arguments["settings"] = fingerprint(own)
     inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
     if isinstance(nominal, str | Path) and Path(nominal).is_file():
         inputs["nominal"] = Path(nominal)
@@ -114,13 +123,14 @@ def diagnose(
         files = [x for x in given if isinstance(x, str | Path)]
         return diagnose_files(files, arm, judged, progress=progress, **shared)
     found = diagnose_logs(
-        _read(given, poses, arm),
+        _read(given, poses, arm, own.measured),
         arm,
         nominal=judged,
         link_side=torque == "link",
         cutoff_hz=cutoff_hz,
         seed=seed,
         progress=progress,
+        settings=own,
     )
     return LogDiagnosis(diagnosis=found, torque=torque, with_lines=method == "lsm", **shared)
 
@@ -147,12 +157,15 @@ def _of_tables(data: Sequence[Log]) -> bool:
     return TABLE in kinds
 
 
-def _read(given: Sequence[Log], poses: Sequence[str | Path], arm: Arm) -> list[JointLog]:
+def _read(
+    given: Sequence[Log], poses: Sequence[str | Path], arm: Arm, settings: MeasuredSettings
+) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
+    n, limits = arm.n, arm.limits
     files = [x for x in given if isinstance(x, str | Path)]
-    read_here = iter(read_logs(files, arm.n, limits=arm.limits) if files else [])
-    logs = [x if isinstance(x, JointLog) else next(read_here) for x in given]
-    return logs + [read_poses(x, arm.n, limits=arm.limits) for x in poses]
+    from_files = iter(read_logs(files, n, limits=limits, settings=settings) if files else [])
+    logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
+    return logs + [read_poses(x, n, limits=limits, settings=settings) for x in poses]
 
 
 def _models(

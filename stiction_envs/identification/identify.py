@@ -43,7 +43,7 @@ from stiction_envs.identification.bodies import consistent_fit
 from stiction_envs.identification.settings import IdentificationSettings, identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources
-from stiction_envs.method_settings import Changes, override
+from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.markdown import sentence, table
@@ -276,7 +276,7 @@ def identify(
             "torque": torque,
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
-            "settings": dataclasses.asdict(chosen),
+            "settings": fingerprint(chosen),
         },
         seed=0,
         inputs=sources.files,

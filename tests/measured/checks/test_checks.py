@@ -1,14 +1,11 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
-from stiction_envs.measured.checks.__main__ import main
 
 import stiction_envs.measured as measured
 from stiction_envs.errors import StictionError
@@ -403,43 +400,3 @@ def test_fits_and_parameters():
     ):
         (defect,) = check_parameters(changed(mass, i, value=value), **limits)
         assert (defect.where, defect.kind) == (where, kind)
-
-
-def test_command_on_the_thesis_and_on_files(tmp_path, capsys):
-    assert main([]) == 1
-    assert len(capsys.readouterr().out.splitlines()) == sum(map(len, IN_PRINT.values()))
-    clean = tmp_path / "clean.csv"
-    write_sje(clean, sje(np.random.default_rng(0)))
-    assert main([str(clean)]) == 0
-    assert capsys.readouterr().out == ""
-    # Only remarks: 4.3's digits against those of 4.5 and 4.6.
-    assert main([str(THESIS / f"table_4_{i}.csv") for i in (3, 5, 6)]) == 0
-    assert capsys.readouterr().out.count(": remark: ") == 5
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "empty file"),
-        ("a,b\n1,2\n", "unknown columns a,b: expected one of robot,joint"),
-        (
-            "robot,joint,load,direction,tau_base_Nm\narm,1,load,up,0.4\n",
-            "line 2: unknown direction",
-        ),
-        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,0,4\n", "line 2: 6 values"),
-        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,much\n", "line 2: tau_base_Nm is"),
-    ],
-)
-def test_command_on_bad_input(tmp_path, capsys, text, message):
-    (tmp_path / "bad.csv").write_text(text, encoding="utf-8")
-    assert main([str(tmp_path / "bad.csv")]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert message in err
-    assert main([str(tmp_path / "none.csv")]) == 2
-
-
-def test_module_runs_without_a_warning():
-    command = [sys.executable, "-W", "error", "-m", "stiction_envs.measured.checks.__main__"]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (1, "")
