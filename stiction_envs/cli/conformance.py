@@ -14,8 +14,8 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "conformance",
-        summary="Test that each joint holds at 90 % of its stiction for a minute, and goes at "
-        "110 %; exit code 1 if one does not.",
+        summary="Test that each joint holds under its stiction for a minute, and goes over it; "
+        "exit code 1 if one does not.",
         example="stiction conformance panda",
         interrupted="run the same command again",
         run=run,

@@ -75,7 +75,7 @@ def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
     kinds = [line.split(": ")[1] for line in ran.out.splitlines()]
     assert sorted(kinds) == ["corrected", "remark", "warning"]
     assert "'mood'" in ran.out
-    assert "tau2 stands at its largest value" in ran.out
+    assert "tau2 stays at its largest value" in ran.out
 
 
 @pytest.mark.parametrize(
@@ -84,6 +84,9 @@ def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
         ("t,q1,q2,tau1,tau2\n0,0,0,0,0\n1,9,9,9,9\n0.5,0,0,0,0\n", "unreadable: line 4: t falls"),
         ("t,q1,tau1\n0,0,up\n", "unreadable: line 2: tau1 is 'up'"),
         ("t,x\n0,0\n", "unreadable: no column q1"),
+        ("", "unreadable: empty file"),
+        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,0,4\n", "unreadable: line 2: 6 val"),
+        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,x\n", "unreadable: line 2: tau_bas"),
         (
             "robot,joint,load,direction,tau_base_Nm\narm,1,load,up,0.4\n",
             "unreadable: line 2: unknown direction",

@@ -65,7 +65,7 @@ def test_never_over_another_runs_files(cli, two, work):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["ur5"], "panda, iiwa7, iiwa14"),
+        (["ur5"], "iiwa14, iiwa7, panda"),
         (["panda", "--harmonics", 1], "whole numbers from 2"),
         (["panda", "--periods", 0], "whole numbers from 1"),
         (["panda", "--base-frequency", 0], "above 0"),

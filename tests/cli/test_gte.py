@@ -240,7 +240,7 @@ def stiff(*values: object) -> list[object]:
 
 
 BAD = {
-    "robot": (["gte", "ur5", *GOOD[2:]], "panda, iiwa7, iiwa14"),
+    "robot": (["gte", "ur5", *GOOD[2:]], "iiwa14, iiwa7, panda"),
     "robot_broken": (["gte", "{broken.xml}", *GOOD[2:]], "not a readable MJCF"),
     "no_trajectory": (["gte", "panda", "--stiffness", 200, 20, 0], "--trajectory"),
     "no_stiffness": (["gte", "panda", "--trajectory", "triangle"], "--stiffness"),

@@ -57,7 +57,7 @@ def test_the_same_run_gives_the_same_bytes(cli, two, log, work):
     [
         (["missing.csv", "--robot", "panda"], "missing.csv: no such file"),
         (["LOG", "--robot", "panda"], "made.csv"),
-        (["LOG", "--robot", "ur5"], "panda, iiwa7, iiwa14"),
+        (["LOG", "--robot", "ur5"], "iiwa14, iiwa7, panda"),
         (["LOG", "--robot", "TWO", "--cutoff", 0], "above 0"),
         (["--robot", "panda"], "LOG"),
     ],

@@ -179,6 +179,8 @@ def count_joints(path: Path) -> int:
     except Exception:
         # damaged archives raise almost anything
         raise StictionError(f"{path}: damaged, or no such kind of file") from None
+    if not names:
+        raise StictionError(f"{path}: empty file: expected t,q1..qn,tau1..taun")
     if not (found := joints_of(names)):
         raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
     return found
