@@ -33,7 +33,6 @@ from stiction_envs.measured.thesis_tables import (
     thesis_dithered,
     thesis_table,
 )
-from stiction_envs.reporting.atomic import write_text_atomic
 
 __all__ = [
     "DIRECTIONS",
@@ -68,5 +67,4 @@ __all__ = [
     "thesis_table",
     "write_amplitudes",
     "write_sje",
-    "write_text_atomic",
 ]

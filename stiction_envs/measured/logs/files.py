@@ -292,8 +292,7 @@ def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
 
 def _read_parquet(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
     try:
-        # here: few logs need it, and it takes a moment; it has no types
-        parquet: Any = import_module("pyarrow.parquet")
+        from pyarrow import parquet  # here: few logs need it, and it takes a moment
     except ImportError:
         raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
     try:
