@@ -112,11 +112,11 @@ def variations():
         "no offset, no gravity error": {"friction": level(p)},
         "base tilted 5°, not compensated": {
             "arm": load_arm("panda", tilt=(0.0, np.deg2rad(5))),
-            "belief": upright,
+            "controller_model": upright,
         },
         "hand of 0.73 kg, not compensated": {
             "arm": load_arm("panda", payload=hand),
-            "belief": upright,
+            "controller_model": upright,
         },
         "dither on joints 1-4 only": {"dither": DITHER[:4]},
         "dither on joints 5-7 only": {"dither": DITHER[4:]},

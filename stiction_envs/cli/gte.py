@@ -82,14 +82,14 @@ def add_parser(subparsers: Any) -> None:
         nargs=4,
         type=common.number(),
         metavar=("MASS", "X", "Y", "Z"),
-        help="payload the controller believes in (default: the true one)",
+        help="payload in the controller's model (default: the true one)",
     )
     parser.add_argument(
         "--compensate-tilt",
         nargs=2,
         type=common.number(),
         metavar=("ROLL", "PITCH"),
-        help="inclination the controller believes in [rad] (default: the true one)",
+        help="inclination in the controller's model [rad] (default: the true one)",
     )
     common.add_experiment_options(parser)
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.experiments.gte.cases import read_dither, read_trajectory, with_and_without
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 
-    belief = _read_belief(args)
+    controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
     for name in DITHER_OPTIONS:
         if args.dither is None and getattr(args, name) is not None:
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             rate_hz=float(arm.controller_rate_hz), damping_design=args.damping_design
         ),
         paths={} if own is None else {own.name: own},
-        belief=belief,
+        controller_model=controller_model,
         scatter=not args.no_scatter,
         seed=args.seed,
         nthread=args.threads,
@@ -154,8 +154,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _read_belief(args: argparse.Namespace) -> Arm | None:
-    """Return the arm the controller believes in; None for the true one."""
+def _read_controller_model(args: argparse.Namespace) -> Arm | None:
+    """Return the controller's own model of the arm; None for the true one."""
     if args.compensate_payload is None and args.compensate_tilt is None:
         return None
     from stiction_envs.robots import load_arm

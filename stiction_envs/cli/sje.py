@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             jobs,
             iterations=args.iterations,
             progress=lambda seconds: progress.add("sje", seconds, total),
-            slots=args.slots,
+            simulations=args.slots,
         )
     stuck = result.describe_stuck()
     if not result.rows:

@@ -125,7 +125,7 @@ class GTEEnv(ArmEnv):
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `settings`: `ImpedanceSettings` of the controller. Default: those of `stiction gte`.
     * `motion`: `MotionLimits` of the trajectory generator. Default likewise.
-    * `belief`: `Arm` that the controller believes to move, for a wrong payload or tilt. Default:
+    * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
     * `power_weight`, `torque_rate_weight`, `shaking_weight`: weights of the penalties [-]. Default

@@ -43,7 +43,7 @@ def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
     return store.digest(
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
         *(e.motion, e.interface, e.start, paths, e.scatter, e.seed),
-        None if e.belief is None else e.belief.fingerprint,
+        None if e.controller_model is None else e.controller_model.fingerprint,
     )
 
 

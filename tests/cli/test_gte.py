@@ -119,7 +119,7 @@ def test_options_reach_the_experiment(cli, work, path, table):
         "phases": ["--phases", "spread"],
         "design": ["--damping-design", "diagonal"],
         "payload": ["--payload", 0.5, 0, 0, 0.05],
-        "belief": ["--compensate-payload", 0.5, 0, 0, 0.05],
+        "controller_model": ["--compensate-payload", 0.5, 0, 0, 0.05],
         "tilt": ["--compensate-tilt", 0.05, -2e-2],
     }
     errors = {}
@@ -130,12 +130,12 @@ def test_options_reach_the_experiment(cli, work, path, table):
     assert len({e[1] for e in errors.values()}) == len(variants)
     for name in ("gate", "waveform", "phases"):
         assert errors[name][0] == errors["plain"][0]
-    found = json.loads((work / "belief" / "provenance.json").read_text())
+    found = json.loads((work / "controller_model" / "provenance.json").read_text())
     assert found["arguments"]["compensate_payload"] == [0.5, 0.0, 0.0, 0.05]
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 
-def test_belief_in_the_true_arm_changes_nothing(cli, work, path):
+def test_a_true_controller_model_changes_nothing(cli, work, path):
     own = ["--trajectory", path, *QUICK, "--payload", 0.5, 0, 0, 0.05]
     cli("gte", "panda", *own, "--out", "a")
     cli("gte", "panda", *own, "--compensate-payload", 0.5, 0, 0, 0.05, "--out", "b")

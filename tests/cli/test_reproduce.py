@@ -44,7 +44,7 @@ def simulated(monkeypatch) -> list[Job]:
     """Pretend to simulate, draw no appendix; return the jobs asked for."""
     asked: list[Job] = []
 
-    def run(self, jobs, *, iterations=None, progress=None, slots=0):
+    def run(self, jobs, *, iterations=None, progress=None, simulations=0):
         for job in jobs:
             asked.append(job)
             yield pretend(job, self.sticking.arm.name, iterations or 1)

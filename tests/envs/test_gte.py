@@ -378,17 +378,17 @@ def test_what_an_undithered_run_depends_on():
         of("panda", settings=ImpedanceSettings(damping_ratio=[1, 1, 1, 1, 1, 0.9])),
         of("panda", motion=MotionLimits(patience=2.0)),
         of(load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
-        of("panda", belief=load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
+        of("panda", controller_model=load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
     ]
     assert len({fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
     assert fingerprint(of("panda")) == fingerprint(usual)
 
 
-def test_a_wrong_belief_shows_in_the_error():
+def test_a_wrong_controller_model_shows_in_the_error():
     heavy = (1.0, 0.0, 0.0, 0.05)
     finals = []
-    for belief in (None, load_arm("panda")):
-        env = make_gte(payload=heavy, belief=belief, **QUIET)
+    for controller_model in (None, load_arm("panda")):
+        env = make_gte(payload=heavy, controller_model=controller_model, **QUIET)
         finals.append(episode(env, quiet(env), seed=0, options=TRIANGLE)[-1][4])
     right, wrong = (f["undithered_error"] for f in finals)
     assert wrong[2] > 1.5 * right[2], "an unknown payload pulls the flange down"

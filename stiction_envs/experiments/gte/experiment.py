@@ -43,7 +43,7 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-MAX_SLOTS = 128
+MAX_SIMULATIONS = 128
 """Simulations run at once."""
 _PART = 10  # samples between two looks whether all arms are done
 
@@ -61,7 +61,7 @@ class GeneratedTrajectoryExperiment:
     start: Array
     paths: Mapping[str, Path]
     """Paths other than the triangle and the pentagon, by name."""
-    belief: Arm | None
+    controller_model: Arm | None
     scatter: bool
     seed: int
     nthread: int
@@ -77,7 +77,7 @@ class GeneratedTrajectoryExperiment:
         interface: TorqueInterface | None = None,
         start: Array | None = None,
         paths: Mapping[str, Path] | None = None,
-        belief: Arm | None = None,
+        controller_model: Arm | None = None,
         scatter: bool = True,
         seed: int = 0,
         timestep: float | None = None,
@@ -94,7 +94,7 @@ class GeneratedTrajectoryExperiment:
             interface: None for the robot's.
             start: (n,) joint angles at the start [rad]; None for the robot's.
             paths: own paths by name.
-            belief: the controller's own model of the arm; None for the true one.
+            controller_model: the controller's own model of the arm; None for the true one.
             scatter: whether iterations differ.
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
@@ -108,7 +108,7 @@ class GeneratedTrajectoryExperiment:
         interface = TorqueInterface.of(arm) if interface is None else interface
         if settings is None:
             settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
-        if belief is not None and belief.joint_names != arm.joint_names:
+        if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
         begin = np.array(arm.rest) if start is None else np.asarray(start, dtype=float)
         low, high = arm.limits.position.T
@@ -123,7 +123,7 @@ class GeneratedTrajectoryExperiment:
             "interface": interface,
             "start": begin,
             "paths": dict(paths or {}),
-            "belief": belief,
+            "controller_model": controller_model,
             "scatter": scatter,
             "seed": seed,
             "nthread": nthread,
@@ -163,7 +163,7 @@ class GeneratedTrajectoryExperiment:
             interface=self.interface,
             capacity=capacity,
             start=self.start,
-            controller_model=self.belief,
+            controller_model=self.controller_model,
             scatter=self.scatter,
             seed=self.seed,
             nthread=self.nthread,
@@ -212,7 +212,7 @@ class GeneratedTrajectoryExperiment:
         """Run cases to the end; see `run`. The result can be saved as tables and plots."""
         runs = self.run(cases, iterations=iterations, progress=progress)
         arm = self.sticking.arm
-        own = any(c.trajectory in self.paths for c in cases)
+        model, own = self.controller_model, any(c.trajectory in self.paths for c in cases)
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
@@ -228,7 +228,7 @@ class GeneratedTrajectoryExperiment:
                     "interface": dataclasses.asdict(self.interface),
                     "start": self.start,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
-                    "belief_sha256": None if self.belief is None else _sha256(self.belief.xml),
+                    "controller_model_sha256": None if model is None else _sha256(model.xml),
                     "scatter": self.scatter,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
@@ -257,7 +257,7 @@ class GeneratedTrajectoryExperiment:
         """
         repeats = self.protocol.iterations if iterations is None else iterations
         out: list[Run] = []
-        most = max(1, MAX_SLOTS // repeats)
+        most = max(1, MAX_SIMULATIONS // repeats)
         for k in range(0, len(cases), most):
             out += self._run_together(cases[k : k + most], repeats, progress)
         return out

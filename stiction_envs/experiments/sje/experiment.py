@@ -40,7 +40,7 @@ from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 
 Array = NDArray[np.float64]
-MAX_SLOTS = 384
+MAX_SIMULATIONS = 384
 """Simulations run at once; more cost memory and gain nothing on a few cores."""
 
 
@@ -175,11 +175,11 @@ class SingleJointExperiment:
         *,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
-        slots: int = MAX_SLOTS,
+        simulations: int = MAX_SIMULATIONS,
         file: str = "sje.csv",
     ) -> BreakawayTorques:
         """Run jobs to the end; see `run`. The result can be saved as ``file`` and plots."""
-        measured = self.run(jobs, iterations=iterations, progress=progress, slots=slots)
+        measured = self.run(jobs, iterations=iterations, progress=progress, simulations=simulations)
         arm = self.sticking.arm
         return BreakawayTorques(
             robot=arm.name,
@@ -212,7 +212,7 @@ class SingleJointExperiment:
 
         Args:
             iterations: repeats, None for the protocol's.
-            progress: called with the simulated seconds of every block, summed over slots.
+            progress: called with the simulated seconds of every block, summed over simulations.
 
         Returns:
             Rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
@@ -225,7 +225,7 @@ class SingleJointExperiment:
         *,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
-        slots: int = MAX_SLOTS,
+        simulations: int = MAX_SIMULATIONS,
     ) -> Iterator[Measurement]:
         """Run jobs, yielding each as it is done: a simulation that is free takes the next job.
 
@@ -233,7 +233,7 @@ class SingleJointExperiment:
             jobs: what to measure; the result of one does not depend on the others.
             iterations: repeats, None for the protocol's.
             progress: called with the simulated seconds of every block, summed over simulations.
-            slots: most simulations at once.
+            simulations: most at once.
 
         Raises:
             ExperimentError: an arm that cannot be held in its pose.
@@ -243,7 +243,7 @@ class SingleJointExperiment:
         repeats = int(self.protocol.iterations) if iterations is None else iterations
         # the longest first: the last to finish should not be the last to start
         queue = deque(sorted(jobs, key=self.expected, reverse=True))
-        rig = self.rig(min(len(jobs), slots))
+        rig = self.rig(min(len(jobs), simulations))
         logs: dict[int, RampLog] = {}
         free = list(range(rig.nsim))
         while queue or logs:

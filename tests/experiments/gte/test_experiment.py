@@ -138,11 +138,11 @@ def test_no_standing_error_without_friction(stiffness):
     assert np.abs(error[3:]).max() < 1e-4
 
 
-def test_payload_the_controller_wrongly_believes_in_deflects_the_arm_by_force_over_stiffness():
+def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stiffness():
     """e = K⁻¹ F: too much is compensated, so the arm stands too high, and turned by the lever."""
     mass, arm = 0.4, 0.05
-    belief = load_arm("panda", payload=(mass, arm, 0.0, 0.0))
-    b = bench(kind="none", tail=6.0, scatter=False, belief=belief)
+    controller_model = load_arm("panda", payload=(mass, arm, 0.0, 0.0))
+    b = bench(kind="none", tail=6.0, scatter=False, controller_model=controller_model)
     rig = b.rig(1, 1)  # where the flange's x axis points at the start
     w, x, y, z = rig.start_quaternion
     axis = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
@@ -160,7 +160,7 @@ def test_tilt_the_controller_does_not_know_of_deflects_the_arm():
     """A base inclined by 5 degrees, compensated as if upright: the arm sinks towards the tilt."""
     tilted, upright = load_arm("panda", tilt=(0.0, 0.09)), load_arm("panda")
     known = bench(tilted, "none", tail=3.0, scatter=False)
-    faulty = bench(tilted, "none", tail=3.0, scatter=False, belief=upright)
+    faulty = bench(tilted, "none", tail=3.0, scatter=False, controller_model=upright)
     case = Case(trajectory="stay", stiffness=STIFF)
     assert np.abs(one(known, case).error[0, -1]).max() < 1e-3
     assert np.abs(one(faulty, case).error[0, -1, 0]) > 5e-3
@@ -342,6 +342,7 @@ def one_by_one(rig: GTERig, due: bool) -> None:
     rig._torque[:] = rig.applied + model.missing
 
 
+HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
 MIXED = ImpedanceSettings(rate_hz=1000.0, coriolis=True, dither_after_saturation=True)
 FILTERED = ImpedanceSettings(
     rate_hz=1000.0, pose_filter=0.9, stiffness_filter=0.9, nullspace_filter=0.9
@@ -353,7 +354,11 @@ FILTERED = ImpedanceSettings(
     [
         ("panda", {}, {}),
         ("iiwa7", {}, {}),
-        ("panda", {"settings": MIXED, "belief": load_arm("panda", payload=(1, 0, 0, 0.1))}, {}),
+        (
+            "panda",
+            {"settings": MIXED, "controller_model": load_arm("panda", payload=(1, 0, 0, 0.1))},
+            {},
+        ),
         ("panda", {"settings": FILTERED}, {}),
         ("panda", {}, {"gate_velocity": 0.02}),
         ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
@@ -432,6 +437,6 @@ def test_bad_cases(tmp_path):
     (tmp_path / "two.xml").write_text(chain(2))
     other = load_arm(tmp_path / "two.xml")
     with pytest.raises(StictionError, match="joints of the arm"):
-        bench(belief=other)
+        bench(controller_model=other)
     with pytest.raises(StictionError, match="finite and positive"):
         GTEProtocol(**{**vars(load_gte_protocol()), "window": 0.0})

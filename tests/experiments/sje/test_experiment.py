@@ -273,7 +273,7 @@ def test_each_scatter_acts_alone(name):
 
 
 def test_jobs_do_not_depend_on_each_other():
-    """A job's result is the same alone, among others, and with fewer slots than jobs."""
+    """A job's result is the same alone, among others, and with fewer simulations than jobs."""
     b = bench(ramp_rate=QUICK)
     jobs = [
         Job(Configuration(joint, "load", d), f, a)
@@ -282,7 +282,7 @@ def test_jobs_do_not_depend_on_each_other():
         for f, a in ((0.0, 0.0), (30.0, 0.3))
     ]
     together = {m.job: m for m in b.run(jobs, iterations=2)}
-    squeezed = {m.job: m for m in b.run(jobs[::-1], iterations=2, slots=3)}
+    squeezed = {m.job: m for m in b.run(jobs[::-1], iterations=2, simulations=3)}
     for job in jobs[::4]:
         single = one(b, job, 2)
         for found in (together[job], squeezed[job]):
