@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, missing_extra
 from stiction_envs.measured.checks.rules import Defect
 from stiction_envs.measured.checks.tables import check_tables, read_rows
 from stiction_envs.measured.csv_text import write_lines
@@ -176,6 +176,8 @@ def count_joints(path: Path) -> int:
             names = list(parquet.read_schema(path).names)
         else:
             names = header_of(path)
+    except ImportError:
+        raise missing_extra(f"{path}: reading .parquet", "pyarrow", "parquet") from None
     except Exception:
         # damaged archives raise almost anything
         raise StictionError(f"{path}: damaged, or no such kind of file") from None
