@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.cli.common import plain
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.tables.cells import cells, score
 from stiction_envs.measured import thesis_dithered
+from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.templates import render
 from stiction_envs.thesis.nested_models import NestedModel
 from stiction_envs.thesis.nyquist_phase import PHASES, study_phase
