@@ -54,6 +54,8 @@ class BatchCore(ABC):
     """Fields of the outcome that are in the info of every step."""
     final: ClassVar[tuple[str, ...]]
     """Fields of the outcome that are in the info of an episode's last step."""
+    arms_per_thread: ClassVar[int]
+    """Arms of a tile per thread, measured by ``benchmarks/batch_size.py``: see `tiles.Tiles`."""
 
     rig: Any
     """The experiment's machine with all N arms."""
@@ -156,7 +158,7 @@ class BatchCore(ABC):
         Raises:
             StictionError: an option that does not exist.
         """
-        checked = [{**self.fixed_options, **self._check_options(o)} for o in options]
+        checked = self.check_reset(options)
         drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
         cases, keys = [case for case, _ in drawn], [key for _, key in drawn]
         wanted = set(cases)
@@ -177,13 +179,29 @@ class BatchCore(ABC):
         Raises:
             StictionError: an action outside the space, or an episode that is over.
         """
-        if not np.all(self.alive[ids]):
-            raise StictionError("step: the episode is over or was never started: call reset")
-        self.action[ids] = self._check_action(action, len(ids))
+        self.action[ids] = self.check_step(ids, action)
         self.rig.retune(self.action[:, : self.n], self.action[:, self.n :])
         self._advance(ids)
         self.steps[ids] += 1
         return self._outcome(ids)
+
+    def check_reset(self, options: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
+        """Return the options of a reset, what is fixed included; nothing changes.
+
+        Raises:
+            StictionError: an option that does not exist.
+        """
+        return [{**self.fixed_options, **self._check_options(o)} for o in options]
+
+    def check_step(self, ids: Index, action: Any) -> Array:
+        """Return the action of a step as float64 within the space; nothing changes.
+
+        Raises:
+            StictionError: an action outside the space, or an episode that is over.
+        """
+        if not np.all(self.alive[ids]):
+            raise StictionError("step: the episode is over or was never started: call reset")
+        return self._check_action(action, len(ids))
 
     # ---- what the cores use ------------------------------------------------------------------
 

@@ -87,6 +87,8 @@ class GTECore(BatchCore):
         "undithered_shaking",
         "duration",
     )
+    # each keeps its own engine data, and all are visited in every control step
+    arms_per_thread = 32
 
     def __init__(
         self,

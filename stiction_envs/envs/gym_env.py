@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.batch_core import BatchCore, Index, Outcome
 from stiction_envs.envs.render.frames import RENDER_MODES, Renderer, check_render_mode
+from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
 
 Observation = NDArray[np.float32]
@@ -101,12 +102,12 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
 
 
 class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
-    """A core of N simulations, stepped in one batch; infos are Gymnasium's dict of arrays."""
+    """N simulations, stepped in tiles of one batch each; infos are Gymnasium's dict of arrays."""
 
     def __init__(
         self,
         num_envs: int,
-        make_core: Callable[..., BatchCore],
+        make_core: type[BatchCore],
         make_renderer: Callable[[Any], Renderer],
         autoreset_mode: str | AutoresetMode,
         render_mode: str | None,
@@ -121,7 +122,9 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self.core: Any = make_core(num_envs, record=render_mode is not None, **arguments)
+        self._tiles = Tiles(make_core, num_envs, record=render_mode is not None, **arguments)
+        # of one tile; spaces, names and experiment are those of all
+        self.core = self._tiles.cores[0]
         self.metadata = {**_metadata(self.core), "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self.core.action_space
         self.single_observation_space = self.core.observation_space
@@ -130,7 +133,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, dtype=bool)
         self._make_renderer = make_renderer
-        self._renderer: Renderer | None = None
+        self._renderers: dict[int, Renderer] = {}
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -182,11 +185,11 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
 
     def _restart(self, ids: Index, options: Sequence[Mapping[str, Any] | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]
-        self.core.reset(ids, rngs, options)
+        self._tiles.reset(ids, rngs, options)
         self._ended[ids] = False
 
     def _observe(self) -> Observation:
-        observation: Observation = self.core.observe(np.arange(self.num_envs))
+        observation: Observation = self._tiles.observe(np.arange(self.num_envs))
         return observation
 
     def step(
@@ -205,7 +208,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         infos: dict[str, Any] = {}
         reward = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
-        result = self.core.step(ids, actions[ids]) if len(ids) else None
+        result = self._tiles.step(ids, actions[ids]) if len(ids) else None
         if len(waiting):
             self._restart(waiting, [None] * len(waiting))
         if result is not None:
@@ -245,11 +248,11 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self._add_descriptions(infos, np.arange(self.num_envs))
         if not ended.all():
             self._add_step(infos, ids, result, ~ended[ids])
-        observation[over] = self.core.observe(over)
+        observation[over] = self._tiles.observe(over)
         return observation
 
     def _add_descriptions(self, infos: dict[str, Any], ids: Index) -> None:
-        for name, values in self.core.describe(ids).items():
+        for name, values in self._tiles.describe(ids).items():
             self._put(infos, name, ids, values)
 
     def _add_step(
@@ -282,16 +285,19 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         """Return a tuple with one frame per environment, None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._renderer is None:
-            self._renderer = self._make_renderer(self.core)
-        mode = self.render_mode
-        return tuple(self._renderer.frame(i, mode) for i in range(self.num_envs))
+        return tuple(self._frame(i, self.render_mode) for i in range(self.num_envs))
+
+    def _frame(self, i: int, mode: str) -> Any:
+        tile, place = self._tiles.locate(i)
+        if tile not in self._renderers:
+            self._renderers[tile] = self._make_renderer(self._tiles.cores[tile])
+        return self._renderers[tile].frame(place, mode)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the graphics context."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        """Free the graphics contexts."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
 
 
 _ONE = np.zeros(1, dtype=np.int64)

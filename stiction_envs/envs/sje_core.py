@@ -61,6 +61,8 @@ class SJECore(BatchCore):
     terms = TERMS
     each = ("torque", "displacement", "time")
     final = ("tau_sje", "tau_base", "reduction")
+    # one after the other runs a whole block: only the block's arrays have to fit
+    arms_per_thread = 256
 
     def __init__(
         self,
