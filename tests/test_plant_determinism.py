@@ -191,7 +191,7 @@ def alone() -> dict[Job, bytes]:
 
 @pytest.mark.parametrize(("simulations", "nthread"), [(1, 1), (7, 2), (64, 1), (64, 2)])
 def test_experiment_has_the_same_bits_in_any_batch(simulations, nthread):
-    """A job gives the same torques alone, with 7 or 64 simulations, first or last, on 1 or 2 threads."""
+    """A job gives the same torques alone, with 7 or 64, first or last, on 1 or 2 threads."""
     bench = SingleJointExperiment("panda", protocol=QUICK, nthread=nthread)
     jobs = [j for j in JOBS if j in alone()] if simulations == 1 else JOBS[::-1]
     found = {m.job: m.tau.tobytes() for m in bench.run(jobs, iterations=2, simulations=simulations)}

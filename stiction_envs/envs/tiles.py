@@ -37,7 +37,7 @@ class Tiles:
         self._end = np.cumsum(sizes)
 
     def _parts(self, ids: Index) -> Iterator[tuple[Any, Index, slice]]:
-        """Yield each core that has some of the sorted simulations ``ids``, its own of them, and where."""
+        """Yield each core that has some of the sorted ``ids``, its own of them, and where."""
         start = 0
         for core, end, stop in zip(
             self.cores, self._end, np.searchsorted(ids, self._end), strict=True
@@ -65,11 +65,11 @@ class Tiles:
         return _joined([core.step(mine, action[part]) for core, mine, part in self._parts(ids)])
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of the sorted simulations ``ids``: a fresh array."""
+        """Return the observations (M, observations) of the sorted ``ids``: a fresh array."""
         return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return what the episodes of the sorted simulations ``ids`` are; see `BatchCore.describe`."""
+        """Return what the episodes of the sorted ``ids`` are; see `BatchCore.describe`."""
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
