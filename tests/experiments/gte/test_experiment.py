@@ -354,11 +354,7 @@ FILTERED = ImpedanceSettings(
     [
         ("panda", {}, {}),
         ("iiwa7", {}, {}),
-        (
-            "panda",
-            {"settings": MIXED, "controller_model": load_arm("panda", payload=(1, 0, 0, 0.1))},
-            {},
-        ),
+        ("panda", {"settings": MIXED, "controller_model": HEAVY}, {}),
         ("panda", {"settings": FILTERED}, {}),
         ("panda", {}, {"gate_velocity": 0.02}),
         ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
