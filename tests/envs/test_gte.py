@@ -367,7 +367,7 @@ def test_truncation_has_no_error_sums():
 
 def test_what_an_undithered_run_depends_on():
     p = load_friction("panda")
-    of = GeneratedTrajectoryExperiment.of
+    of = GeneratedTrajectoryExperiment
     usual = of("panda")
     others = [
         of("iiwa7"),

@@ -127,7 +127,7 @@ def test_one_changed_friction_number_is_never_answered_from_the_cache(cache):
 
 
 def test_whatever_a_base_torque_depends_on_is_in_its_key():
-    of = SingleJointExperiment.of
+    of = SingleJointExperiment
     usual = of("panda")
     slow = load_protocol("panda").replace(ramp_rate=0.05)
     others = [
