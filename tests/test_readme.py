@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.measured import read_amplitudes, read_sje
+from tests.gap.small_logs import hidden, panda, sliding, write_csv
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -114,9 +115,8 @@ def test_all_commands(place):
     assert {r.joint for r in read_sje(place / "runs" / "sje-panda" / "sje.csv")} == {7}
 
 
-@pytest.mark.parametrize("code", blocks("python"))
-def test_python(code, place):
-    out = subprocess.run(
+def run_python(code: str, place: Path) -> str:
+    return subprocess.run(
         [sys.executable, "-c", code],
         cwd=place,
         env=dict(os.environ, PYTHONPATH=str(ROOT)),
@@ -124,5 +124,19 @@ def test_python(code, place):
         text=True,
         check=True,
     ).stdout
+
+
+@pytest.mark.slow
+def test_the_library(place):
+    """Dry friction of 0.5 N·m in a log is named, and holds the arm of the model that is loaded."""
+    log = hidden(panda(), lambda q, dq, ddq: 0.5 * sliding(q) + 0.4 * dq)
+    write_csv(place / "log.csv", log)
+    out = run_python(blocks("python")[1], place)
+    assert "coulomb_friction" in out
+    assert (place / "runs" / "why" / "report.html").is_file()
+
+
+def test_the_environment(place):
+    out = run_python(blocks("python")[0], place)
     with_dither, without = map(float, re.findall(r"([\d.]+) N·m", out))
     assert 0 < with_dither < 0.8 * without
