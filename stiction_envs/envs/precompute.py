@@ -2,8 +2,8 @@
 
     python -m stiction_envs.envs.precompute
 
-It takes a minute. Run it after a change that alters such a result, with `store.FORMAT` raised where
-only code has changed; ``tests/envs/test_precompute.py`` says when.
+It takes a minute. Run it after a change that alters such a result, or what it is found by;
+``tests/envs/test_precompute.py`` says when.
 """
 
 from __future__ import annotations

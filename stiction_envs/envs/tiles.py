@@ -20,7 +20,10 @@ from stiction_envs.envs.batch_core import BatchCore, Index, Outcome
 
 
 class Tiles:
-    """N simulations as several cores, stepped one after the other, each with all threads."""
+    """N simulations as several cores, stepped one after the other, each with all threads.
+
+    Wherever simulations ``ids`` (M,) are asked for, they are sorted.
+    """
 
     def __init__(self, make_core: type[BatchCore], num_envs: int, **arguments: Any) -> None:
         """Make the simulations.
@@ -52,24 +55,24 @@ class Tiles:
         rngs: Sequence[np.random.Generator],
         options: Sequence[Mapping[str, Any] | None],
     ) -> None:
-        """Start an episode in the sorted simulations ``ids``; see `BatchCore.reset`."""
+        """Start an episode in simulations ``ids``; see `BatchCore.reset`."""
         for core, _, part in self._parts(ids):
             core.check_reset(options[part])  # of all before any changes
         for core, mine, part in self._parts(ids):
             core.reset(mine, rngs[part], options[part])
 
     def step(self, ids: Index, action: NDArray[Any]) -> Outcome:
-        """Dither the sorted simulations ``ids`` with ``action`` (M, 2n); see `BatchCore.step`."""
+        """Dither simulations ``ids`` with ``action`` (M, 2n); see `BatchCore.step`."""
         for core, mine, part in self._parts(ids):
             core.check_step(mine, action[part])  # of all before any moves
         return _joined([core.step(mine, action[part]) for core, mine, part in self._parts(ids)])
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of the sorted ``ids``: a fresh array."""
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return what the episodes of the sorted ``ids`` are; see `BatchCore.describe`."""
+        """Return what the episodes of simulations ``ids`` are; see `BatchCore.describe`."""
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 

@@ -1,9 +1,9 @@
 """A store of such results: some are shipped beside this file, others are in the user's cache.
 
 A result is found by a digest of everything that it depends on, so it is never stale: what was made
-of other numbers has another digest. Code is no number. For the user's cache it is part of what must
-agree (`code_digest`); what is shipped carries `FORMAT`, and a test compares it with what the code
-makes (``tests/envs/test_precompute.py``).
+of other numbers, or by another MuJoCo, has another digest. What other code made counts as missing
+in the user's cache (`code_digest`); what is shipped comes with its code, and a test compares it
+with what that code makes (``tests/envs/test_precompute.py``).
 
 The cache is in ``$XDG_CACHE_HOME/stiction-envs``, else ``~/.cache/stiction-envs``. The environment
 variable STICTION_CACHE names another folder; empty or ``off``, everything is made anew, even what
@@ -27,8 +27,6 @@ import numpy as np
 
 from stiction_envs.reporting.atomic import write_text_atomic
 
-FORMAT = 1
-"""Raised when the code comes to make other numbers of the same inputs; part of every digest."""
 SHIPPED = Path(__file__).parent
 """Where the results that come with the package are."""
 MADE_BY = (
@@ -166,7 +164,7 @@ def code_digest() -> str:
 
 def file_name(kind: str, of: str) -> str:
     """Return the name of a result's file; arguments as in `recall`."""
-    return f"{kind}-{digest(FORMAT, mujoco.__version__, of)[:16]}.json"
+    return f"{kind}-{digest(mujoco.__version__, of)[:16]}.json"
 
 
 def read(path: Path, *, code: Callable[[], str] | None = None) -> dict[str, Any]:

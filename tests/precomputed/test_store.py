@@ -81,16 +81,13 @@ def test_kind_and_key_are_told_apart(folder):
     assert store.recall("numbers", "kez") == {}
 
 
-def test_other_code_another_engine_and_another_format_make_it_anew(folder, monkeypatch):
+def test_other_code_and_another_engine_make_it_anew(folder, monkeypatch):
     def known() -> bool:
         store.forget()
         return bool(store.recall("numbers", "key"))
 
     store.keep("numbers", "key", NUMBERS)
     assert known()
-    with monkeypatch.context() as other:
-        other.setattr(store, "FORMAT", store.FORMAT + 1)
-        assert not known()
     with monkeypatch.context() as other:
         other.setattr(store.mujoco, "__version__", "4.999")
         assert not known()
