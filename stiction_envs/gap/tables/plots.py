@@ -24,7 +24,7 @@ def plot_errors(
         noise: standard deviation of a reading.
         path: of the PNG.
     """
-    figure = Figure(figsize=(2.6 + 0.95 * len(nominal), 3.4), layout="constrained")
+    figure = Figure(figsize=(4.0 + 0.8 * len(nominal), 3.6), layout="constrained")
     axes = figure.subplots()
     at = range(len(nominal))
     axes.bar([x - 0.2 for x in at], list(nominal.values()), 0.38, color="#c2590c", label="nominal")
