@@ -42,7 +42,7 @@ class EndEffector:
             self.quaternion,
             self.jacobian,
         )
-        """Those of `cycle.site_kinematics`."""
+        """Those of `kernels.site_kinematics`."""
 
     def read(self) -> None:
         """Take the present kinematics of all simulations."""

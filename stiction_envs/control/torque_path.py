@@ -134,6 +134,6 @@ class TorquePath:
 
     @property
     def arguments(self) -> tuple[Array, float, Array, Array, Array]:
-        """All of `cycle.pass_torque` between the command and the result, until `set_limits`."""
+        """All of `kernels.pass_torque` between the command and the result, until `set_limits`."""
         gain = self.interface.lowpass_gain
         return self._step, gain, self._limit, self._limited, self._filtered

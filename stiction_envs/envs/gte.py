@@ -21,7 +21,7 @@ class GTEEnv(ArmEnv):
     sine on the commanded torque of any joint – frees the joints, and shakes the arm. An episode is
     one run along the path. Every step sets the dither of all joints for the next
     `control_interval_s`, so that it can come and go with the motion; phases stay continuous. The
-    numbers of the experiment are in `stiction_envs/experiments/gte.toml` and
+    numbers of the experiment are in `stiction_envs/experiments/gte/gte.toml` and
     `stiction_envs/control/gte.toml`.
 
         import gymnasium as gym

@@ -21,7 +21,7 @@ class SJEEnv(ArmEnv):
     any joint – lets the joint break away earlier. An episode is one ramp of one configuration: a
     joint, its load or no-load pose, and a direction. Every step sets the dither of all joints for
     the next `control_interval_s`; phases stay continuous. The numbers of the protocol are in
-    `stiction_envs/experiments/sje.toml`.
+    `stiction_envs/experiments/sje/sje.toml`.
 
         import gymnasium as gym
 
