@@ -104,11 +104,13 @@ class Dither:
     def from_table(cls, rows: Iterable[Any], N: int, n: int, **options: Any) -> Dither:
         """The same amplitude table on N simulations: one row per dithered joint.
 
-        A row has ``joint`` (from 1), ``frequency_hz``, ``amplitude_nm``, ``waveform`` and
-        ``offset_nm``, as :class:`stiction_envs.measured.AmplitudeRow` has. ``options``: ``phase``,
-        ``gate_velocity``, ``seed``, ``bandwidth`` as for the class itself.
+        A row has ``joint`` (from 1), ``frequency_hz``, ``amplitude_nm``, ``waveform``,
+        ``offset_nm`` and ``gate_velocity``, as :class:`stiction_envs.measured.AmplitudeRow` has.
+        ``options``: ``phase``, ``gate_velocity`` of all joints, ``seed``, ``bandwidth`` as for the
+        class itself.
         """
         a, f, c = np.zeros((3, n))
+        gate = np.full(n, np.inf)
         names = np.full(n, DEFAULT_WAVEFORM, dtype=object)
         free = list(range(1, n + 1))
         for row in rows:
@@ -117,8 +119,13 @@ class Dither:
             free.remove(row.joint)
             j = row.joint - 1
             a[j], f[j] = row.amplitude_nm, row.frequency_hz
-            c[j], names[j] = row.offset_nm, row.waveform
+            c[j], names[j], gate[j] = (
+                row.offset_nm,
+                row.waveform,
+                getattr(row, "gate_velocity", np.inf),
+            )
         a = np.tile(a, (N, 1))
+        options.setdefault("gate_velocity", gate)
         return cls(amplitude=a, frequency=f, offset=c, waveform=names, **options)
 
     @property

@@ -98,6 +98,19 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OscillationSettings:
+    """How far a dither shakes the joint under test before it breaks away."""
+
+    share: float
+    """The ramp counts until the joint has moved by this part of the threshold [-]."""
+    highpass: float
+    """Corner over the dither's frequency of the high-pass that takes creep out of the speed [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("share", "highpass"))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
     """All of this room."""
 
@@ -107,6 +120,8 @@ class ExperimentSettings:
     """Load and no-load poses."""
     calibration: CalibrationSettings
     """Friction from base torques."""
+    oscillation: OscillationSettings
+    """Displacement by dither."""
 
 
 @cache

@@ -35,7 +35,7 @@ _KEY = ("robot", "joint", "load", "direction")
 _RESULT = ("frequency_hz", "amplitude_nm", "tau_nm", "std_nm", "iterations", "reduction")
 SJE_COLUMNS = (*_KEY, *_RESULT)
 AMPLITUDE_COLUMNS = ("joint", "frequency_hz", "amplitude_nm")
-AMPLITUDE_OPTIONAL = ("waveform", "offset_nm")
+AMPLITUDE_OPTIONAL = ("waveform", "offset_nm", "gate_rad_s")
 THESIS_BASE_COLUMNS = (*_KEY, "tau_base_Nm")
 
 
@@ -83,6 +83,13 @@ class AmplitudeRow:
     """One of :data:`stiction_envs.dither.waveforms.WAVEFORMS`."""
     offset_nm: float = 0.0
     """Constant torque, N·m."""
+    gate_rad_s: float = 0.0
+    """v_gate of :mod:`stiction_envs.dither.gating`, rad/s; 0 is not gated."""
+
+    @property
+    def gate_velocity(self) -> float:
+        """v_gate as `dither.Dither` takes it [rad/s]: inf where it is not gated."""
+        return self.gate_rad_s or math.inf
 
 
 def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
@@ -120,8 +127,13 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     seen: set[int] = set()
     for row in rows:
         _check_amplitude(row, f"{path}: row of joint {row.joint}", seen)
-    plain = all(row.waveform == DEFAULT_WAVEFORM and row.offset_nm == 0 for row in rows)
-    header = AMPLITUDE_COLUMNS if plain else AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL
+    used = [
+        any(row.waveform != DEFAULT_WAVEFORM or row.offset_nm != 0 for row in rows),
+        any(row.gate_rad_s != 0 for row in rows),
+    ]
+    # waveform and offset were there first: a gate needs both before it
+    optional = 3 if used[1] else 2 if used[0] else 0
+    header = AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL[:optional]
     write_lines(path, header, [astuple(row)[: len(header)] for row in rows])
 
 
@@ -151,6 +163,7 @@ def read_amplitudes(
             amplitude_nm=line.number("amplitude_nm"),
             waveform=line.fields.get("waveform", DEFAULT_WAVEFORM),
             offset_nm=line.number("offset_nm", 0.0),
+            gate_rad_s=line.number("gate_rad_s", 0.0) if line.fields.get("gate_rad_s") else 0.0,
         )
         _check_amplitude(row, line.where, seen)
         most = float(limit[row.joint - 1])
@@ -296,6 +309,10 @@ def _check_amplitude(row: AmplitudeRow, where: str, seen: set[int]) -> None:
         raise StictionError(f"{where}: {error}") from None
     if not math.isfinite(row.offset_nm):
         raise StictionError(f"{where}: offset_nm is {row.offset_nm}: expected a finite number")
+    if not 0 <= row.gate_rad_s < math.inf:
+        raise StictionError(
+            f"{where}: gate_rad_s is {row.gate_rad_s}: expected > 0, or 0 (or empty) for no gate"
+        )
 
 
 def _check_drive(frequency_hz: float, amplitude_nm: float, where: str) -> None:

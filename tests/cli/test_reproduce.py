@@ -33,6 +33,7 @@ def pretend(job: Job, robot: str, iterations: int) -> Measurement:
         tau=np.full(iterations, tau),
         start=np.zeros(iterations),
         start_torque=np.zeros(iterations),
+        shaken_speed=np.zeros(1),
         deviation=0.0,
         traces=tuple(np.linspace(0, 0.15, 5, dtype=np.float32) for _ in range(iterations)),
         trace_dt=0.01,

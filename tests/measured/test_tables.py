@@ -142,16 +142,26 @@ def test_write_sje_writes_nothing_it_could_not_read(tmp_path, change):
 # ---- amplitude tables ----
 
 
-@pytest.mark.parametrize("plain", [True, False])
-def test_amplitudes_round_trip_is_exact(tmp_path, plain):
+@pytest.mark.parametrize("optional", ["", ",waveform,offset_nm", ",waveform,offset_nm,gate_rad_s"])
+def test_amplitudes_round_trip_is_exact(tmp_path, optional):
     rng = np.random.default_rng(1)
     rows = [AmplitudeRow(j, rng.uniform(1, 99), rng.uniform(0, 2)) for j in (7, 1, 4)]
-    if not plain:
-        rows.append(AmplitudeRow(2, 15.1, 0.3, "random", -0.1 / 3))
+    if optional:
+        gate = 0.1 / 3 if "gate" in optional else 0.0
+        rows.append(AmplitudeRow(2, 15.1, 0.3, "random", -0.1 / 3, gate))
     write_amplitudes(tmp_path / "final.csv", rows)
     assert read_amplitudes(tmp_path / "final.csv", n_joints=7) == rows
     header = (tmp_path / "final.csv").read_text().splitlines()[0]
-    assert header == "joint,frequency_hz,amplitude_nm" + ("" if plain else ",waveform,offset_nm")
+    assert header == "joint,frequency_hz,amplitude_nm" + optional
+
+
+@pytest.mark.parametrize("empty", ["", "0"])
+def test_a_gate_of_nothing_is_no_gate(tmp_path, empty):
+    head = "joint,frequency_hz,amplitude_nm,gate_rad_s\n"
+    path = put(tmp_path / "a.csv", f"{head}7,15,0.8,{empty}\n3,15,0.8,0.05\n")
+    open_, gated = read_amplitudes(path, n_joints=7)
+    assert open_.gate_velocity == math.inf
+    assert gated.gate_velocity == 0.05
 
 
 def test_amplitudes_feed_dither(tmp_path):
@@ -247,6 +257,8 @@ def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
         AmplitudeRow(2, 15.0, -0.5),
         AmplitudeRow(2, 15.0, 0.5, "saw"),
         AmplitudeRow(2, 15.0, 0.5, "sine", math.inf),
+        AmplitudeRow(2, 15.0, 0.5, gate_rad_s=-0.1),
+        AmplitudeRow(2, 15.0, 0.5, gate_rad_s=math.nan),
     ):
         with pytest.raises(StictionError, match="expected"):
             write_amplitudes(tmp_path / "a.csv", [good, bad])

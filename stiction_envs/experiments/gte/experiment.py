@@ -313,6 +313,8 @@ class GeneratedTrajectoryExperiment:
             j = row.joint - 1
             out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
             out["waveform"][j] = row.waveform
+            if row.gate_rad_s > 0:
+                out["gate_velocity"][j] = row.gate_velocity
             if row.amplitude_nm > 0:
                 out["frequency"][j] = row.frequency_hz
         if case.phases == "spread":

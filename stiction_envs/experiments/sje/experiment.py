@@ -309,6 +309,7 @@ class RampLog:
         self.tau: list[float] = []
         self.start: list[float] = []
         self.start_torque: list[float] = []
+        self.shaken_speed: list[float] = []
         self.deviation = 0.0
         self.trace: list[float] = []
         self.traces: list[NDArray[np.float32]] = []
@@ -318,6 +319,7 @@ class RampLog:
         self.tau.append(float(rig.tau[i]))
         self.start.append(float(rig.start_angle[i] - rig.pose[i, rig.joint[i]]))
         self.start_torque.append(float(rig.start_torque[i]))
+        self.shaken_speed.append(float(rig.shaken_speed[i]))
         self.deviation = max(self.deviation, float(rig.deviation[i]))
         self.traces.append(np.array(self.trace, dtype=np.float32))
         self.trace = []
@@ -329,6 +331,7 @@ class RampLog:
             tau=np.array(self.tau),
             start=np.array(self.start),
             start_torque=np.array(self.start_torque),
+            shaken_speed=np.array(self.shaken_speed),
             deviation=self.deviation,
             traces=tuple(self.traces),
             trace_dt=BLOCK * CONTROL_DT,

@@ -55,6 +55,7 @@ def jobs_of(
             amplitude_nm=row.amplitude_nm,
             waveform=row.waveform,
             offset_nm=row.offset_nm,
+            gate_velocity=row.gate_velocity,
         )
         for job in base
         if (row := rows.get(job.configuration.joint)) is not None

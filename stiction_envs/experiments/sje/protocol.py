@@ -158,6 +158,8 @@ class Measurement:
     """(iterations,) angle of the joint when its ramp started, relative to the pose [rad]."""
     start_torque: Array
     """(iterations,) torque at which the ramp started [N·m]."""
+    shaken_speed: Array
+    """(iterations,) root mean square speed of the joint before it broke away [rad/s]."""
     deviation: float
     """Largest distance of any other joint from the pose during the ramps [rad]."""
     traces: tuple[NDArray[np.float32], ...]
@@ -169,6 +171,15 @@ class Measurement:
     def mean(self) -> float:
         """Mean torque [N·m]; NaN if an iteration was stuck."""
         return float(self.tau.mean())
+
+    @property
+    def displacement(self) -> float:
+        """Root mean square oscillation of the joint before breakaway [rad]; 0 without dither.
+
+        From its speed, v/(2πf): the angle itself is spoilt by creep.
+        """
+        f = self.job.frequency_hz
+        return float(np.sqrt(np.mean(self.shaken_speed**2)) / (2 * np.pi * f)) if f else 0.0
 
     @property
     def std(self) -> float:

@@ -13,9 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import compiled
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.rig import Rig, minimum_jerk
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.friction.model import StickingModel
@@ -76,7 +78,6 @@ class SJERig(Rig):
         damping = self._hold_damping_at(poses.q.reshape(-1, self.n))
         self._pose_damping = damping.reshape(poses.q.shape)
         self._hold_damping = np.zeros((nsim, self.n))
-        self._limits = sticking.arm.limits
         self.dither_seed[:] = seed
         self.stage = np.full(nsim, IDLE)
         """(N,) what each simulation is doing: `IDLE`, `APPROACH` or `RAMP`."""
@@ -89,6 +90,12 @@ class SJERig(Rig):
         self.noise = np.zeros(nsim)
         self.tau = np.full(nsim, np.nan)
         self.deviation = np.zeros(nsim)
+        self.shaken_speed = np.zeros(nsim)
+        """(N,) root mean square speed of the joint under test before it broke away, without what is
+        slow against the dither [rad/s]."""
+        self._oscillation = experiment_settings().oscillation
+        self._speeds = np.zeros((nsim, 4))  # of `_add_squares`
+        self._read_speed = np.zeros((nsim, self.columns))
         self._origin = np.zeros((nsim, self.n))
         self._torque_noise = np.zeros(nsim)
         self._give_up = np.zeros(nsim)
@@ -141,6 +148,18 @@ class SJERig(Rig):
             return speed
         return speed[np.arange(self.nsim), self.joint][:, None]
 
+    def _held_gate_speed(self, ids: Index, step: Index) -> Array | None:
+        """Return the speed that the controller of each arm read at the cycle it is in.
+
+        ``step`` (M,) are control steps of the ramps ``ids``; a slow controller holds its reading.
+        """
+        speed = self._gate_speed()
+        if speed is None:
+            return None
+        due = ids[step % self.interface.hold_steps == 0]
+        self._read_speed[due] = speed[due]
+        return self._read_speed
+
     def displacement(self) -> Array:
         """Return (N,) angle of the joint under test since its ramp started [rad]."""
         q = self.plant.position[np.arange(self.nsim), self.joint]
@@ -159,30 +178,64 @@ class SJERig(Rig):
         m = len(ids)
         ramping = self.stage[ids] == RAMP
         step = self.step[ids][:, None] + np.arange(BLOCK)
-        torque = np.zeros((m, BLOCK, self.n))
         rows = np.flatnonzero(ramping)
-        if len(rows):
-            self._command(torque, rows, ids[rows], step[rows])
         setpoint = None
         if not ramping.all():
             setpoint = self._setpoints(ids, step, ramping)
-        angle = self.plant.run(torque, ids, setpoint=setpoint, joint=self.joint[ids])
+        joint = self.joint[ids]
+        angle = np.empty((m, BLOCK + 1))
+        angle[:, 0] = self.plant.position[ids, joint]
+        part = self._steps_at_once(ids[rows])
+        for k in range(0, BLOCK, part):
+            here = slice(k, k + part)
+            torque = np.zeros((m, part, self.n))
+            if len(rows):
+                self._command(torque, rows, ids[rows], step[rows, here], k)
+            moved_to = None if setpoint is None else setpoint[:, here]
+            angle[:, 1 + k : 1 + k + part] = self.plant.run(
+                torque, ids, setpoint=moved_to, joint=joint
+            )
         self.step[ids] += BLOCK
         self._start_ramps(ids[~ramping])
         if not len(rows):
             return ids[:0]
-        return self._finish(ids[rows], step[rows], angle[rows])
+        self._add_speeds(ids[rows], angle[rows])
+        return self._finish(ids[rows], step[rows], angle[rows, 1:])
 
-    def _command(self, torque: Array, rows: Index, ids: Index, step: Index) -> None:
-        """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path."""
-        command = np.zeros((len(ids), BLOCK, self.columns))
+    def _steps_at_once(self, ids: Index) -> int:
+        """Return control steps for which ramps ``ids`` need not look at their speed."""
+        if not np.isfinite(self.dither.gate_velocity[ids]).any():
+            return BLOCK
+        hold = self.interface.hold_steps
+        return hold if BLOCK % hold == 0 else 1
+
+    def _add_speeds(self, ids: Index, angle: Array) -> None:
+        """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
+        frequency = self.dither.frequency[ids]
+        if self.columns > 1:
+            frequency = np.take_along_axis(frequency, self.joint[ids][:, None], axis=1)
+        corner = self._oscillation.highpass * frequency[:, 0]
+        sums = self._speeds[ids]
+        far = self._oscillation.share * self.protocol.threshold
+        _add_squares(
+            angle, self.start_angle[ids], far, 1 / (1 + 2 * np.pi * corner * CONTROL_DT), sums
+        )
+        self._speeds[ids] = sums
+
+    def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
+        """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
+
+        ``ahead`` is how many control steps of the block came before these.
+        """
+        length = step.shape[1]
+        command = np.zeros((len(ids), length, self.columns))
         mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
         command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
         if self.dither.amplitude.any() or self.dither.offset.any():
-            speed, hold = self._gate_speed(), self.interface.hold_steps
+            speed, hold = self._held_gate_speed(ids, step[:, 0]), self.interface.hold_steps
             stride = hold if BLOCK % hold == 0 else 1
-            for k in range(0, BLOCK, stride):
-                shaken = self.dither.torque(self._command_time(k), speed)[ids]
+            for k in range(0, length, stride):
+                shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
                 command[:, k : k + stride] += shaken[:, None]
         out = self._path.run(command, ids)
         if self.columns > 1:
@@ -228,6 +281,7 @@ class SJERig(Rig):
         start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
         self._path.reset(ids, start)
         self.stage[ids], self.step[ids] = RAMP, 0
+        self._speeds[ids] = 0.0
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
         """Record ramps that reached the threshold or were given up; return their simulations."""
@@ -243,12 +297,35 @@ class SJERig(Rig):
         done = np.flatnonzero(reached | stuck)
         tau = torque[done, first[done]] + self.noise[ids[done]]
         self.tau[ids[done]] = np.where(reached[done], tau, np.nan)
+        squares, counted = self._speeds[ids[done], :2].T
+        self.shaken_speed[ids[done]] = np.sqrt(squares / np.maximum(counted, 1.0))
         self.stage[ids[done]] = IDLE
         return ids[done]
 
     def _column_limits(self, joint: Index) -> tuple[Array, Array]:
-        rate, limit = self._limits.torque_rate, self._limits.torque
+        rate, limit = self.interface.torque_rate, self.interface.torque_limit
         if self.columns == 1:
             return rate[joint][:, None], limit[joint][:, None]
         shape = (len(joint), self.n)
         return np.broadcast_to(rate, shape), np.broadcast_to(limit, shape)
+
+
+@compiled
+def _add_squares(angle: Array, start: Array, far: float, gain: Array, sums: Array) -> None:
+    """Add the squares of high-passed speeds (first order) until a joint is ``far`` away [rad].
+
+    Args:
+        angle: (M, K + 1), the first is the last of before [rad].
+        start: (M,) where the joint was when its ramp started [rad].
+        far: distance at which the sums end [rad].
+        gain: (M,) of the filter per control step [-].
+        sums: (M, 4) sum of squares [rad²/s²], number, speed, filtered speed [rad/s]; updated.
+    """
+    for i in range(angle.shape[0]):
+        for k in range(1, angle.shape[1]):
+            speed = (angle[i, k] - angle[i, k - 1]) / CONTROL_DT
+            sums[i, 3] = gain[i] * (sums[i, 3] + speed - sums[i, 2])
+            sums[i, 2] = speed
+            if abs(angle[i, k] - start[i]) < far:
+                sums[i, 0] += sums[i, 3] * sums[i, 3]
+                sums[i, 1] += 1.0
