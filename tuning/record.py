@@ -1,0 +1,212 @@
+"""The record of a search: one Optuna study, the only place where a trial is written down.
+
+    proposals(history) -> evaluate, a batch in one call -> Record.add, trial by trial
+
+A trial is written whole, in one transaction, when it is finished. What the sampler proposes depends
+on the seed, the trial's number and the trials of earlier batches, never on what the process did
+before. So a search that was killed finds on its next start a part of a batch, proposes the
+same batch again, and evaluates what is missing: trials, values and order are those of a run that
+was never stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import optuna
+from optuna.distributions import BaseDistribution
+from optuna.samplers import BaseSampler
+from optuna.trial import FrozenTrial, TrialState
+
+from stiction_envs.errors import StictionError
+from tuning.storage import open_storage
+
+Parameters = dict[str, Any]
+Space = Mapping[str, BaseDistribution]
+CONSTRAINTS = "constraints"
+"""User attribute of a trial: its constraints, feasible where all are at most 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a setting gave."""
+
+    values: tuple[float, ...] | None
+    """Objectives, all to be small; None where nothing could be measured (a joint that stuck)."""
+    constraints: tuple[float, ...] = ()
+    """Feasible where all are at most 0."""
+    measures: Mapping[str, Any] = field(default_factory=dict)
+    """What else is kept of it: numbers, words, lists of them."""
+
+
+class Record:
+    """Trials of one search, in the order of their numbers."""
+
+    def __init__(
+        self, storage: str, name: str, *, objectives: int = 1, about: Mapping[str, Any]
+    ) -> None:
+        """Open the study, or make it.
+
+        Args:
+            storage: URL or file of `storage.open_storage`.
+            name: of the study.
+            objectives: number of values of a trial, all minimised.
+            about: what defines the search; a study about something else is not continued.
+
+        Raises:
+            StictionError: a storage that cannot be opened, or a study of that name about another
+                robot, protocol, version or option.
+        """
+        self.name = name
+        self._storage = open_storage(storage)
+        told = json.dumps(about, sort_keys=True, default=str)
+        fingerprint = hashlib.sha256(told.encode()).hexdigest()
+        self.study = optuna.create_study(
+            study_name=name,
+            storage=self._storage,
+            directions=["minimize"] * objectives,
+            load_if_exists=True,
+        )
+        known = self.study.user_attrs.get("fingerprint")
+        if known is None and not self.study.get_trials(deepcopy=False):
+            for key in ("robot", "protocol", "version"):
+                if key in about:
+                    self.study.set_user_attr(key, about[key])
+            self.study.set_user_attr("fingerprint", fingerprint)
+        elif known != fingerprint:
+            raise StictionError(f"study {name!r}: {self._difference(about)}")
+
+    def _difference(self, about: Mapping[str, Any]) -> str:
+        """Return in what the study that is there is about something else."""
+        for key in ("robot", "protocol", "version"):
+            was = self.study.user_attrs.get(key)
+            if was != about.get(key):
+                return f"is of {key} {was}: expected {about.get(key)}, or another --study"
+        return (
+            "was made with other friction, bounds or options: expected the same, or another "
+            "--study or --storage"
+        )
+
+    @property
+    def trials(self) -> list[FrozenTrial]:
+        """Finished trials in the order of their numbers."""
+        return self.study.get_trials(deepcopy=False)
+
+    def add(self, trial: FrozenTrial) -> None:
+        """Write down a finished trial, whole or not at all."""
+        self.study.add_trial(trial)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """One record, and how it is filled."""
+
+    record: Record
+    space: Space
+    sampler: Callable[[int], BaseSampler]
+    """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
+    evaluations: int
+    """Trials in the end."""
+    batch: int = 1
+    """Trials proposed together: none of them knows the others' outcome."""
+    first: tuple[Parameters, ...] = ()
+    """Settings to begin with, in place of the sampler's."""
+
+
+def run(
+    searches: Sequence[Search],
+    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Fill the records of all searches, batch by batch, all searches' batches in one call.
+
+    Args:
+        searches: what is to be filled.
+        evaluate: outcomes of a list of (number of the search, setting). They may not depend on
+            what else is in the list.
+        progress: called with the trials done and those wanted in the end.
+    """
+    fills = [_Fill(s) for s in searches]
+    total = sum(s.evaluations for s in searches)
+    while True:
+        if progress is not None:
+            progress(sum(f.done for f in fills), total)
+        due = [(k, number) for k, f in enumerate(fills) for number in f.propose()]
+        if not due:
+            return
+        outcomes = evaluate([(k, fills[k].proposed[n].params) for k, n in due])
+        for (k, number), outcome in zip(due, outcomes, strict=True):
+            fills[k].tell(number, outcome)
+
+
+class _Fill:
+    """A search in memory: what is written down, and the batch that is being evaluated."""
+
+    def __init__(self, search: Search) -> None:
+        self.search = search
+        known = search.record.trials
+        whole = len(known) // search.batch * search.batch
+        self._memory = optuna.create_study(
+            directions=search.record.study.directions, sampler=search.sampler(0)
+        )
+        for trial in known[:whole]:
+            self._memory.add_trial(trial)
+        self._begun = known[whole:]
+        """Those of a batch that was interrupted, whose outcomes are known."""
+        self.done = len(known)
+        self.proposed: dict[int, optuna.Trial] = {}
+
+    def propose(self) -> list[int]:
+        """Propose the next batch; return the numbers of trials whose outcomes are not known."""
+        s = self.search
+        start = len(self._memory.get_trials(deepcopy=False))
+        if self.done >= s.evaluations:
+            return []
+        self.proposed = {}
+        for number in range(start, start + s.batch):
+            self._memory.sampler = s.sampler(number)
+            if number < len(s.first):
+                self._memory.enqueue_trial(s.first[number])
+            trial = self._memory.ask(dict(s.space))
+            self.proposed[number] = trial
+            if number + 1 == s.evaluations:
+                break
+        for known in self._begun:
+            if self.proposed[known.number].params != known.params:
+                raise StictionError(
+                    f"study {s.record.name!r}: trial {known.number} is not what this search "
+                    "proposes there: expected a study that only this search writes to"
+                )
+            self._tell_memory(known.number, _outcome_of(known))
+        begun = {t.number for t in self._begun}
+        self._begun = []
+        return [n for n in self.proposed if n not in begun]
+
+    def tell(self, number: int, outcome: Outcome) -> None:
+        """Write an outcome down."""
+        self._tell_memory(number, outcome)
+        self.search.record.add(self._memory.get_trials(deepcopy=True)[number])
+        self.done += 1
+
+    def _tell_memory(self, number: int, outcome: Outcome) -> None:
+        trial = self.proposed[number]
+        for key, value in outcome.measures.items():
+            trial.set_user_attr(key, value)
+        trial.set_user_attr(CONSTRAINTS, list(outcome.constraints))
+        # `tell` lets the sampler note what it needs later; it must be this trial's own
+        self._memory.sampler = self.search.sampler(number)
+        if outcome.values is None:
+            self._memory.tell(trial, state=TrialState.FAIL)
+        else:
+            self._memory.tell(trial, list(outcome.values))
+
+
+def _outcome_of(trial: FrozenTrial) -> Outcome:
+    attributes = dict(trial.user_attrs)
+    constraints = tuple(attributes.pop(CONSTRAINTS, ()))
+    values = None if trial.state == TrialState.FAIL else tuple(trial.values)
+    return Outcome(values=values, constraints=constraints, measures=attributes)

@@ -1,0 +1,155 @@
+"""Samplers by name; their draws come from (seed, trial number)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution, FloatDistribution
+from optuna.samplers import BaseSampler
+from optuna.study import Study
+from optuna.trial import FrozenTrial, TrialState
+
+from stiction_envs.errors import StictionError, unknown
+from tuning.record import CONSTRAINTS, Parameters, Space
+
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+
+
+class AskTellGridSampler(optuna.samplers.GridSampler):
+    """Grid sampler for ask and tell: there is no loop that it could stop when the grid is full."""
+
+    def after_trial(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        state: TrialState,
+        values: Sequence[float] | None,
+    ) -> None:
+        """Do nothing; the base class would raise outside of ``study.optimize``."""
+
+
+class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
+    """CMA-ES that knows the space, and so draws its first generation about ``x0`` too."""
+
+    def __init__(self, space: Space, **options: Any) -> None:
+        super().__init__(**options)
+        self._space = dict(space)
+
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        """Return the space; the base class reads it from trials that are complete."""
+        return self._space
+
+
+def sampler(
+    name: str,
+    space: Space,
+    *,
+    seed: int,
+    startup: int,
+    population: int = 1,
+    points: int = 1,
+    first: Parameters | None = None,
+    step: float = 0.2,
+) -> Callable[[int], BaseSampler]:
+    """Return what makes the sampler of a trial, by the trial's number.
+
+    Args:
+        name: one of `SAMPLERS`; without PyTorch ``gp`` is ``tpe``, with a warning.
+        space: what is searched.
+        seed: of all draws.
+        startup: trials drawn at random before a model is fitted (gp, tpe).
+        population: of cmaes and nsga2.
+        points: of a grid, per parameter.
+        first: where cmaes begins; None for the middle.
+        step: of cmaes at the beginning, over the range [-].
+
+    Raises:
+        StictionError: unknown name, or cmaes without its package.
+    """
+    if name not in SAMPLERS:
+        raise unknown("sampler", name, SAMPLERS)
+    if name == "gp" and find_spec("torch") is None:
+        warnings.warn("sampler gp needs PyTorch: tpe is used", stacklevel=2)
+        name = "tpe"
+    if name == "cmaes" and find_spec("cmaes") is None:
+        raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
+    make = partial(
+        _make,
+        name,
+        space,
+        startup=startup,
+        population=population,
+        points=points,
+        first=first,
+        step=step,
+    )
+    return lambda number: make(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]))
+
+
+def grid(space: Space, points: int) -> dict[str, list[float]]:
+    """Return ``points`` values of every parameter, even on its scale; the low end of one that
+    begins at 0 is left out."""
+    out: dict[str, list[float]] = {}
+    for name, d in space.items():
+        if not isinstance(d, FloatDistribution):
+            out[name] = list(d.choices)  # type: ignore[attr-defined]
+        elif d.log:
+            out[name] = [float(x) for x in np.geomspace(d.low, d.high, points)]
+        else:
+            values = np.linspace(d.low, d.high, points + (d.low == 0))
+            out[name] = [float(x) for x in values[int(d.low == 0) :]]
+    return out
+
+
+def constraints_of(trial: FrozenTrial) -> list[float]:
+    """Return what Optuna asks of a trial: feasible where all are at most 0."""
+    return list(trial.user_attrs.get(CONSTRAINTS, ()))
+
+
+def _make(
+    name: str,
+    space: Space,
+    seed: int,
+    *,
+    startup: int,
+    population: int,
+    points: int,
+    first: Parameters | None,
+    step: float,
+) -> BaseSampler:
+    seed %= 2**32 - 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        if name == "gp":
+            return optuna.samplers.GPSampler(
+                seed=seed,
+                n_startup_trials=startup,
+                deterministic_objective=False,
+                constraints_func=constraints_of,
+            )
+        if name == "tpe":
+            return optuna.samplers.TPESampler(
+                seed=seed,
+                n_startup_trials=startup,
+                multivariate=True,
+                constraints_func=constraints_of,
+            )
+        if name == "cmaes":
+            return CmaEsFromTheStart(
+                space, seed=seed, x0=first, sigma0=step, popsize=population, n_startup_trials=0
+            )
+        if name == "nsga2":
+            return optuna.samplers.NSGAIISampler(
+                seed=seed, population_size=population, constraints_func=constraints_of
+            )
+        if name == "grid":
+            return AskTellGridSampler(grid(space, points), seed=seed)
+        return optuna.samplers.RandomSampler(seed=seed)
