@@ -32,11 +32,70 @@ class ThesisSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BoundsSettings:
+    """What a search may use on an arm about which the user says nothing else."""
+
+    frequency_hz: tuple[float, float]
+    """Lowest and highest frequency [Hz]."""
+    vibration_edge: float
+    """Lowest frequency over the edge of the vibration measure's filter [-].
+
+    Below, a dither slips under the measure of what it shakes.
+    """
+    largest_scale: float
+    """Largest amplitude over the joint's largest base torque [-]."""
+    gate_rad_s: tuple[float, float]
+    """Slowest and fastest gate speed [rad/s]."""
+    offset_scale: float
+    """Largest offset over the joint's largest base torque [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Search beyond the thesis's grid: how much is tried, and under how many frictions."""
+
+    evaluations_sje: int
+    """Trials per joint."""
+    evaluations_gte: int
+    """Trials of whole tables."""
+    startup: int
+    """Trials drawn at random before a model is fitted (gp, tpe)."""
+    points: int
+    """Values of every parameter on a grid."""
+    population: int
+    """Trials per generation (cmaes, nsga2)."""
+    step: float
+    """Of cmaes at the beginning, over the range [-]."""
+    draws: int
+    """Frictions under which a setting is tried; the first is the model's own."""
+    spread: float
+    """Standard deviation of a drawn friction, rotor or bristle, relative [-]."""
+    iterations: int
+    """Repeats of a configuration or path with scatter of their own, per friction."""
+    penalty: float
+    """Per unit of a constraint, for samplers that know none (cmaes), over the objective's [-]."""
+    verify_draws: int
+    """Frictions under which the final table is measured anew."""
+    verify_iterations: int
+    """Repeats there, per friction."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class TuningSettings:
     """All of this room."""
 
     thesis: ThesisSettings
     """The thesis's protocol."""
+    bounds: BoundsSettings
+    """Where is searched."""
+    search: SearchSettings
+    """How is searched."""
 
 
 @cache

@@ -1,0 +1,1 @@
+"""Search beyond the thesis's grid: continuous, constrained, under more than one friction."""
