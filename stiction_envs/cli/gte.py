@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
-DAMPING_DESIGNS = ("mass", "diagonal")
+DAMPING_DESIGNS = ("diagonal", "mass")
 DITHER_OPTIONS = ("gate_velocity", "waveform", "phases")
 
 
@@ -73,9 +73,25 @@ def add_parser(subparsers: Any) -> None:
         "(default: random)",
     )
     parser.add_argument(
+        "--start",
+        nargs="+",
+        type=common.number(),
+        metavar="Q",
+        help="joint angles at the start, one per joint [rad] (default: the robot's rest pose)",
+    )
+    parser.add_argument(
+        "--tool",
+        nargs=3,
+        type=common.number(),
+        metavar=("X", "Y", "Z"),
+        help="the point that is controlled and measured, from the flange in the hand's frame [m]; "
+        "the Panda's hand has 0 0 0.1034 (default: the flange)",
+    )
+    parser.add_argument(
         "--damping-design",
         choices=DAMPING_DESIGNS,
-        help="mass: thesis eq. 2.14; diagonal: 2 sqrt(K) (default: mass)",
+        help="diagonal: 2 sqrt(K), as the thesis's robot ran; mass: thesis eq. 2.14 "
+        "(default: diagonal)",
     )
     parser.add_argument(
         "--compensate-payload",
@@ -111,7 +127,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
     inputs = {**common.model_files(args), "dither": args.dither}
     inputs["trajectory"] = None if own is None else Path(args.trajectory)
-    folder = common.output_folder(args, arm.name, inputs)
     bench = GeneratedTrajectoryExperiment(
         arm,
         friction=args.friction,
@@ -120,12 +135,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         else ImpedanceSettings(
             rate_hz=float(arm.controller_rate_hz), damping_design=args.damping_design
         ),
+        start=args.start,
+        tool=args.tool,
         paths={} if own is None else {own.name: own},
         controller_model=controller_model,
         scatter=not args.no_scatter,
         seed=args.seed,
         nthread=args.threads,
     )
+    folder = common.output_folder(args, arm.name, inputs)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),

@@ -24,11 +24,12 @@ def site_kinematics(
     xquat: Array,
     joints: Index,
     turn: Array,
+    tool: Array,
     position: Array,
     quaternion: Array,
     jacobian: Array,
 ) -> None:
-    """Write position, orientation and geometric Jacobian of a site.
+    """Write position, orientation and geometric Jacobian of a point and a frame fixed to a site.
 
     Args:
         anchor: (N, joints of the model, 3) a point of each joint's axis in the world [m].
@@ -36,26 +37,34 @@ def site_kinematics(
         xpos: (N, 3) of the site [m].
         xquat: (N, 4) of its body, w, x, y, z.
         joints: (n,) the joints that move it.
-        turn: (4, 4) the site in its body: q ⊗ q_site as a matrix on q.
-        position: (N, 3), written [m].
+        turn: (4, 4) the frame in the site's body: q ⊗ q_frame as a matrix on q.
+        tool: (3,) the point, from the site in the frame [m].
+        position: (N, 3) of the point, written [m].
         quaternion: (N, 4), written.
         jacobian: (N, 6, n), written: translation above rotation [m/rad, 1].
     """
     for i in range(len(position)):
-        x, y, z = xpos[i, 0], xpos[i, 1], xpos[i, 2]
-        position[i, 0], position[i, 1], position[i, 2] = x, y, z
         for k in range(4):
             total = 0.0
             for m in range(4):
                 total += turn[k, m] * xquat[i, m]
             quaternion[i, k] = total
+        # R(q) p = p + 2 w (v × p) + 2 v × (v × p)
+        w, a, b, c = quaternion[i, 0], quaternion[i, 1], quaternion[i, 2], quaternion[i, 3]
+        tx = 2.0 * (b * tool[2] - c * tool[1])
+        ty = 2.0 * (c * tool[0] - a * tool[2])
+        tz = 2.0 * (a * tool[1] - b * tool[0])
+        x = xpos[i, 0] + (tool[0] + w * tx + (b * tz - c * ty))
+        y = xpos[i, 1] + (tool[1] + w * ty + (c * tx - a * tz))
+        z = xpos[i, 2] + (tool[2] + w * tz + (a * ty - b * tx))
+        position[i, 0], position[i, 1], position[i, 2] = x, y, z
         for j in range(len(joints)):
-            a, p = axis[i, joints[j]], anchor[i, joints[j]]
+            u, p = axis[i, joints[j]], anchor[i, joints[j]]
             dx, dy, dz = x - p[0], y - p[1], z - p[2]
-            jacobian[i, 0, j] = a[1] * dz - a[2] * dy
-            jacobian[i, 1, j] = a[2] * dx - a[0] * dz
-            jacobian[i, 2, j] = a[0] * dy - a[1] * dx
-            jacobian[i, 3, j], jacobian[i, 4, j], jacobian[i, 5, j] = a[0], a[1], a[2]
+            jacobian[i, 0, j] = u[1] * dz - u[2] * dy
+            jacobian[i, 1, j] = u[2] * dx - u[0] * dz
+            jacobian[i, 2, j] = u[0] * dy - u[1] * dx
+            jacobian[i, 3, j], jacobian[i, 4, j], jacobian[i, 5, j] = u[0], u[1], u[2]
 
 
 @compiled

@@ -15,7 +15,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.robots.tables import lookup, read_toml
 
 Array = NDArray[np.float64]
-DAMPING_DESIGNS = ("mass", "diagonal")
+DAMPING_DESIGNS = ("diagonal", "mass")
 PROJECTORS = ("dynamic", "pseudoinverse")
 FILTERS = ("stiffness_filter", "pose_filter", "nullspace_filter", "wrench_filter")
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
@@ -56,7 +56,7 @@ class ImpedanceSettings:
     nullspace_damping_ratio: float = field(default_factory=_default("nullspace_damping_ratio"))
     """ξ_n of d_n = 2 ξ_n √k_n, in [0, 1] [-]. No mass in it: critical by number only."""
     damping_design: str = field(default_factory=_default("damping_design"))
-    """``mass``: eq. 2.14, critical at ξ = 1; ``diagonal``: D_ii = 2 ξ_i √K_ii, as the package."""
+    """``diagonal``: D_ii = 2 ξ_i √K_ii, as the package; ``mass``: eq. 2.14, critical at ξ = 1."""
     projector: str = field(default_factory=_default("projector"))
     """P: ``dynamic``, eq. 2.17, or ``pseudoinverse``, I − Jᵀ(Jᵀ)^#, as the package."""
     pseudoinverse_damping: float = field(default_factory=_default("pseudoinverse_damping"))

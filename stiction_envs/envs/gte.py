@@ -17,7 +17,7 @@ class GTEEnv(ArmEnv):
     ## Description
     The Generated Trajectory Experiment (thesis 3.2, 4.2): an arm under Cartesian impedance control
     follows straight lines from goal to goal, a triangle in space or a pentagon in a plane. Its
-    joints stick, so the flange lags behind the reference and stops short of the corners. Dither – a
+    joints stick, so the hand lags behind the reference and stops short of the corners. Dither – a
     sine on the commanded torque of any joint – frees the joints, and shakes the arm. An episode is
     one run along the path. Every step sets the dither of all joints for the next
     `control_interval_s`, so that it can come and go with the motion; phases stay continuous. The
@@ -57,7 +57,7 @@ class GTEEnv(ArmEnv):
     | --- | --- | --- | --- | --- | --- |
     | 0–6 | displacement_1 … displacement_7 | -3 | 3 | rad | link angle minus the start's |
     | 7–13 | velocity_1 … velocity_7 | -3 | 3 | rad/s | link speed |
-    | 14–19 | error_x … error_yaw | -20 | 20 | tolerance | flange pose minus reference |
+    | 14–19 | error_x … error_yaw | -20 | 20 | tolerance | pose minus reference |
     | 20–22 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
     | 23 | turning | 0 | 1 | ω_max | angular speed of the reference |
     | 24 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
@@ -71,8 +71,8 @@ class GTEEnv(ArmEnv):
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum.
 
-    * `tracking`: −mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the flange's pose
-      minus the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
+    * `tracking`: −mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the pose minus
+      the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
       reached; E is the same sum over a whole undithered run.
     * `power`: −`power_weight` · s · mean over joints of (A / A_max)².
     * `torque_rate`: −`torque_rate_weight` · s · mean over joints of (2πfA / torque rate limit)²;
@@ -97,8 +97,9 @@ class GTEEnv(ArmEnv):
     * Truncated: `max_episode_steps` are over.
 
     ## Info
-    `trajectory` and `stiffness` (3,) always; `time` [s], `goals_reached`, `vibration` (flange
-    position above 8 Hz in this step, root mean square [m]) and `reward_terms` after a step; after
+    `trajectory` and `stiffness` (3,) always; `time` [s], `goals_reached`, `vibration` (above
+    8 Hz in this step, root mean square [m]: of the tool point's position and, with a lever of
+    0.1 m, of the hand's turns) and `reward_terms` after a step; after
     the last one also
 
     * `error` (6,): |e| of x, y, z [m], roll, pitch, yaw [rad], summed over the 200 samples from 1 s
@@ -125,6 +126,9 @@ class GTEEnv(ArmEnv):
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `settings`: `ImpedanceSettings` of the controller. Default: those of `stiction gte`.
     * `motion`: `MotionLimits` of the trajectory generator. Default likewise.
+    * `start`: joint angles at the start [rad], one per joint. Default: the robot's rest pose.
+    * `tool`: x, y, z of the point that is controlled and measured, from the flange in the hand's
+      frame [m]; the Panda's hand has (0, 0, 0.1034). Default: the flange.
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.

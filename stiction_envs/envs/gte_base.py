@@ -33,7 +33,7 @@ class Undithered:
     duration: float
     """From the start to the end of the tail [s]."""
     shaking: float
-    """Vibration of the flange, root mean square over the motion [m]."""
+    """Vibration, turns included, root mean square over the motion [m]."""
 
 
 def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
@@ -42,7 +42,7 @@ def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
     paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
     return store.digest(
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
-        *(e.motion, e.interface, e.start, paths, e.scatter, e.seed),
+        *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
     )
 

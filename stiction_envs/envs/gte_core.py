@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
@@ -58,7 +58,7 @@ class Step(Outcome):
     goals_reached: Index
     """Goals reached so far."""
     vibration: Array
-    """Flange position above 8 Hz within this step, root mean square [m]."""
+    """Vibration above 8 Hz within this step, turns included, root mean square [m]."""
     error: Array
     """(M, 6) absolute error summed over the window of Table 4.11 [m, rad]; NaN while it is not
     complete."""
@@ -102,6 +102,8 @@ class GTECore(BatchCore):
         friction: str | Path | FrictionParameters | None = None,
         settings: ImpedanceSettings | None = None,
         motion: MotionLimits | None = None,
+        start: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
         controller_model: Arm | None = None,
         control_interval_s: float = 0.1,
         power_weight: float = 0.01,
@@ -125,6 +127,8 @@ class GTECore(BatchCore):
             friction=read_friction(friction, arm.n),
             settings=settings,
             motion=motion,
+            start=start,
+            tool=tool,
             controller_model=controller_model,
             scatter=scatter,
             seed=scatter_seed,
@@ -213,7 +217,7 @@ class GTECore(BatchCore):
 
     def _advance(self, ids: Index) -> None:
         self.recorder.advance()
-        self.rig.flange.read()
+        self.rig.end_effector.read()
         if self.recorder.trace is not None:
             self.recorder.keep(ids, self.action[:, : self.n])
 
@@ -257,7 +261,9 @@ class GTECore(BatchCore):
         sequencer, limits = rig.sequencer, self.experiment.motion
         t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
         x, quaternion, velocity, turning = sequencer.reference(t)
-        pose = np.concatenate([rig.flange.position, to_rpy(rig.flange.quaternion)], axis=1)
+        pose = np.concatenate(
+            [rig.end_effector.position, to_rpy(rig.end_effector.quaternion)], axis=1
+        )
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
         index = sequencer.index
         at = np.minimum(index, self.goals - 1)

@@ -67,7 +67,7 @@ GROUPS = (
         low=-20.0,
         high=20.0,
         unit="tolerance",
-        meaning="flange pose minus reference",
+        meaning="pose minus reference",
     ),
     Group(
         name="reference",

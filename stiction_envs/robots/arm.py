@@ -18,7 +18,14 @@ from stiction_envs.precomputed.store import digest
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.own import read_own
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles
-from stiction_envs.robots.tables import Limits, generic, lookup, on_floor, per_joint
+from stiction_envs.robots.tables import (
+    Limits,
+    generic,
+    hand_yaw,
+    lookup,
+    on_floor,
+    per_joint,
+)
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -41,6 +48,8 @@ class Arm:
     """Body that each joint moves."""
     end_effector: str
     """Name of the flange site."""
+    hand_yaw: float
+    """Turn of the hand's frame from the flange's about the flange's z, rad."""
     limits: Limits
     """Position, velocity, torque and torque rate."""
     rest: NDArray[np.float64]
@@ -194,6 +203,7 @@ def _shipped(files: ArmFiles) -> dict[str, Any]:
         "joint_names": tuple(joints),
         "link_names": tuple(str(link.get("name")) for link in links),
         "end_effector": files.table["end_effector"],
+        "hand_yaw": hand_yaw(files.table, files.toml.name),
         "limits": Limits(**limits),
         "rest": numbers("rest", (n,)),
         "controller_rate_hz": lookup(files.table, "interface.controller_rate_hz"),

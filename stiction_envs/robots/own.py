@@ -22,6 +22,7 @@ from stiction_envs.robots import mjcf, urdf
 from stiction_envs.robots.tables import (
     Limits,
     generic,
+    hand_yaw,
     lookup,
     on_floor,
     per_joint,
@@ -81,6 +82,7 @@ def read_own(path: Path) -> dict[str, Any]:
         "joint_names": joints,
         "link_names": links,
         "end_effector": end_effector,
+        "hand_yaw": hand_yaw(table, str(table_file)),
         "limits": limits,
         "rest": rest,
         "on_floor": on_floor(table, str(table_file)),

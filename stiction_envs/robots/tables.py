@@ -79,6 +79,20 @@ def on_floor(table: Mapping[str, Any], where: str) -> bool:
     return bool(mounting == "floor")
 
 
+def hand_yaw(table: Mapping[str, Any], where: str) -> float:
+    """Turn of the hand's frame from the flange's about its z [rad], ``generic.toml``'s if not said.
+
+    Raises:
+        StictionError: not a finite number.
+    """
+    given = lookup(table, "hand_yaw")
+    value = lookup(generic(), "hand_yaw") if given is None else given
+    angle = float(per_joint(value, (), f"{where}, hand_yaw"))
+    if not np.isfinite(angle):
+        raise StictionError(f"{where}, hand_yaw: {angle}: expected a finite number of rad")
+    return angle
+
+
 def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
     """``value`` as float64 array of ``shape``; a single number fills it.
 

@@ -41,7 +41,7 @@ def test_static_deflection_is_force_over_stiffness():
     coupling = np.array([[0, 5, 0], [5, 10, 0], [0, 0, -10.0]])
     push = np.array([2.0, -1.0, 3.0, 0.2, 0.1, -0.1])
     for k_c in (0.0, coupling):
-        rig = Rig(nullspace_stiffness=5.0, coupling_stiffness=k_c)
+        rig = Rig(nullspace_stiffness=5.0, coupling_stiffness=k_c, damping_design="mass")
         for _ in range(3000):
             rig.step(push)
         expected = np.linalg.solve(rig.control.stiffness[0], push)
@@ -50,7 +50,8 @@ def test_static_deflection_is_force_over_stiffness():
 
 def test_external_wrench_pushes_like_a_force():
     """The flange comes to rest K⁻¹F_ref away, without any force from outside."""
-    rig, wrench = Rig(nullspace_stiffness=5.0), np.array([3.0, 0, -2.0, 0, 0.2, 0])
+    rig = Rig(nullspace_stiffness=5.0, damping_design="mass")
+    wrench = np.array([3.0, 0, -2.0, 0, 0.2, 0])
     rig.control.set_wrench(wrench)
     for _ in range(3000):
         rig.step()
@@ -61,7 +62,7 @@ def test_external_wrench_pushes_like_a_force():
 
 def modal_overshoot(ratio: float, mode: int) -> float:
     """Overshoot of one mode of (K, Λ), started at rest away from the reference."""
-    rig = Rig(damping_ratio=ratio)
+    rig = Rig(damping_ratio=ratio, damping_design="mass")
     pose = rig.look()
     inertia = np.linalg.inv(pose.jacobian[0] @ np.linalg.solve(pose.mass[0], pose.jacobian[0].T))
     _, v = scipy.linalg.eigh(rig.control.stiffness[0], inertia)  # vᵀ Λ v = 1
@@ -87,7 +88,7 @@ def test_design_mass_is_critically_damped(mode):
 def test_damping_is_equation_2_14():
     """D = 2 Qᵀ D_ξ √λ Q with K = Qᵀ λ Q and Λ = Qᵀ Q, from scipy's generalised eigenvalues."""
     coupling = np.diag([5.0, -5.0, 3.0])
-    control, _ = batch(damping_ratio=0.7, coupling_stiffness=coupling)
+    control, _ = batch(damping_ratio=0.7, coupling_stiffness=coupling, damping_design="mass")
     for k in np.flatnonzero(~control.flags.singular):
         eigenvalues, v = scipy.linalg.eigh(control.stiffness[k], control.inertia[k])
         q = np.linalg.inv(v)
@@ -98,7 +99,8 @@ def test_damping_is_equation_2_14():
 def test_unequal_damping_ratios_belong_to_axes_and_never_feed_energy_in():
     """Where K and Λ are diagonal D_ii = 2 ξ_i √(K_ii Λ_ii); everywhere D = Dᵀ ≥ 0."""
     xi = np.array([1.0, 0.1, 0.5, 0.0, 0.9, 0.3])
-    control, _ = batch(damping_ratio=xi, translational_stiffness=[200, 0, 1500])
+    stiffness = [200, 0, 1500]
+    control, _ = batch(damping_ratio=xi, translational_stiffness=stiffness, damping_design="mass")
     damping = control.damping
     np.testing.assert_allclose(damping, damping.transpose(0, 2, 1), atol=1e-9)
     eigenvalues = np.linalg.eigvalsh(damping)
@@ -108,7 +110,7 @@ def test_unequal_damping_ratios_belong_to_axes_and_never_feed_energy_in():
     jac[:] = np.eye(6, 7)
     mass = np.tile(np.diag([*inertia, 1.0]), (64, 1, 1))
     control.update_model(None, jac, mass)
-    stiffness = np.array([200, 0, 1500, 20, 20, 20])
+    stiffness = np.array([*stiffness, 20, 20, 20])
     np.testing.assert_allclose(
         control.damping[0], np.diag(2 * xi * np.sqrt(stiffness * inertia)), atol=1e-10
     )

@@ -204,7 +204,7 @@ def test_results_are_fresh_arrays():
         ({"coupling_stiffness": 100 * np.eye(3)}, "semidefinite"),
         ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
         ({"damping_ratio": 1.1}, "damping ratio is 1.1.*<= 1"),
-        ({"damping_design": "other"}, "damping design 'other': expected one of mass, diagonal"),
+        ({"damping_design": "other"}, "damping design 'other': expected one of diagonal, mass"),
         ({"projector": "other"}, "projector 'other': expected one of dynamic, pseudoinverse"),
         ({"torque_rate": 0.0}, "torque rate is 0.0.*> 0"),
         ({"pose_filter": 0.0}, "pose filter is 0.0.*> 0 and <= 1"),
@@ -226,7 +226,7 @@ def test_defaults_are_the_tomls_and_the_thesiss():
     np.testing.assert_array_equal(s.damping_ratio, [1.0] * 6)
     assert (s.torque_rate, s.rate_hz) == (1.0, 1000.0)
     assert s.filter_step("pose_filter") == 1.0
-    assert (s.damping_design, s.projector, s.coriolis) == ("mass", "dynamic", False)
+    assert (s.damping_design, s.projector, s.coriolis) == ("diagonal", "dynamic", False)
 
 
 def test_calls_that_cannot_work_are_refused():

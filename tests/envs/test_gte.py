@@ -271,7 +271,7 @@ def test_observations_mean_what_they_are_called(panda):
     assert see["amplitude_6"] == pytest.approx(-0.5)
     assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]) - 0.2)
     x, _, velocity, _ = core.rig.sequencer.reference(0.2)
-    error = core.rig.flange.position[0] - x[0]
+    error = core.rig.end_effector.position[0] - x[0]
     assert [see[f"error_{k}"] for k in "xyz"] == pytest.approx(error / 0.04, rel=1e-5)
     assert [see[f"reference_{k}"] for k in "xyz"] == pytest.approx(velocity[0] / 0.5, rel=1e-5)
     assert info["goals_reached"] == 0
@@ -337,6 +337,9 @@ def test_wrong_actions(panda, change, words):
         ({"fixed_options": {"trajectory": "line"}}, "line"),
         ({"robot": "fanuc"}, "fanuc"),
         ({"friction": "nowhere.toml"}, "nowhere.toml"),
+        ({"start": [0.0] * 6}, "6 angles: expected 7"),
+        ({"start": "rest"}, "expected 7 angles"),
+        ({"tool": (0.0, 0.1)}, "three finite numbers"),
         ({"render_mode": "ascii"}, "rgb_array"),
     ],
 )
@@ -374,7 +377,9 @@ def test_what_an_undithered_run_depends_on():
         of("panda", scatter=False),
         of("panda", seed=1),
         of("panda", friction=p.replace(stiction=1.2 * p.stiction)),
-        of("panda", settings=ImpedanceSettings(damping_design="diagonal")),
+        of("panda", settings=ImpedanceSettings(damping_design="mass")),
+        of("panda", start=[0.1, *usual.start[1:]]),
+        of("panda", tool=(0.0, 0.0, 0.1034)),
         of("panda", settings=ImpedanceSettings(damping_ratio=[1, 1, 1, 1, 1, 0.9])),
         of("panda", motion=MotionLimits(patience=2.0)),
         of(load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),

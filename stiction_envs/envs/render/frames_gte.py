@@ -23,7 +23,7 @@ PATH = np.array([0.1, 0.35, 0.75, 1.0], dtype=np.float32)
 _AXES = np.array(
     [[0.85, 0.15, 0.15, 1.0], [0.1, 0.6, 0.2, 1.0], [0.15, 0.3, 0.9, 1.0]], dtype=np.float32
 )
-_TRAIL = 400  # segments of the flange's trail at most
+_TRAIL = 400  # segments of the tool point's trail at most
 _LINE, _GOAL, _AXIS = 0.0025, 0.009, 0.12  # radius of lines and goals, length of an axis [m]
 _NEARER = 0.8  # the arm keeps its shape: the camera can come nearer than for any pose
 
@@ -70,7 +70,7 @@ class PathRenderer(Renderer):
         if trail:
             points = np.concatenate(trail)
             points = points[:: 1 + len(points) // _TRAIL]
-            points = np.vstack([points, core.rig.flange.position[i]])
+            points = np.vstack([points, core.rig.end_effector.position[i]])
             for a, b in pairwise(points):
                 connect(scene, capsule, _LINE, a, b, MARK)
         t = np.multiply(core.rig.step, CONTROL_DT, dtype=np.float64)

@@ -98,7 +98,7 @@ class Accumulator:
         """(N,) whether the tail is over."""
         self._moving = np.zeros(nsim, dtype=np.int64)
         self._absolute, self._squares = np.zeros((2, nsim, 6))
-        self._shaken, self._shaken_at_rest = np.zeros((2, nsim, 3))
+        self._shaken, self._shaken_at_rest = np.zeros((2, nsim, 6))
         self._power = np.zeros(nsim)
 
     def start(self, ids: Index, goals: Index) -> None:
@@ -122,7 +122,8 @@ class Accumulator:
 
         Args:
             error: (N, S, 6) pose less reference [m, rad].
-            mean_square: (N, 3, S) of the vibration within each sample [m²].
+            mean_square: (N, 6, S) of the vibration within each sample: of the position, then of
+                turns times a lever [m²].
             accepted: (N, G) when goals were accepted, NaN where not yet [s].
             reached: (N, G) when they were reached [s].
             power: (N, S) of the dither, None where it is not asked for [W].
@@ -165,18 +166,19 @@ class Accumulator:
 
     @property
     def vibration(self) -> Array:
-        """(N, 3) root mean square vibration of the motion; 0 before the first sample [m]."""
+        """(N, 6) root mean square vibration of the motion: of the position, then of turns times the
+        lever; 0 before the first sample [m]."""
         return np.sqrt(self._shaken / np.maximum(self._moving, 1)[:, None])
 
     @property
     def vibration_at_rest(self) -> Array:
-        """(N, 3) the same after the last goal was reached; NaN before [m]."""
+        """(N, 6) the same after the last goal was reached; NaN before [m]."""
         rest = self.count - self._moving
         return np.sqrt(self._shaken_at_rest / np.where(rest > 0, rest, np.nan)[:, None])
 
     @property
     def shaking(self) -> Array:
-        """(N,) root mean square of the motion's vibration in all directions together [m]."""
+        """(N,) root mean square of the motion's vibration, directions and turns together [m]."""
         return np.sqrt((self.vibration**2).sum(axis=1))
 
     @property
@@ -215,7 +217,7 @@ def _add_samples(
                     absolute[i, a] += abs(e)
                     squares[i, a] += e * e
                     maximum[i, a] = max(maximum[i, a], abs(e))
-            for a in range(3):
+            for a in range(6):
                 if in_motion:
                     shaken[i, a] += mean_square[i, a, s]
                 else:

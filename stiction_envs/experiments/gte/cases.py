@@ -1,10 +1,13 @@
-"""What a Generated Trajectory Experiment is asked: a path by name or file, dither of a table."""
+"""What a Generated Trajectory Experiment is asked: start, path by name or file, table of dither."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path as File
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.trajectory import Path, read_path
 from stiction_envs.errors import StictionError, unknown
@@ -26,6 +29,28 @@ def read_trajectory(text: str | File) -> Path | None:
     if not str(text).lower().endswith(".csv"):
         raise unknown("trajectory", str(text), [*TRAJECTORIES, "a path to a .csv"])
     return read_path(str(text))
+
+
+def start_angles(arm: Arm, start: ArrayLike | None) -> NDArray[np.float64]:
+    """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
+
+    Raises:
+        StictionError: not n numbers, or one that is not within the limits.
+    """
+    try:
+        q = np.array(arm.rest if start is None else start, dtype=float)
+    except (TypeError, ValueError):
+        raise StictionError(f"start {start!r}: expected {arm.n} angles in rad") from None
+    if q.shape != (arm.n,):
+        given = f"{q.size} angles" if q.ndim == 1 else f"shape {q.shape}"
+        raise StictionError(f"start: {given}: expected {arm.n}, one per joint of {arm.name}")
+    low, high = arm.limits.position.T
+    for j in np.flatnonzero(~((q > low) & (q < high))):
+        raise StictionError(
+            f"start: joint {j + 1}: {q[j]:g} rad: expected angles within the limits, "
+            f"{low[j]:g} to {high[j]:g}"
+        )
+    return q
 
 
 def read_dither(

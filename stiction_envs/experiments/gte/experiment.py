@@ -14,13 +14,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.gte.cases import start_angles
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
     TRAJECTORIES,
@@ -59,6 +61,9 @@ class GeneratedTrajectoryExperiment:
     motion: MotionLimits
     interface: TorqueInterface
     start: Array
+    """(n,) joint angles at the start [rad]."""
+    tool: Array
+    """(3,) the point that is controlled and measured, from the flange in the hand's frame [m]."""
     paths: Mapping[str, Path]
     """Paths other than the triangle and the pentagon, by name."""
     controller_model: Arm | None
@@ -75,7 +80,8 @@ class GeneratedTrajectoryExperiment:
         settings: ImpedanceSettings | None = None,
         motion: MotionLimits | None = None,
         interface: TorqueInterface | None = None,
-        start: Array | None = None,
+        start: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
         paths: Mapping[str, Path] | None = None,
         controller_model: Arm | None = None,
         scatter: bool = True,
@@ -93,6 +99,8 @@ class GeneratedTrajectoryExperiment:
             motion: of the trajectory generator.
             interface: None for the robot's.
             start: (n,) joint angles at the start [rad]; None for the robot's.
+            tool: (3,) the controlled and measured point from the flange, in the hand's frame [m];
+                None for the flange. The Panda's hand has (0, 0, 0.1034).
             paths: own paths by name.
             controller_model: the controller's own model of the arm; None for the true one.
             scatter: whether iterations differ.
@@ -101,7 +109,7 @@ class GeneratedTrajectoryExperiment:
             nthread: threads, 0 for all processors.
 
         Raises:
-            StictionError: anything wrong with the arm, its friction or the start.
+            StictionError: anything wrong with the arm, its friction, the start or the tool point.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
         arm = sticking.arm
@@ -110,10 +118,6 @@ class GeneratedTrajectoryExperiment:
             settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
         if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
-        begin = np.array(arm.rest) if start is None else np.asarray(start, dtype=float)
-        low, high = arm.limits.position.T
-        if begin.shape != (arm.n,) or not np.all((begin > low) & (begin < high)):
-            raise StictionError(f"start {begin}: expected {arm.n} angles within the limits")
         fields = {
             "sticking": sticking,
             "protocol": load_gte_protocol() if protocol is None else protocol,
@@ -121,7 +125,8 @@ class GeneratedTrajectoryExperiment:
             "settings": settings,
             "motion": MotionLimits() if motion is None else motion,
             "interface": interface,
-            "start": begin,
+            "start": start_angles(arm, start),
+            "tool": tool_point(tool),
             "paths": dict(paths or {}),
             "controller_model": controller_model,
             "scatter": scatter,
@@ -163,6 +168,7 @@ class GeneratedTrajectoryExperiment:
             interface=self.interface,
             capacity=capacity,
             start=self.start,
+            tool=self.tool,
             controller_model=self.controller_model,
             scatter=self.scatter,
             seed=self.seed,
@@ -227,6 +233,7 @@ class GeneratedTrajectoryExperiment:
                     "motion": dataclasses.asdict(self.motion),
                     "interface": dataclasses.asdict(self.interface),
                     "start": self.start,
+                    "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
                     "controller_model_sha256": None if model is None else _sha256(model.xml),
                     "scatter": self.scatter,

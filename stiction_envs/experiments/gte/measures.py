@@ -1,8 +1,11 @@
 """What a `Run` of the Generated Trajectory Experiment is judged by: errors, shaking, wear.
 
-Errors are actual pose less reference, per axis x, y, z [m], roll, pitch, yaw [rad]. The reference
-moves at once to where the arm is whenever a goal is accepted (physics.md 6.2), so an error counts
-from the last corner on.
+Errors are actual pose less reference, per axis x, y, z [m], roll, pitch, yaw [rad]. Roll, pitch and
+yaw are those of the hand's frame: the Panda's flange starts with a yaw of −45°, in which errors
+about the base's x and y would come out mixed; its hand starts with 0 (physics.md 1.1).
+
+The reference moves at once to where the arm is whenever a goal is accepted (physics.md 6.2), so an
+error counts from the last corner on.
 
 Table 4.11 (thesis 4.2) sums "the error values for each coordinate" over "200 data points", "from 1
 second before the last accepted new point to 1 second after". What that leaves open, and what is
@@ -21,12 +24,11 @@ taken here:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.rotation import from_rpy, multiply, to_rpy
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.errors import unknown
 from stiction_envs.experiments.gte.accumulator import Accumulator, ErrorWindow
@@ -122,9 +124,10 @@ class Measures:
     """(I, G) whether `settling` is beyond the generator's tolerance, so that only its patience
     ended the goal; roll, pitch and yaw errors are added as a vector. True where never reached."""
     vibration: Array
-    """(I, 3) flange position above the protocol's `vibration_low`, root mean square [m]."""
+    """(I, 6) root mean square above the protocol's `vibration_low`: of the position, then of turns
+    about x, y, z times its `vibration_lever` [m]."""
     vibration_at_rest: Array
-    """(I, 3) the same after the last goal was reached, until the record's end; NaN if it never
+    """(I, 6) the same after the last goal was reached, until the record's end; NaN if it never
     was [m]."""
     dither_energy: Array
     """(I,) ∫ Σ|dither torque · motor speed| dt: what the dither moves back and forth [J]."""
@@ -135,7 +138,7 @@ class Measures:
 
     @property
     def shaking(self) -> Array:
-        """(I,) root mean square of the vibration in all three directions together [m]."""
+        """(I,) root mean square of the vibration, directions and turns together [m]."""
         return np.sqrt((self.vibration**2).sum(axis=1))
 
     @property
@@ -190,28 +193,6 @@ def measure(
         torque_rate=run.torque_rate.max(axis=1),
         duration=finished,
     )
-
-
-def turned_frame(run: Run, angle: float) -> Run:
-    """Return the run with its orientation read in a frame turned about the flange's own z.
-
-    Roll, pitch and yaw of a pose depend on the frame that is fixed to the flange: where the start
-    has a yaw ψ, errors about the base's x and y come out as roll and pitch turned by −ψ. The
-    Panda's flange starts with ψ = −45°; the frame of its hand is turned by −45° (physics.md 1.1)
-    and starts with ψ = 0, so that roll and pitch errors are turns about the base's axes.
-
-    Args:
-        run: the run.
-        angle: of the frame from the flange [rad].
-    """
-    turn = from_rpy([0.0, 0.0, angle])
-    poses = {}
-    for name in ("reference", "actual"):
-        pose = getattr(run, name).copy()
-        q = from_rpy(pose[..., 3:])
-        pose[..., 3:] = to_rpy(multiply(q, np.broadcast_to(turn, q.shape)))
-        poses[name] = pose
-    return replace(run, **poses)
 
 
 def sample_period(run: Run) -> float:

@@ -46,6 +46,8 @@ class GTEProtocol:
     given up: counts only where that is inf (`MotionLimits.patience`) [s]."""
     vibration_low: float
     """Lowest frequency that counts as vibration [Hz]."""
+    vibration_lever: float
+    """How much translation a vibration of 1 rad counts as [m]."""
 
     def __post_init__(self) -> None:
         for f in dataclasses.fields(self):
@@ -130,14 +132,14 @@ class Run:
     reference: Array
     """(iterations, K, 6) pose of the reference: x, y, z [m], roll, pitch, yaw [rad]."""
     actual: Array
-    """(iterations, K, 6) measured pose."""
+    """(iterations, K, 6) measured pose of the tool point, oriented as the hand."""
     accepted: Array
     """(iterations, goals) times at which goals were accepted [s]; NaN where never."""
     reached: Array
     """(iterations, goals) times at which goals were reached [s]; NaN where never."""
     mean_square: Array
-    """(iterations, K, 3) mean square of the flange's position above `vibration_low` within each
-    sample [m²]."""
+    """(iterations, K, 6) mean square above `vibration_low` within each sample: of the position,
+    then of turns about x, y, z times `vibration_lever` [m²]."""
     dither_power: Array
     """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
     torque_rate: Array

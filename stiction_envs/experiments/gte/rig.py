@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector
@@ -47,6 +47,7 @@ class GTERig(Rig):
         interface: TorqueInterface,
         capacity: int,
         start: Array,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
         controller_model: Arm | None = None,
         scatter: bool = True,
         seed: int = 0,
@@ -65,6 +66,7 @@ class GTERig(Rig):
             interface: what the robot does to commanded torques.
             capacity: most goals of a path.
             start: (n,) joint angles at the start [rad].
+            tool: (3,) the tool point from the flange, in the hand's frame [m].
             controller_model: the controller's own model of the arm, None for the true one.
             scatter: whether iterations differ by pose, friction and dither phase.
             seed: of that scatter.
@@ -83,7 +85,7 @@ class GTERig(Rig):
             closed_loop=True,
         )
         self.protocol, self.motion, self.start = protocol, motion, np.array(start)
-        self.flange = EndEffector(sticking, self.plant.batch)
+        self.end_effector = EndEffector(sticking, self.plant.batch, tool)
         arm = sticking.arm
         self._model = ControllerModel(
             controller_model or arm, sticking, nsim, nthread, coriolis=settings.coriolis
@@ -105,10 +107,10 @@ class GTERig(Rig):
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
 
     def _nominal(self) -> tuple[Array, Array]:
-        """Return the flange pose (3,), (4,) at the start angles."""
+        """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
         self.plant.reset(np.arange(self.nsim), np.broadcast_to(self.start, (self.nsim, self.n)))
-        self.flange.read()
-        return self.flange.position[0].copy(), self.flange.quaternion[0].copy()
+        self.end_effector.read()
+        return self.end_effector.position[0].copy(), self.end_effector.quaternion[0].copy()
 
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]
@@ -151,8 +153,8 @@ class GTERig(Rig):
 
     def _hand_over(self, ids: Index, paths: Sequence[Path], stiffness: Array) -> None:
         """Let the controller take over the arms where they are."""
-        self.flange.read()
-        x, quaternion = self.flange.position[ids], self.flange.quaternion[ids]
+        self.end_effector.read()
+        x, quaternion = self.end_effector.position[ids], self.end_effector.quaternion[ids]
         q = self.plant.position
         self.controller.set_stiffness(
             ids,
@@ -163,7 +165,7 @@ class GTERig(Rig):
         # after the stiffness: its filter starts settled
         self.controller.reset(ids, x, quaternion, q[ids])
         self._model.update(q, self.plant.velocity)
-        self.controller.update_model(ids, self.flange.jacobian[ids], self._model.mass[ids])
+        self.controller.update_model(ids, self.end_effector.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
         self.step[ids] = 0
         for row, i in enumerate(ids):
@@ -195,13 +197,13 @@ class GTERig(Rig):
 
     def _look_ahead(self, model: bool, goals: bool) -> None:
         """Renew what the controller knows of the arm, and where it is to be."""
-        flange, t = self.flange, self._command_time()
-        flange.read()
+        pose, t = self.end_effector, self._command_time()
+        pose.read()
         if model:
             self._model.update(self.plant.position, self.plant.velocity)
-            self.controller.update_model(None, flange.jacobian, self._model.mass)
+            self.controller.update_model(None, pose.jacobian, self._model.mass)
         if goals:
-            self.sequencer.accept(flange.position, flange.quaternion, t)
+            self.sequencer.accept(pose.position, pose.quaternion, t)
             position, quaternion, _, _ = self.sequencer.reference(t)
             self.controller.set_reference(position, quaternion)
 
@@ -217,7 +219,7 @@ class GTERig(Rig):
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
         return (
-            self.flange.arguments,
+            self.end_effector.arguments,
             (*self.plant.state, sticking.motor, sticking.spring),
             (dither.sines is not None, *sines),
             self.step,

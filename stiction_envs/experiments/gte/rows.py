@@ -76,8 +76,10 @@ class RunRow:
     """Root mean square above the protocol's `vibration_low`; the next two likewise."""
     vibration_y_m: float
     vibration_z_m: float
+    vibration_turning_m: float
+    """Of turns about all axes, times the protocol's `vibration_lever`."""
     vibration_m: float
-    """All three together."""
+    """All four together."""
     vibration_at_rest_m: float
     """The same after the last goal was reached."""
     dither_energy_j: float
@@ -131,7 +133,8 @@ def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
 def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
     """Return the row of a run."""
     m = measures
-    x, y, z = map(float, m.vibration.mean(axis=0))
+    x, y, z = map(float, m.vibration[:, :3].mean(axis=0))
+    turning = np.sqrt((m.vibration[:, 3:] ** 2).sum(axis=1))
     flags: dict[str, Any] = {name: int(run.flags[name].sum()) for name in FLAGS}
     return RunRow(
         **_key(run.case, robot),
@@ -139,6 +142,7 @@ def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
         vibration_x_m=x,
         vibration_y_m=y,
         vibration_z_m=z,
+        vibration_turning_m=float(turning.mean()),
         vibration_m=float(m.shaking.mean()),
         vibration_at_rest_m=float(m.shaking_at_rest.mean()),
         dither_energy_j=float(m.dither_energy.mean()),

@@ -1,4 +1,8 @@
-"""What the arms of a rig do, sample by sample: poses, references, vibration of the flange."""
+"""What the arms of a rig do, sample by sample: poses, references, vibration of the tool point.
+
+Vibration is of the position and of the orientation: turns of the hand, added up from control step
+to control step and multiplied by a lever [m], go through the same high-pass as the position.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.gte.protocol import GTEProtocol, pose_error
@@ -22,15 +27,16 @@ class Samples:
     """S samples of N arms, one after the other; fresh arrays."""
 
     actual: Array
-    """(N, S, 6) pose of the flange at the first control step of each sample: x, y, z [m], roll,
-    pitch, yaw [rad]."""
+    """(N, S, 6) pose at the first control step of each sample: x, y, z of the tool point [m], roll,
+    pitch, yaw of the hand's frame [rad]."""
     error: Array
     """(N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]."""
     reference: Array
     """(N, S, 6) pose of the reference then."""
     mean_square: Array
-    """(N, 3, S) mean square, over the control steps of each sample, of the flange's position above
-    the protocol's `vibration_low` [m²]."""
+    """(N, 6, S) mean square, over the control steps of each sample, of what is above the protocol's
+    `vibration_low`: the tool point's position, then the hand's turns about x, y, z times the
+    protocol's `vibration_lever` [m²]."""
 
 
 class Sampler:
@@ -47,16 +53,19 @@ class Sampler:
         self.size = steps // self.stride
         """Samples S of a block."""
         self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
-        self._state = np.zeros((len(self._band), nsim, 3, 2))
+        self._lever = protocol.vibration_lever
+        self._state = np.zeros((len(self._band), nsim, 6, 2))
         self._rest = np.zeros((nsim, 3))
-        self._moved = np.zeros((steps, nsim, 3))
+        self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
+        self._moved = np.zeros((steps, nsim, 6))
         self._poses = np.zeros((2, nsim, self.size, 7))
         self._tick = 0
         self.start(np.arange(nsim))
 
     def start(self, ids: Index) -> None:
         """Begin anew with arms ``ids``: they have rested where they are, the filter is settled."""
-        self._rest[ids] = self._rig.flange.position[ids]
+        self._rest[ids] = self._rig.end_effector.position[ids]
+        self._before[ids], self._turned[ids] = self._rig.end_effector.quaternion[ids], 0.0
         self._state[:, ids] = 0.0
 
     def advance(self) -> Samples:
@@ -78,9 +87,51 @@ class Sampler:
     def _watch(self) -> None:
         """One control step, before the arms move."""
         rig, k = self._rig, self._tick
-        np.subtract(rig.flange.position, self._rest, out=self._moved[k])
+        pose = rig.end_effector
+        _add_motion(
+            *(pose.position, self._rest, pose.quaternion, self._lever),
+            *(self._before, self._turned, self._moved[k]),
+        )
         if k % self.stride == 0:
             actual, reference = self._poses[:, :, k // self.stride]
-            actual[:, :3], actual[:, 3:] = rig.flange.position, rig.flange.quaternion
+            actual[:, :3], actual[:, 3:] = pose.position, pose.quaternion
             reference[:, :3], reference[:, 3:] = rig.controller.reference
         self._tick = k + 1
+
+
+@compiled
+def _add_motion(
+    position: Array,
+    rest: Array,
+    quaternion: Array,
+    lever: float,
+    before: Array,
+    turned: Array,
+    moved: Array,
+) -> None:
+    """Write position from rest, and lever times the turns so far, into ``moved`` (N, 6) [m].
+
+    Turns (angle · axis in the base frame) of single control steps are small, so their sum
+    ``turned`` (N, 3) [rad], changed, is smooth wherever the path turns to; ``before`` (N, 4) is the
+    orientation of the last step, changed.
+    """
+    for i in range(len(position)):
+        w, x, y, z = quaternion[i]
+        a, b, c, d = before[i]
+        # quaternion ⊗ before⁻¹
+        cosine = w * a + x * b + y * c + z * d
+        side = 2.0 if cosine >= 0.0 else -2.0
+        turn = (
+            a * x - w * b + z * c - y * d,
+            a * y - w * c + x * d - z * b,
+            a * z - w * d + y * b - x * c,
+        )
+        sine = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+        if sine > 0.0:
+            side *= np.arctan2(sine, abs(cosine)) / sine
+        for k in range(3):
+            turned[i, k] += side * turn[k]
+            moved[i, k] = position[i, k] - rest[i, k]
+            moved[i, 3 + k] = lever * turned[i, k]
+        for k in range(4):
+            before[i, k] = quaternion[i, k]

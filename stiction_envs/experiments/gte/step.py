@@ -34,7 +34,7 @@ def control_step(
     applied: Array,
     torque: Array,
 ) -> None:
-    """Read the flange and, where ``due``, compute the next command; pass the command on.
+    """Read the end effector and, where ``due``, compute the next command; pass the command on.
 
     Args:
         due: whether the controller computes in this step, or its command is held.

@@ -43,7 +43,7 @@ def made_up(
         actual=actual,
         accepted=np.array(goals[0], dtype=float),
         reached=np.array(goals[1], dtype=float),
-        mean_square=np.tile([9e-6, 16e-6, 0.0], (iterations, count, 1)),
+        mean_square=np.tile([9e-6, 16e-6, 0.0, 0.0, 0.0, 144e-6], (iterations, count, 1)),
         dither_power=np.full((iterations, count), 2.0),
         torque_rate=np.tile(np.arange(1.0, 8.0), (iterations, 1)),
         flags={name: np.zeros(iterations, dtype=bool) for name in FLAGS},

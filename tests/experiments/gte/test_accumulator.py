@@ -17,7 +17,7 @@ GOALS = np.array([3, 2, 3])
 def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(1)
     error = rng.normal(size=(3, COUNT, 6))
-    return error, rng.uniform(size=(3, 3, COUNT)), rng.uniform(size=(3, COUNT))
+    return error, rng.uniform(size=(3, 6, COUNT)), rng.uniform(size=(3, COUNT))
 
 
 def fed(block: int) -> Accumulator:

@@ -9,9 +9,8 @@ import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.settings import ImpedanceSettings
-from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure, window_sums
 from stiction_envs.experiments.gte.protocol import (
     FLAGS,
@@ -22,66 +21,10 @@ from stiction_envs.experiments.gte.protocol import (
     load_gte_protocol,
 )
 from stiction_envs.experiments.gte.rig import GTERig
-from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
+from tests.experiments.gte.short_paths import DITHER, PATHS, SOFT, STIFF, STILL, bench, one, through
 from tests.robots.own_arms import chain
-
-STILL = np.array([1.0, 0.0, 0.0, 0.0])
-SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)
-DITHER = tuple(
-    AmplitudeRow(k + 1, f, a)
-    for k, (f, a) in enumerate(
-        zip((50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8), strict=True)
-    )
-)
-
-
-def through(name: str, *goals: tuple[float, float, float]) -> Path:
-    """Positions relative to the start, orientation kept."""
-    return Path(name, np.array(goals), np.tile(STILL, (len(goals), 1)))
-
-
-PATHS = {
-    "there": through("there", (0.03, 0.0, 0.0)),
-    "corner": through("corner", (0.03, 0.0, 0.0), (0.0, 0.03, 0.0)),
-    "stay": through("stay", (0.0, 0.0, 0.0)),
-    "away": through("away", (0.2, 0.0, 0.0)),
-}
-
-
-@cache
-def friction(robot: str = "panda", kind: str = "rigid") -> FrictionParameters:
-    """The robot's without springs; or next to none at all."""
-    p = load_friction(friction_path(robot), 7)
-    zero = np.zeros(7)
-    p = p.replace(joint_stiffness=zero + np.inf, offset=zero, gravity_error=zero)
-    if kind == "rigid":
-        return p
-    return p.replace(
-        stiction=np.full((7, 2), 1e-6),
-        viscous=np.zeros((7, 2)),
-        bristle_stiffness=zero + 1.0,
-        load_coefficient=zero,
-        ripple_amplitude=zero,
-    )
-
-
-def bench(robot: str = "panda", kind: str = "rigid", **options: object):
-    """A bench of short paths; ``tail`` is of the protocol."""
-    tail = options.pop("tail", None)
-    name = robot if isinstance(robot, str) else robot.name
-    protocol = load_gte_protocol()
-    if tail is not None:
-        protocol = protocol.replace(tail=tail)
-    return GeneratedTrajectoryExperiment(
-        robot,
-        **{"friction": friction(name, kind), "paths": PATHS, "protocol": protocol} | options,
-    )
-
-
-def one(b: GeneratedTrajectoryExperiment, case: Case, iterations: int = 1) -> Run:
-    return b.run([case], iterations=iterations)[0]
 
 
 def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
@@ -143,9 +86,10 @@ def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stif
     mass, arm = 0.4, 0.05
     controller_model = load_arm("panda", payload=(mass, arm, 0.0, 0.0))
     b = bench(kind="none", tail=6.0, scatter=False, controller_model=controller_model)
-    rig = b.rig(1, 1)  # where the flange's x axis points at the start
-    w, x, y, z = rig.start_quaternion
-    axis = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    # where the flange's x axis points at the start: the hand is turned from it
+    hand = rotation.from_rpy([0.0, 0.0, load_arm("panda").hand_yaw])
+    flange = rotation.multiply(b.rig(1, 1).start_quaternion, rotation.conjugate(hand))
+    axis = rotation.to_matrix(flange)[:, 0]
     for stiffness in (SOFT, STIFF):
         run = one(b, Case(trajectory="stay", stiffness=stiffness))
         error, force = run.error[0, -1], np.array([0.0, 0.0, mass * 9.81])
@@ -170,10 +114,13 @@ def test_tilt_the_controller_does_not_know_of_deflects_the_arm():
 
 
 def test_friction_leaves_a_standing_error():
-    """Larger than without, and within what the joints' stiction can hold."""
+    """Larger than without, and within what the joints' stiction can hold.
+
+    2√K is a quarter of critical damping: without friction it takes 6 s to come to rest.
+    """
     case = Case(trajectory="there", stiffness=SOFT)
     sticking = one(bench(tail=3.0, scatter=False), case).error[0]
-    free = one(bench(kind="none", tail=3.0, scatter=False), case).error[0]
+    free = one(bench(kind="none", tail=6.0, scatter=False), case).error[0]
     assert np.abs(sticking[-1, 0]) > 3e-3 > 10 * np.abs(free[-1, 0])
     still = np.abs(np.diff(sticking[-50:], axis=0)).max()
     assert still < 2e-5
@@ -324,15 +271,15 @@ def test_iiwa_holds_its_command_for_5_ms():
 
 def one_by_one(rig: GTERig, due: bool) -> None:
     """`GTERig._control_step` by the public calls of its parts."""
-    flange, model = rig.flange, rig._model
-    flange.read()
+    tip, model = rig.end_effector, rig._model
+    tip.read()
     if due:
         q, dq = rig.plant.position, rig.plant.velocity
         rig.dither_torque[:] = rig.dither.torque(rig.step * 1e-3, dq)
         rig.controller.torque(
-            flange.position,
-            flange.quaternion,
-            flange.jacobian,
+            tip.position,
+            tip.quaternion,
+            tip.jacobian,
             q,
             dq,
             coriolis=model.coriolis,
@@ -380,7 +327,7 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
         rig.advance(
             437,
             lambda rig=rig, rows=rows: rows.append(
-                [*rig.applied.copy(), *rig.dither_torque.copy(), *rig.flange.position.copy()]
+                [*rig.applied.copy(), *rig.dither_torque.copy(), *rig.end_effector.position.copy()]
             ),
         )
         seen.append([np.concatenate(row) for row in rows])
@@ -428,8 +375,12 @@ def test_bad_cases(tmp_path):
         Case(trajectory="there", stiffness=(200.0, -1.0, 0.0))
     with pytest.raises(StictionError, match="random, zero, spread"):
         Case(trajectory="there", stiffness=SOFT, phases="all")
-    with pytest.raises(StictionError, match="within the limits"):
+    with pytest.raises(StictionError, match="joint 1: 9 rad: expected angles within the limits"):
         bench(start=np.full(7, 9.0))
+    with pytest.raises(StictionError, match="6 angles: expected 7"):
+        bench(start=np.zeros(6))
+    with pytest.raises(StictionError, match="three finite numbers"):
+        bench(tool=(0.0, 0.0, np.nan))
     (tmp_path / "two.xml").write_text(chain(2))
     other = load_arm(tmp_path / "two.xml")
     with pytest.raises(StictionError, match="joints of the arm"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.control import rotation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import experiment as gte
 from stiction_envs.experiments.gte import measures as gte_measures
@@ -67,25 +66,6 @@ def test_window_of_a_point_never_accepted_is_unknown():
     assert np.isnan(sums[1]).all()
 
 
-@pytest.mark.parametrize("yaw", [0.0, np.pi / 4])
-def test_orientation_read_in_a_turned_frame(yaw):
-    """A flange that looks down: a frame turned by its yaw at the start reads turns about x and y.
-
-    Roll and pitch are small here, so turns add up like vectors.
-    """
-    run = made_up()
-    about_x, about_y = 0.01, -0.02
-    reference = rotation.from_rpy([np.pi, 0.0, -yaw])
-    tilt = rotation.from_rotation_vector([about_x, about_y, 0.0])
-    turned = rotation.multiply(tilt, reference)
-    for pose, q in ((run.reference, reference), (run.actual, turned)):
-        pose[..., 3:] = rotation.to_rpy(q)
-    error = gte_measures.turned_frame(run, -yaw).error
-    np.testing.assert_allclose(error[..., 3], about_x, atol=3e-4)
-    np.testing.assert_allclose(error[..., 4], about_y, atol=3e-4)
-    np.testing.assert_allclose(gte_measures.turned_frame(run, 0.0).error, run.error, atol=1e-12)
-
-
 def test_unknown_centre():
     with pytest.raises(StictionError, match="accepted, reached"):
         gte_measures.window(made_up(), centre="middle")
@@ -112,9 +92,12 @@ def test_measures_are_over_the_motion():
     np.testing.assert_allclose(m.maximum[:, 0], 0.02)
     assert not m.maximum[:, 1:].any()
     np.testing.assert_allclose(m.total[:, :2], [[300 * 0.02 + 100 * 9.0, 100 * 9.0]] * 2)
-    np.testing.assert_allclose(m.vibration, np.tile([3e-3, 4e-3, 0], (2, 1)))
-    np.testing.assert_allclose(m.shaking, 5e-3)
-    np.testing.assert_allclose(m.shaking_at_rest, 5e-3)
+    np.testing.assert_allclose(m.vibration, np.tile([3e-3, 4e-3, 0, 0, 0, 12e-3], (2, 1)))
+    np.testing.assert_allclose(m.shaking, 13e-3)
+    np.testing.assert_allclose(m.shaking_at_rest, 13e-3)
+    row = gte_table.run_row(made_up(error), m, "panda")
+    assert row.vibration_m == pytest.approx(13e-3)
+    assert row.vibration_turning_m == pytest.approx(12e-3)
     np.testing.assert_allclose(m.dither_energy, 2.0 * 6.0)
     np.testing.assert_allclose(m.torque_rate, 7.0)
     np.testing.assert_allclose(m.duration, 6.0)

@@ -7,9 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stiction_envs.control import rotation
 from stiction_envs.experiments.gte.protocol import FLAGS, Run, load_gte_protocol
 from stiction_envs.experiments.gte.run_log import RunLog
 from tests.experiments.gte.made_up import RATE, made_up
+
+START = np.array([0.0, 1.0, 0.0, 0.0])
+"""Orientation at the start: a hand that looks down."""
 
 
 class Stub:
@@ -19,13 +23,13 @@ class Stub:
 
     def __init__(self, move) -> None:
         self.move, self.count = move, 0
-        self.flange = SimpleNamespace(
+        self.end_effector = SimpleNamespace(
             position=np.array([[0.3, 0.0, 0.5], [1.0, 2.0, 3.0]]),
-            quaternion=np.tile([0.0, 1.0, 0.0, 0.0], (2, 1)),
+            quaternion=np.tile(START, (2, 1)),
         )
         self.flags = {name: np.zeros(2, dtype=bool) for name in FLAGS}
         self.controller = SimpleNamespace(
-            reference=(self.flange.position.copy(), self.flange.quaternion.copy()),
+            reference=(self.end_effector.position.copy(), self.end_effector.quaternion.copy()),
             flags=SimpleNamespace(**self.flags),
         )
         self.speed = np.zeros((2, 7))
@@ -57,7 +61,7 @@ def logged(move, seconds: float = 3.0) -> Run:
 
 def test_samples_are_the_first_of_their_control_steps():
     def move(stub, t):
-        stub.flange.position[:, 0] = t
+        stub.end_effector.position[:, 0] = t
 
     run = logged(move)
     assert run.actual.shape == (2, 300, 6)
@@ -71,7 +75,7 @@ def test_vibration_of_a_pure_sine(frequency):
     """RMS is amplitude/√2 times the high-pass's gain, from the first period to the last."""
 
     def move(stub, t):
-        stub.flange.position[:, 1] = [1e-3 * np.sin(2 * np.pi * frequency * t), 2.0]
+        stub.end_effector.position[:, 1] = [1e-3 * np.sin(2 * np.pi * frequency * t), 2.0]
 
     run = logged(move)
     gain = 1 / np.sqrt(1 + (load_gte_protocol().vibration_low / frequency) ** 4)
@@ -80,6 +84,28 @@ def test_vibration_of_a_pure_sine(frequency):
     assert run.mean_square[0, :, 1].max() < 1.1e-3**2  # nothing rings from block to block
     assert not run.mean_square[1].any()
     assert not run.mean_square[:, :, [0, 2]].any()
+
+
+@pytest.mark.parametrize("path", [0.0, 7.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_turning_vibrates_by_the_lever(axis, path):
+    """As a position that far away would; a path that turns more than once around adds nothing."""
+    protocol, frequency = load_gte_protocol(), 30.0
+
+    def move(stub, t):
+        vector = np.zeros(3)
+        vector[axis] = path * t + 2e-3 * np.sin(2 * np.pi * frequency * t)
+        turn = rotation.from_rotation_vector(vector)
+        sign = -1.0 if 1.1 < t < 1.3 else 1.0  # the same orientation
+        stub.end_effector.quaternion[0] = sign * rotation.multiply(turn, START)
+
+    run = logged(move)
+    gain = 1 / np.sqrt(1 + (protocol.vibration_low / frequency) ** 4)
+    rms = np.sqrt(np.mean(run.mean_square[0, 100:, 3 + axis]))
+    assert rms == pytest.approx(gain * protocol.vibration_lever * 2e-3 / np.sqrt(2), rel=0.01)
+    others = np.delete(run.mean_square[0], 3 + axis, axis=1)
+    assert others.max() < 1e-20
+    assert not run.mean_square[1].any()
 
 
 def test_arm_that_rests_does_not_vibrate():
@@ -91,7 +117,7 @@ def test_slow_motion_is_no_vibration():
     """1 Hz is let through by (1/8)²."""
 
     def move(stub, t):
-        stub.flange.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
+        stub.end_effector.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
 
     assert np.sqrt(np.mean(logged(move).mean_square[0, :, 2])) < 1.1 * 0.01 / np.sqrt(2) / 64
 

@@ -1,0 +1,69 @@
+"""Experiments of short paths, with friction whose limit cases can be worked out."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from stiction_envs.control.trajectory import Path
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import Case, Run, load_gte_protocol
+from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
+from stiction_envs.measured import AmplitudeRow
+
+STILL = np.array([1.0, 0.0, 0.0, 0.0])
+SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)
+DITHER = tuple(
+    AmplitudeRow(k + 1, f, a)
+    for k, (f, a) in enumerate(
+        zip((50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8), strict=True)
+    )
+)
+
+
+def through(name: str, *goals: tuple[float, float, float]) -> Path:
+    """Positions relative to the start, orientation kept."""
+    return Path(name, np.array(goals), np.tile(STILL, (len(goals), 1)))
+
+
+PATHS = {
+    "there": through("there", (0.03, 0.0, 0.0)),
+    "corner": through("corner", (0.03, 0.0, 0.0), (0.0, 0.03, 0.0)),
+    "stay": through("stay", (0.0, 0.0, 0.0)),
+    "away": through("away", (0.2, 0.0, 0.0)),
+}
+
+
+@cache
+def friction(robot: str = "panda", kind: str = "rigid") -> FrictionParameters:
+    """The robot's without springs; or next to none at all."""
+    p = load_friction(friction_path(robot), 7)
+    zero = np.zeros(7)
+    p = p.replace(joint_stiffness=zero + np.inf, offset=zero, gravity_error=zero)
+    if kind == "rigid":
+        return p
+    return p.replace(
+        stiction=np.full((7, 2), 1e-6),
+        viscous=np.zeros((7, 2)),
+        bristle_stiffness=zero + 1.0,
+        load_coefficient=zero,
+        ripple_amplitude=zero,
+    )
+
+
+def bench(robot: str = "panda", kind: str = "rigid", **options: object):
+    """A bench of short paths; ``tail`` is of the protocol."""
+    tail = options.pop("tail", None)
+    name = robot if isinstance(robot, str) else robot.name
+    protocol = load_gte_protocol()
+    if tail is not None:
+        protocol = protocol.replace(tail=tail)
+    return GeneratedTrajectoryExperiment(
+        robot,
+        **{"friction": friction(name, kind), "paths": PATHS, "protocol": protocol} | options,
+    )
+
+
+def one(b: GeneratedTrajectoryExperiment, case: Case, iterations: int = 1) -> Run:
+    return b.run([case], iterations=iterations)[0]

@@ -1,0 +1,137 @@
+"""Which point and frame are controlled and measured, and where the arm starts."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.control.trajectory import Path
+from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import Case, pose_error
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots import load_arm
+from tests.experiments.gte.short_paths import PATHS, SOFT, STIFF, bench, one
+
+
+def start_pose(**options: object) -> tuple[np.ndarray, np.ndarray]:
+    rig = bench(scatter=False, **options).rig(1, 1)
+    return rig.start_position, rig.start_quaternion
+
+
+def test_orientation_is_read_in_the_hands_frame():
+    """The Panda's hand starts with yaw 0, its flange with −45°; turns about x, y are roll, pitch.
+
+    The iiwas have no hand: the flange's frame.
+    """
+    arm = load_arm("panda")
+    rpy = rotation.to_rpy(start_pose()[1])
+    np.testing.assert_allclose([abs(rpy[0]), *rpy[1:]], [np.pi, 0.0, 0.0], atol=1e-9)
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = arm.rest
+    mujoco.mj_kinematics(model, data)
+    flange = rotation.from_matrix(data.site(arm.end_effector).xmat.reshape(3, 3))
+    assert rotation.to_rpy(flange)[2] == pytest.approx(-np.pi / 4)
+    for robot in ("iiwa7", "iiwa14"):
+        assert load_arm(robot).hand_yaw == 0.0
+    # a joint that turns the hand about the base's x shows as roll alone
+    half = 0.02
+    turn = Path("turn", np.zeros((1, 3)), np.array([[np.cos(half), np.sin(half), 0.0, 0.0]]))
+    b = bench(kind="none", tail=8.0, scatter=False, paths={"turn": turn})
+    run = one(b, Case(trajectory="turn", stiffness=STIFF))
+    begin = np.append(np.zeros(3), rotation.to_rpy(b.rig(1, 1).start_quaternion))
+    moved = pose_error(run.actual[0, -1], begin)[3:]
+    np.testing.assert_allclose(moved, [2 * half, 0.0, 0.0], atol=1e-3)
+
+
+def test_tool_point_is_fixed_to_the_hand():
+    """0.1034 m along z of a hand that looks down is that much lower; its x is the base's."""
+    flange, turn = start_pose()
+    for tool, moved in (((0, 0, 0.1034), (0, 0, -0.1034)), ((0.1, 0.2, 0), (0.1, -0.2, 0))):
+        position, same = start_pose(tool=tool)
+        np.testing.assert_allclose(position - flange, moved, atol=1e-9)
+        np.testing.assert_array_equal(same, turn)
+
+
+def test_jacobian_is_the_tool_points():
+    """Its velocity, by finite differences of the pose over the joint angles."""
+    b = bench(scatter=False, tool=(0.05, -0.02, 0.1))
+    rig, h = b.rig(8, 1), 1e-6
+    q = np.tile(b.start, (8, 1))
+    q[1:] += h * np.eye(7)
+    rig.plant.reset(np.arange(8), q)
+    rig.end_effector.read()
+    position, turn = rig.end_effector.position, rig.end_effector.quaternion
+    jacobian = rig.end_effector.jacobian[0]
+    np.testing.assert_allclose((position[1:] - position[0]).T / h, jacobian[:3], atol=1e-5)
+    turned = rotation.rotation_error(turn[1:], np.tile(turn[0], (7, 1)))
+    np.testing.assert_allclose(turned.T / h, jacobian[3:], atol=1e-5)
+
+
+def test_a_push_at_the_flange_turns_an_arm_controlled_at_its_tool():
+    """e = K⁻¹ F at the tool point: a weight that is off it by a lever tilts the hand by K_r⁻¹ M.
+
+    The weight is on the hand's x axis and unknown to the controller.
+    """
+    mass, lever = 0.4, 0.06
+    hand = rotation.from_rpy([0.0, 0.0, load_arm("panda").hand_yaw])
+    x, y, _ = rotation.to_matrix(hand)[:, 0] * lever  # the hand's x in the flange's frame
+    loaded = load_arm("panda", payload=(mass, x, y, 0.0))
+    errors = []
+    for tool in ((0.0, 0.0, 0.0), (lever, 0.0, 0.0)):
+        b = bench(
+            loaded, "none", tail=8.0, scatter=False, tool=tool, controller_model=load_arm("panda")
+        )
+        run = one(b, Case(trajectory="stay", stiffness=STIFF))
+        poses = (rotation.from_rpy(p[0, -1, 3:])[None] for p in (run.actual, run.reference))
+        errors.append([run.error[0, -1, 2], rotation.rotation_error(*poses)[0, 1]])
+    sag = -mass * 9.81 / STIFF[0]
+    np.testing.assert_allclose(
+        errors, [[sag, lever * mass * 9.81 / STIFF[1]], [sag, 0.0]], atol=5e-4
+    )
+
+
+def test_start_is_where_arms_begin():
+    q = np.array([0.1, -0.6, 0.0, -2.2, 0.0, 1.6, 0.8])
+    b = bench(kind="none", scatter=False, start=q)
+    rig = b.rig(1, 1)
+    rig.begin(np.array([0]), [PATHS["there"]], np.array([SOFT]), [(0,)])
+    np.testing.assert_allclose(rig.plant.position[0], q, atol=1e-2)
+    assert np.abs(start_pose(start=q)[0] - start_pose()[0]).max() > 0.02
+
+
+def test_dither_of_joint_7_alone_is_seen():
+    """Its axis goes through the flange, which turns by q7: vibration is the lever times q7's.
+
+    The position moves only as far as the dither's reaction moves the other joints.
+    """
+    b = bench(scatter=False, tail=3.0)
+    case = Case(trajectory="stay", stiffness=SOFT, dither=(AmplitudeRow(7, 15.0, 2.0),))
+    plain = Case(trajectory="stay", stiffness=SOFT)
+    a, d = (measure(run, b.protocol) for run in b.run([plain, case], iterations=1))
+    assert d.shaking_at_rest[0] > 20 * a.shaking_at_rest[0]
+    assert np.linalg.norm(d.vibration_at_rest[0, :3]) < 0.5 * d.shaking_at_rest[0]
+    assert d.vibration_at_rest[0, 5] > 10 * d.vibration_at_rest[0, 3:5].max()
+
+    rig, ids, angle = b.rig(1, 1), np.array([0]), []
+    rig.begin(ids, [PATHS["stay"]], np.array([SOFT]), [(0,)])
+    rig.set_dither(ids, **{k: v[None] for k, v in b.dither_of(case).items()})
+    rig.advance(4000, lambda: angle.append(rig.plant.position[0, 6]))
+    band = butterworth_highpass(b.protocol.vibration_low, 1000.0)
+    shaken = np.array([angle]) - angle[0]
+    filter_sections(band, shaken, np.zeros((len(band), 1, 2)))
+    theta = np.sqrt(np.mean(shaken[0, 2000:] ** 2))
+    expected = b.protocol.vibration_lever * theta
+    assert d.vibration_at_rest[0, 5] == pytest.approx(expected, rel=0.05)
+
+
+def test_lever_scales_turns_alone():
+    case = Case(trajectory="there", stiffness=SOFT)
+    b = bench(scatter=False)
+    twice = b.protocol.replace(vibration_lever=2 * b.protocol.vibration_lever)
+    d, e = (measure(one(bench(scatter=False, protocol=p), case), p) for p in (b.protocol, twice))
+    np.testing.assert_allclose(e.vibration[0, 3:], 2 * d.vibration[0, 3:], rtol=1e-9)
+    np.testing.assert_array_equal(e.vibration[0, :3], d.vibration[0, :3])
