@@ -1,4 +1,4 @@
-"""``stiction gte``: the Generated Trajectory Experiment, with and without dither."""
+"""``stiction gte``: the Generated Trajectory Experiment, with and without what frees joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
 DAMPING_DESIGNS = ("diagonal", "mass")
+COMPENSATIONS = ("feedforward", "push")
 DITHER_OPTIONS = ("gate_velocity", "waveform", "phases")
+COMPENSATION_OPTIONS = ("compensation_factor", "compensation_table")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,7 +29,8 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "gte",
-        summary="Follow a path under Cartesian impedance control, with and without dither.",
+        summary="Follow a path under Cartesian impedance control, with and without dither or "
+        "friction compensation.",
         example="stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv",
         interrupted="nothing was written; run the same command again",
         run=run,
@@ -71,6 +74,26 @@ def add_parser(subparsers: Any) -> None:
         choices=PHASES,
         help="of the joints' dithers: drawn in every iteration, all 0, or spread over a period "
         "(default: random)",
+    )
+    parser.add_argument(
+        "--compensation",
+        choices=COMPENSATIONS,
+        help="run with friction compensation too, alone and, if there is dither, with it: "
+        "feedforward of the reference's motion, or a push in the sign of the joint error that "
+        "fades with the measured speed",
+    )
+    parser.add_argument(
+        "--compensation-factor",
+        type=common.number(0, above=True),
+        metavar="X",
+        help="times the gains (default: 1)",
+    )
+    parser.add_argument(
+        "--compensation-table",
+        type=Path,
+        metavar="FILE.csv",
+        help="gains, joint,gain_nm[,speed_rad_s][,error_rad] (default: the friction model's "
+        "breakaway torques at the start)",
     )
     parser.add_argument(
         "--start",
@@ -124,8 +147,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for name in DITHER_OPTIONS:
         if args.dither is None and getattr(args, name) is not None:
             raise StictionError(f"--{name.replace('_', '-')}: needs --dither TABLE.csv")
+    for name in COMPENSATION_OPTIONS:
+        if args.compensation is None and getattr(args, name) is not None:
+            raise StictionError(
+                f"--{name.replace('_', '-')}: needs --compensation {'|'.join(COMPENSATIONS)}"
+            )
     dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
     inputs = {**common.model_files(args), "dither": args.dither}
+    inputs["compensation_table"] = args.compensation_table
     inputs["trajectory"] = None if own is None else Path(args.trajectory)
     bench = GeneratedTrajectoryExperiment(
         arm,
@@ -143,6 +172,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         seed=args.seed,
         nthread=args.threads,
     )
+    compensation = None
+    if args.compensation is not None:
+        factor = 1.0 if args.compensation_factor is None else args.compensation_factor
+        compensation = bench.compensation(args.compensation, factor, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
@@ -150,6 +183,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         dither,
         gate_velocity=args.gate_velocity,
         phases=args.phases,
+        compensation=compensation,
     )
     total = bench.expected_seconds(cases, args.iterations)
     with common.working(), Progress() as progress:

@@ -148,22 +148,10 @@ def impedance_torque(
         state: (N, 12), written: error [m, rad], then J q̇ [m/s, rad/s].
         tau: (N, n), written: Jᵀ (gain · state + external) [N·m].
     """
-    turned, wrench = np.empty(4), np.empty(6)
+    wrench = np.empty(6)
     n = dq.shape[1]
     for i in range(len(position)):
-        for k in range(3):
-            state[i, k] = position[i, k] - reference[i, k]
-        for k in range(4):
-            total = 0.0
-            for m in range(4):
-                total += error_matrix[i, k, m] * quaternion[i, m]
-            turned[k] = total
-        # as rotation.rotation_vector
-        length = np.sqrt(turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
-        factor = 2.0 * np.arctan2(length, abs(turned[0])) / max(length, _TINY)
-        factor = np.copysign(factor, turned[0])
-        for k in range(3):
-            state[i, 3 + k] = factor * turned[1 + k]
+        pose_error(position[i], quaternion[i], reference[i], error_matrix[i], state[i])
         for k in range(6):
             speed = 0.0
             for j in range(n):
@@ -179,6 +167,30 @@ def impedance_torque(
             for k in range(6):
                 total += jacobian[i, k, j] * wrench[k]
             tau[i, j] = total
+
+
+@compiled
+def pose_error(
+    position: Array, quaternion: Array, reference: Array, error_matrix: Array, error: Array
+) -> None:
+    """Write the error of one arm into the first six of ``error`` [m, rad].
+
+    Arguments are rows of those of `impedance_torque`.
+    """
+    turned = np.empty(4)
+    for k in range(3):
+        error[k] = position[k] - reference[k]
+    for k in range(4):
+        total = 0.0
+        for m in range(4):
+            total += error_matrix[k, m] * quaternion[m]
+        turned[k] = total
+    # as rotation.rotation_vector
+    length = np.sqrt(turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
+    factor = 2.0 * np.arctan2(length, abs(turned[0])) / max(length, _TINY)
+    factor = np.copysign(factor, turned[0])
+    for k in range(3):
+        error[3 + k] = factor * turned[1 + k]
 
 
 @compiled

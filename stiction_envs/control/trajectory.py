@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.rotation import from_rpy, multiply
+from stiction_envs.control.rotation import from_rpy, multiply, rotation_error
 from stiction_envs.control.settings import gte_default
 from stiction_envs.control.trapezoid import (
     Index,
@@ -148,6 +148,14 @@ class Segment:
             self._trapezoid,
         )
 
+    def twist(self, t: ArrayLike) -> Array:
+        """Return the velocity at times t, as `sample`: (N, 6) linear [m/s], angular [rad/s]."""
+        _, _, velocity, speed = self.sample(t)
+        turn = rotation_error(self._trapezoid[3], self._trapezoid[1])
+        angle = np.sqrt(np.einsum("ni,ni->n", turn, turn))
+        axis = turn / np.maximum(angle, np.finfo(float).tiny)[:, None]
+        return np.concatenate([velocity, speed[:, None] * axis], axis=1)
+
     def sample(self, t: ArrayLike) -> Reference:
         """Return where the arms are to be at times t (N,) or one number [s] after their starts.
 
@@ -263,6 +271,10 @@ class GoalSequencer:
     def reference(self, t: ArrayLike) -> Reference:
         """Return the reference of all arms at time t, one number or (N,) [s]."""
         return self.segment.sample(np.asarray(t, dtype=float) - self._begun)
+
+    def twist(self, t: ArrayLike) -> Array:
+        """Return the reference's velocity then, (N, 6) linear [m/s] and angular [rad/s]."""
+        return self.segment.twist(np.asarray(t, dtype=float) - self._begun)
 
     @property
     def index(self) -> Index:

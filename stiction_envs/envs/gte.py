@@ -129,6 +129,9 @@ class GTEEnv(ArmEnv):
     * `start`: joint angles at the start [rad], one per joint. Default: the robot's rest pose.
     * `tool`: x, y, z of the point that is controlled and measured, from the flange in the hand's
       frame [m]; the Panda's hand has (0, 0, 0.1034). Default: the flange.
+    * `compensation`: of the friction, besides the dither: `"feedforward"` of the reference's motion
+      or `"push"` in the sign of the joint error, with the breakaway torques of `friction` as gains,
+      or a `Compensation`. Undithered runs are compensated too. Default none.
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.envs.gte_layout import Stiffness
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -36,7 +37,9 @@ class Undithered:
     """Vibration, turns included, root mean square over the motion [m]."""
 
 
-def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
+def fingerprint(
+    experiment: GeneratedTrajectoryExperiment, compensation: Compensation | None = None
+) -> str:
     """Return a hash of everything that an undithered run depends on."""
     e, s = experiment, experiment.sticking
     paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
@@ -44,13 +47,16 @@ def fingerprint(experiment: GeneratedTrajectoryExperiment) -> str:
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
         *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
+        *(() if compensation is None else (compensation,)),
     )
 
 
 def undithered(
-    experiment: GeneratedTrajectoryExperiment, wanted: Iterable[Key]
+    experiment: GeneratedTrajectoryExperiment,
+    wanted: Iterable[Key],
+    compensation: Compensation | None = None,
 ) -> dict[Key, Undithered]:
-    """Return what the arm does without dither, per trajectory and stiffness.
+    """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
 
     It is the mean over the protocol's iterations (10), as `stiction gte` runs them; without scatter
     they are all alike. What is not in the store is computed in one batch; a result does not depend
@@ -60,11 +66,11 @@ def undithered(
         StictionError: an arm that never comes to the end of the path.
     """
     names = {key: " ".join([key[0], *(repr(float(k)) for k in key[1])]) for key in wanted}
-    of = fingerprint(experiment)
+    of = fingerprint(experiment, compensation)
     known = store.recall(KIND, of)
     missing = [key for key, name in names.items() if name not in known]
     if missing:
-        cases = [Case(trajectory=t, stiffness=k) for t, k in missing]
+        cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
         runs = experiment.run(cases, iterations=None if experiment.scatter else 1)
         pairs = zip(missing, runs, strict=True)
         store.keep(KIND, of, {names[key]: _summary(experiment, run) for key, run in pairs})

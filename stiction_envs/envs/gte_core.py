@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
@@ -104,6 +105,7 @@ class GTECore(BatchCore):
         motion: MotionLimits | None = None,
         start: ArrayLike | None = None,
         tool: ArrayLike | None = None,
+        compensation: str | Compensation | None = None,
         controller_model: Arm | None = None,
         control_interval_s: float = 0.1,
         power_weight: float = 0.01,
@@ -149,7 +151,11 @@ class GTECore(BatchCore):
             fixed_options=fixed_options,
         )
         self.shaking_weight = shaking_weight
+        self.compensation = (
+            e.compensation(compensation) if isinstance(compensation, str) else compensation
+        )
         self.rig = e.rig(num_envs, CAPACITY)
+        self.rig.compensator.set_rows(np.arange(num_envs), [self.compensation] * num_envs)
         self.recorder = Recorder(
             self.rig, e.protocol, steps=blocks * block, record=record, capacity=CAPACITY
         )
@@ -195,7 +201,7 @@ class GTECore(BatchCore):
         return {(t, k) for t in trajectories for k in stiffness}
 
     def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
-        return undithered(self.experiment, cases)
+        return undithered(self.experiment, cases, self.compensation)
 
     def _begin(
         self,

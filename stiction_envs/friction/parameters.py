@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,6 +167,18 @@ class FrictionParameters:
         level = self.stiction + (self.load_coefficient * clipped)[..., None]
         # A fitted coefficient may be negative; friction never is.
         return np.maximum(level, 1e-3 * self.stiction)
+
+
+def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
+    """Return the friction (N, n) of N arms, each of its own (n,).
+
+    Raises:
+        StictionError: arms of different numbers of joints.
+    """
+    counts = {arm.n for arm in arms}
+    if len(counts) > 1:
+        raise StictionError(f"friction of {sorted(counts)} joints: expected arms of one kind")
+    return FrictionParameters(**{k: np.stack([getattr(a, k) for a in arms]) for k in QUANTITIES})
 
 
 def bristle_damping(

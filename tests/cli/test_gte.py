@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from stiction_envs.cli import gte
-from stiction_envs.control import settings
+from stiction_envs.control import compensation, settings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import experiment
 from stiction_envs.experiments.gte import protocol as gte_protocol
@@ -137,6 +137,34 @@ def test_options_reach_the_experiment(cli, work, path, table):
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 
+def test_compensation(cli, work, path, table, inputs):
+    """Nothing, dither, compensation, both; gains of the friction model or of a table."""
+    path.write_text("x,y,z\n0.02,0,0\n")
+    gains = inputs / "gains.csv"
+    gains.write_text("joint,gain_nm\n2,0.9\n")
+    own = ["--trajectory", path, *QUICK]
+    found = {}
+    for kind, options in {
+        "push": ["--compensation-table", gains, "--dither", table],
+        "feedforward": ["--dither", table],
+    }.items():
+        ran = cli("gte", "panda", *own, "--compensation", kind, *options, "--out", kind)
+        assert ran.code == 0
+        rows = read(work / kind / "runs.csv")
+        assert [r["case"] for r in rows] == ["no_dither", "dither", kind, f"{kind}_dither"]
+        assert f"{kind} dither: " in ran.out
+        found[kind] = [tuple(r.values()) for r in rows]
+    assert found["push"][:2] == found["feedforward"][:2]
+    assert len({row[7:] for rows in found.values() for row in rows}) == 6
+    for name, options in (("same", []), ("more", ["--compensation-factor", 1.3])):
+        options = ["--compensation", "feedforward", *options, "--out", name]
+        assert cli("gte", "panda", *own, *options).code == 0
+        found[name] = [tuple(r.values()) for r in read(work / name / "runs.csv")]
+    assert found["same"] == found["feedforward"][::2]
+    assert found["more"][0] == found["same"][0]
+    assert found["more"][1] != found["same"][1]
+
+
 def test_a_true_controller_model_changes_nothing(cli, work, path):
     own = ["--trajectory", path, *QUICK, "--payload", 0.5, 0, 0, 0.05]
     cli("gte", "panda", *own, "--out", "a")
@@ -200,6 +228,7 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
 def test_names_are_those_of_the_packages():
     assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
     assert gte.PHASES == gte_protocol.PHASES
+    assert gte.COMPENSATIONS == compensation.KINDS
     assert gte.DAMPING_DESIGNS == settings.DAMPING_DESIGNS
 
 
@@ -227,9 +256,12 @@ FILES = {
     "text.csv": "x,y,z\n0.03,far,0\n",
     "quaternion.csv": "x,y,z,qw,qx,qy,qz\n0,0,0,2,0,0,0\n",
     "no_goal.csv": "x,y,z\n",
+    "gains8.csv": "joint,gain_nm\n8,0.5\n",
+    "gains-.csv": "joint,gain_nm\n1,-0.5\n",
     "broken.xml": "<mujoco><worldbody>",
 }
 GOOD = ["gte", "panda", "--trajectory", "triangle", "--stiffness", 200, 20, 0]
+PUSH = [*GOOD, "--compensation", "push"]
 WITH = [*GOOD, "--dither", "{good.csv}"]
 
 
@@ -270,6 +302,13 @@ BAD = {
     "gate_without_dither": ([*GOOD, "--gate-velocity", 0.1], "--gate-velocity: needs --dither"),
     "waveform_without_dither": ([*GOOD, "--waveform", "square"], "--waveform: needs --dither"),
     "phases_without_dither": ([*GOOD, "--phases", "zero"], "--phases: needs --dither"),
+    "compensation": ([*GOOD, "--compensation", "pull"], "'pull'"),
+    "compensation_factor": ([*PUSH, "--compensation-factor", 0], "above 0"),
+    "compensation_table": ([*PUSH, "--compensation-table", "nowhere.csv"], "nowhere.csv"),
+    "compensation_joint": ([*PUSH, "--compensation-table", "{gains8.csv}"], "1 to 7"),
+    "compensation_negative": ([*PUSH, "--compensation-table", "{gains-.csv}"], "expected >= 0"),
+    "factor_alone": ([*GOOD, "--compensation-factor", 1], "needs --compensation"),
+    "table_alone": ([*GOOD, "--compensation-table", "{good.csv}"], "needs --compensation"),
     "damping": ([*GOOD, "--damping-design", "none"], "'none'"),
     "start_short": ([*GOOD, "--start", 0, 0.2], "2 angles: expected 7"),
     "start_far": ([*GOOD, "--start", 0, 0, 3, -2, 0, 1.5, 0], "joint 3: 3 rad"),

@@ -378,3 +378,17 @@ def test_default_limits_are_the_packages():
     assert (limits.position_tolerance, limits.rotation_tolerance) == (0.04, 0.25)
     assert limits.synchronised
     assert limits.publish_rate_hz == 100
+
+
+@pytest.mark.parametrize("synchronised", [True, False])
+def test_twist_is_the_references_velocity(synchronised):
+    """By central differences of position and orientation; 0 at rest."""
+    s, _ = segment(synchronised=synchronised)
+    h = 1e-6
+    for share in (0.1, 0.45, 0.8):
+        t = share * s.duration
+        (x0, q0, _, _), (x1, q1, _, _) = s.sample(t - h), s.sample(t + h)
+        moved = np.concatenate([x1 - x0, rotation.rotation_error(q1, q0)], axis=1)
+        np.testing.assert_allclose(s.twist(t), moved / (2 * h), atol=1e-6)
+    assert not s.twist(-1.0).any()
+    assert not s.twist(1e3).any()

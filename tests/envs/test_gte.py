@@ -112,6 +112,26 @@ def test_so_it_is_on_the_held_controller_and_with_another_seed():
     check_reproduction(env, "iiwa7", case, seed=3, motion=sprint())
 
 
+@pytest.mark.parametrize("kind", ["feedforward", "push"])
+def test_so_it_is_with_compensation(kind):
+    """Undithered runs are compensated as well, so that a reward of −1 still is no dither."""
+    env = make_gte(compensation=kind, tool=(0.0, 0.0, 0.1), render_mode="rgb_array")
+    compensation = env.unwrapped.core.compensation
+    case = Case(
+        trajectory="triangle",
+        stiffness=(200, 20, 0),
+        dither=rows_of(shaken(env)),
+        compensation=compensation,
+    )
+    check_reproduction(env, "panda", case, motion=sprint(), tool=(0.0, 0.0, 0.1))
+    options = {"trajectory": "triangle", "stiffness": (200, 20, 0)}
+    bases = [
+        episode(e, quiet(e), seed=1, options=options)[-1][4]["undithered_error"]
+        for e in (env, make_gte(tool=(0.0, 0.0, 0.1)))
+    ]
+    assert not np.array_equal(*bases)
+
+
 def test_undithered_iterations_sum_to_minus_one():
     """The unit of the reward is the mean over the ten iterations that `stiction gte` runs."""
     env = GTEVectorEnv(10, control_interval_s=0.2, motion=sprint(), autoreset_mode="SameStep")
@@ -340,6 +360,7 @@ def test_wrong_actions(panda, change, words):
         ({"start": [0.0] * 6}, "6 angles: expected 7"),
         ({"start": "rest"}, "expected 7 angles"),
         ({"tool": (0.0, 0.1)}, "three finite numbers"),
+        ({"compensation": "pull"}, "feedforward, push"),
         ({"render_mode": "ascii"}, "rgb_array"),
     ],
 )

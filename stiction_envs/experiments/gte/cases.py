@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, read_path
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
@@ -86,19 +88,23 @@ def with_and_without(
     *,
     gate_velocity: float | None = None,
     phases: str | None = None,
+    compensation: Compensation | None = None,
 ) -> list[Case]:
-    """Return the case without dither, and the one with it if there is any.
+    """Return the case without anything, then those with dither, with compensation, with both.
 
     Args:
         trajectory: name of the path.
         stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
-        dither: of each dithered joint.
+        dither: of each dithered joint; empty for none.
         gate_velocity: of the dither [rad/s]; None for no gate.
         phases: of the joints' dithers; None for the default.
+        compensation: of the joints' friction; None for none.
     """
-    plain = Case(trajectory=trajectory, stiffness=stiffness)
-    if not dither:
-        return [plain]
-    options = {"gate_velocity": gate_velocity, "phases": phases}
-    given = {k: v for k, v in options.items() if v is not None}
-    return [plain, dataclasses.replace(plain, dither=tuple(dither), **given)]  # type: ignore[arg-type]
+    cases = [Case(trajectory=trajectory, stiffness=stiffness)]
+    if dither:
+        options = {"gate_velocity": gate_velocity, "phases": phases}
+        given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
+        cases.append(dataclasses.replace(cases[0], dither=tuple(dither), **given))
+    if compensation is not None:
+        cases += [dataclasses.replace(case, compensation=compensation) for case in cases]
+    return cases

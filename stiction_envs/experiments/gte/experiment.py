@@ -12,10 +12,12 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path as File
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.compensation import Compensation, read_compensation
 from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
@@ -37,9 +39,10 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.run_log import RunLog
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.parameters import FrictionParameters, stack_friction
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import thesis_robots
-from stiction_envs.plant import CONTROL_DT
+from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 
@@ -156,8 +159,11 @@ class GeneratedTrajectoryExperiment:
             raise unknown("trajectory", name, [*TRAJECTORIES, *self.paths])
         return named_path(name)
 
-    def rig(self, nsim: int, capacity: int) -> GTERig:
-        """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals."""
+    def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:
+        """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals.
+
+        ``parameters`` is their true friction, of one arm or of each, where it is not the model's.
+        """
         return GTERig(
             self.sticking,
             nsim,
@@ -172,7 +178,29 @@ class GeneratedTrajectoryExperiment:
             controller_model=self.controller_model,
             scatter=self.scatter,
             seed=self.seed,
+            parameters=parameters,
             nthread=self.nthread,
+        )
+
+    def compensation(
+        self, kind: str, factor: float = 1.0, *, table: str | File | None = None
+    ) -> Compensation:
+        """Return the compensation of the friction that the controller believes in, the model's.
+
+        Args:
+            kind: one of `control.compensation.KINDS`.
+            factor: of the gains [-].
+            table: of gains; None for the breakaway torques at the start's load.
+
+        Raises:
+            StictionError: another kind, or a table that cannot be read.
+        """
+        if table is not None:
+            return read_compensation(File(table), kind, self.n, factor)
+        plant = Plant(self.sticking, 1, nthread=1)
+        plant.reset(np.array([0]), self.start[None])
+        return Compensation.from_friction(
+            kind, self.sticking.parameters, factor, load=plant.load[1][0]
         )
 
     def nominal_duration(self, path: Path) -> float:
@@ -248,6 +276,7 @@ class GeneratedTrajectoryExperiment:
         self,
         cases: Sequence[Case],
         *,
+        parameters: Sequence[FrictionParameters | None] | None = None,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> list[Run]:
@@ -255,28 +284,45 @@ class GeneratedTrajectoryExperiment:
 
         Args:
             cases: what to run.
+            parameters: true friction of each case, of one arm; None for the model's. Which joints
+                are elastic, and what the controller believes, remains the model's.
             iterations: None for the protocol's.
             progress: called with the simulated seconds of every part, summed over arms.
 
         Raises:
-            StictionError: a case of an unknown path, or dither of a joint the arm lacks.
+            StictionError: a case of an unknown path, dither of a joint the arm lacks, compensation
+                or friction of another number of joints.
             ExperimentError: a simulation that the engine stopped.
         """
         repeats = self.protocol.iterations if iterations is None else iterations
         out: list[Run] = []
         most = max(1, MAX_SIMULATIONS // repeats)
+        true = [None] * len(cases) if parameters is None else list(parameters)
+        if len(true) != len(cases):
+            raise StictionError(f"friction of {len(true)} cases: expected {len(cases)}")
         for k in range(0, len(cases), most):
-            out += self._run_together(cases[k : k + most], repeats, progress)
+            part = slice(k, k + most)
+            out += self._run_together(cases[part], true[part], repeats, progress)
         return out
 
     def _run_together(
-        self, cases: Sequence[Case], repeats: int, progress: Callable[[float], None] | None
+        self,
+        cases: Sequence[Case],
+        parameters: Sequence[FrictionParameters | None],
+        repeats: int,
+        progress: Callable[[float], None] | None,
     ) -> list[Run]:
         paths = [self.path(c.trajectory) for c in cases]
         nsim = len(cases) * repeats
         ids = np.arange(nsim)
-        rig = self.rig(nsim, max(len(p.position) for p in paths))
         of = [int(i) // repeats for i in ids]
+        friction = None
+        if any(p is not None for p in parameters):
+            own = self.sticking.parameters
+            friction = stack_friction([parameters[i] or own for i in of])
+            if friction.n != self.n:
+                raise StictionError(f"friction of {friction.n} joints: expected {self.n}")
+        rig = self.rig(nsim, max(len(p.position) for p in paths), friction)
         # the same iteration starts alike in every case: what differs is the case
         rig.begin(
             ids,
@@ -286,6 +332,7 @@ class GeneratedTrajectoryExperiment:
         )
         dither = [self.dither_of(c) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
+        rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
         block = _PART * round(1.0 / self.protocol.sample_rate / CONTROL_DT)
         log = RunLog(rig, self.protocol, block)
         horizon = np.array([self.horizon(paths[i]) for i in of])

@@ -1,7 +1,7 @@
 """Plots of the Generated Trajectory Experiment, as the thesis's Figures 4.6 to 4.8, E.1, F.1, F.2.
 
-Grey is without dither, orange with it, black dashed the reference, purple dotted where goals were
-accepted. With them Table 4.11, simulated and measured.
+Grey is without dither, orange with it, other colours are with compensation, black dashed is the
+reference, purple dotted where goals were accepted. With them Table 4.11, simulated and measured.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
-from stiction_envs.experiments.gte.rows import thesis_window_sums, unit
+from stiction_envs.experiments.gte.rows import CASES, case_name, thesis_window_sums, unit
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
@@ -29,17 +29,18 @@ ACCEPTED = "#7b3fa0"
 """Colour of accepted goals, purple as in the thesis."""
 MEASURED = "#2166ac"
 """Colour of the thesis's own numbers."""
-NAMES = ("no dither", "dither")
+COLOURS = dict(zip(CASES, (WITHOUT, WITH, "#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"), strict=True))
+"""Colours of cases by name."""
 
 
 def colour(run: Run) -> str:
     """Return the colour of a run."""
-    return WITH if run.case.dithered else WITHOUT
+    return COLOURS[case_name(run.case)]
 
 
 def label(run: Run) -> str:
     """Return what a run is called in a legend."""
-    return NAMES[int(run.case.dithered)]
+    return case_name(run.case).replace("_", " ")
 
 
 def case_text(case: Case) -> str:
@@ -74,7 +75,7 @@ def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     """Draw the paths of one case in the plane of the base's x and y (Figure 4.6).
 
     Args:
-        runs: without dither, with it, or both.
+        runs: of one path and stiffness, `case_name` tells them apart.
         path: PNG to write.
         robot: name for the title.
     """
@@ -156,7 +157,7 @@ def plot_errors(
     """Draw mean error and standard deviation against time (Figures 4.7, 4.8; F.1, F.2).
 
     Args:
-        runs: without dither, with it, or both, of one path and stiffness.
+        runs: of one path and stiffness, `case_name` tells them apart.
         path: PNG to write.
         robot: name for the title.
         orientation: roll, pitch and yaw instead of x, y and z.
@@ -198,7 +199,8 @@ def plot_errors(
     save_full(figure, path)
 
 
-_DOTS: tuple[Any, ...] = ((0, (1, 1.5)), (0, (1, 4)))  # without dither, with it
+# without dither, with it, the same with compensation
+_DOTS: tuple[Any, ...] = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
 
 
 def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, triangle
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured import AmplitudeRow
@@ -85,7 +86,7 @@ def named_path(name: str) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One path at one stiffness with one dither."""
+    """One path at one stiffness with one dither and one compensation."""
 
     trajectory: str
     """Name of the path."""
@@ -95,6 +96,8 @@ class Case:
     """Of each dithered joint; empty is none."""
     gate_velocity: float = float("inf")
     """v_gate of the dither [rad/s]; inf is not gated."""
+    compensation: Compensation | None = None
+    """Of the joints' friction; None is none."""
     phases: str = "random"
     """One of :data:`PHASES`."""
 

@@ -80,7 +80,8 @@ class TrackingErrors(Result):
         plots.plot_errors(
             runs, folder / "error_orientation.png", robot=self.robot, orientation=True
         )
-        if self.compared and len(runs) == 2 and thesis_window_sums(runs[0].case):
+        printed = [self.compared and thesis_window_sums(run.case) for run in runs[:2]]
+        if len(printed) == 2 and all(printed):
             pair = [(self.runs[0], self.runs[1])]
             plots.plot_window_sums(pair, folder / "table_4_11.png", robot=self.robot)
 
@@ -102,29 +103,31 @@ def describe(rows: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]
     by_case: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         by_case.setdefault(row["case"], []).append(row)
-    plain, dithered = by_case.get("no_dither", []), by_case.get("dither")
-    if not plain:
-        plain, dithered = dithered or [], None
-    printed = any(row["thesis_window_sum"] is not None for row in plain)
-    head = f"{'sum of |error|':<20}{plain[0]['case'].replace('_', ' '):>18}"
-    head += f"{'dither':>18}{'change':>9}" if dithered else ""
-    head += f"{'thesis: without':>18}" if printed else ""
-    head += f"{'with':>9}" if printed and dithered else ""
+    base, *others = by_case.values()
+    printed = [name for name, row in by_case.items() if row[0]["thesis_window_sum"] is not None]
+    head = f"{'sum of |error|':<20}{_words(base[0]):>18}"
+    head += "".join(f"{_words(other[0]):>20}{'change':>9}" for other in others)
+    head += "".join(f"{_THESIS.get(name, name):>18}" for name in printed)
     lines = [head]
-    for k, row in enumerate(plain):
+    for k, row in enumerate(base):
         line = f"{row['axis'] + ' [' + row['unit'] + '·samples]':<20}{_sum(row):>18}"
-        if dithered:
-            change = 100 * (dithered[k]["window_sum"] / row["window_sum"] - 1)
-            line += f"{_sum(dithered[k]):>18}{change:>+7.1f} %"
-        if printed:
-            line += f"{row['thesis_window_sum']:>18.3f}"
-            line += f"{dithered[k]['thesis_window_sum']:>9.3f}" if dithered else ""
+        for other in others:
+            change = 100 * (other[k]["window_sum"] / row["window_sum"] - 1)
+            line += f"{_sum(other[k]):>20}{change:>+7.1f} %"
+        line += "".join(f"{by_case[name][k]['thesis_window_sum']:>18.3f}" for name in printed)
         lines.append(line)
     return "\n".join([*lines, *(_run_text(r) for r in runs)])
 
 
+_THESIS = {"no_dither": "thesis: without", "dither": "thesis: with"}
+
+
+def _words(row: Mapping[str, Any]) -> str:
+    return str(row["case"]).replace("_", " ")
+
+
 def _run_text(r: Mapping[str, Any]) -> str:
-    text = f"{r['case'].replace('_', ' ')}: {r['duration_s']:.2f} s, "
+    text = f"{_words(r)}: {r['duration_s']:.2f} s, "
     text += f"vibration {1e3 * r['vibration_m']:.3f} mm "
     text += f"({1e3 * r['vibration_at_rest_m']:.3f} mm at rest), "
     text += f"dither energy {r['dither_energy_j']:.2f} J, "

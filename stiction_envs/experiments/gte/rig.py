@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector
 from stiction_envs.control.settings import ImpedanceSettings
@@ -91,6 +92,7 @@ class GTERig(Rig):
             controller_model or arm, sticking, nsim, nthread, coriolis=settings.coriolis
         )
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
+        self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._hold_damping = self._hold_damping_at(self.start[None])[0]
         self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
@@ -99,7 +101,7 @@ class GTERig(Rig):
         self._watch: Callable[[], None] | None = None
         self._count, self._hold_steps = 0, interface.hold_steps
         self._arguments: tuple[Any, ...] = ()
-        self._nothing = np.zeros((nsim, self.n))
+        self._nothing, self._added = np.zeros((2, nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -206,6 +208,8 @@ class GTERig(Rig):
             self.sequencer.accept(pose.position, pose.quaternion, t)
             position, quaternion, _, _ = self.sequencer.reference(t)
             self.controller.set_reference(position, quaternion)
+            if self.compensator.feeds:
+                self.compensator.look_ahead(pose.jacobian, self.sequencer.twist(t))
 
     def _control_step(self, due: bool) -> None:
         if due:
@@ -223,6 +227,7 @@ class GTERig(Rig):
             (*self.plant.state, sticking.motor, sticking.spring),
             (dither.sines is not None, *sines),
             self.step,
+            (self.compensator.active, self.compensator.arguments, self._added),
             # zero where it is not asked for
             (model.coriolis, self._nothing),
             self.controller.arguments,

@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from stiction_envs.control.compensation import KINDS
 from stiction_envs.experiments.gte.measures import Measures, error_against_time
 from stiction_envs.experiments.gte.protocol import AXES, FLAGS, Case, Run
 from stiction_envs.measured import AmplitudeRow, thesis_table
 from stiction_envs.measured.csv_text import write_lines
 
-CASES = ("no_dither", "dither")
-"""Names of the column ``case``."""
+CASES = (
+    *("no_dither", "dither"),
+    *(name for kind in KINDS for name in (kind, f"{kind}_dither")),
+)
+"""Names of the column ``case``; the first has no compensation either."""
 _AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
 """Of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
@@ -36,7 +40,7 @@ class ErrorRow:
     stiffness_nullspace: float
     """[N·m/rad]."""
     case: str
-    """``no_dither`` or ``dither``."""
+    """One of :data:`CASES`."""
     axis: str
     unit: str
     """Of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
@@ -69,7 +73,7 @@ class RunRow:
     stiffness_rotation: float
     stiffness_nullspace: float
     case: str
-    """``no_dither`` or ``dither``."""
+    """One of :data:`CASES`."""
     duration_s: float
     """When the last goal was reached; NaN if an iteration never did."""
     vibration_x_m: float
@@ -98,7 +102,8 @@ class RunRow:
 
 def case_name(case: Case) -> str:
     """Return the name of a case in the column ``case``."""
-    return CASES[int(case.dithered)]
+    position = 0 if case.compensation is None else 2 + 2 * KINDS.index(case.compensation.kind)
+    return CASES[position + int(case.dithered)]
 
 
 def unit(axis: str) -> str:
@@ -198,6 +203,8 @@ def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
 
 def thesis_window_sums(case: Case) -> dict[str, float] | None:
     """Return what Table 4.11 has for a case, by axis; None for a case it lacks."""
+    if case.compensation is not None:
+        return None
     column = "mean_error_dither" if case.dithered else "mean_error_no_dither"
     found = {
         row["axis"]: float(row[column])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.control.compensation import compensate
 from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
 from stiction_envs.dither.kernels import sine
 from stiction_envs.friction.model import link_angles
@@ -26,7 +27,8 @@ def control_step(
     joints: tuple[Any, ...],
     sines: tuple[bool, Array, Array, Array],
     step: NDArray[np.int64],
-    feedforward: tuple[Array, Array],
+    compensation: tuple[bool, tuple[Array, Array, Array, Array, Array], Array],
+    modelled: tuple[Array, Array],
     impedance: tuple[Any, ...],
     path: tuple[Array, float, Array, Array, Array],
     missing: Array,
@@ -43,7 +45,9 @@ def control_step(
         sines: whether the dither is nothing else but sines, then the first three of `sine`;
             any other dither is in ``shaking`` already.
         step: (N,) control steps since the arm began to follow.
-        feedforward: of `impedance_cycle`, Coriolis torque and gravity correction (N, n) [N·m].
+        compensation: whether any arm is compensated; the last five of `compensate`; (N, n) dither
+            and compensation together, written where so [N·m].
+        modelled: of `impedance_cycle`, Coriolis torque and gravity correction (N, n) [N·m].
         impedance: of `impedance_cycle` behind the dither; the last is what it writes.
         path: of `pass_torque` between command and result.
         missing: (N, n) torque that acts besides, gravity compensated wrongly [N·m].
@@ -57,14 +61,26 @@ def control_step(
         plain, omega, phase, amplitude = sines
         if plain:
             sine(omega, phase, amplitude, step.astype(np.float64) * CONTROL_DT, shaking)
+        dq = link_angles(qvel, motor, spring)
+        compensated, arguments, added = compensation
+        extra = shaking
+        if compensated:
+            reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
+            compensate(
+                site[-3], site[-2], site[-1], dq, reference, error_matrix, stiffness, *arguments
+            )
+            for i in range(added.shape[0]):
+                for j in range(added.shape[1]):
+                    added[i, j] = shaking[i, j] + arguments[-1][i, j]
+            extra = added
         impedance_cycle(
             site[-3],
             site[-2],
             site[-1],
             link_angles(qpos, motor, spring),
-            link_angles(qvel, motor, spring),
-            *feedforward,
-            shaking,
+            dq,
+            *modelled,
+            extra,
             *impedance,
         )
     pass_torque(impedance[-1], *path, applied)

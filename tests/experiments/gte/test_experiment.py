@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
+from stiction_envs.control.compensation import compensate
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
@@ -283,10 +284,21 @@ def one_by_one(rig: GTERig, due: bool) -> None:
             q,
             dq,
             coriolis=model.coriolis,
-            dither=rig.dither_torque,
+            dither=rig.dither_torque + compensation_of(rig, dq),
         )
     rig.applied[:] = rig._path.cycle(rig.controller.command)
     rig._torque[:] = rig.applied + model.missing
+
+
+def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
+    """Compensation of this cycle (N, n), by itself."""
+    tip, (x, _) = rig.end_effector, rig.controller.reference
+    compensate(
+        *(tip.position, tip.quaternion, tip.jacobian, dq, x),
+        *rig.controller.arguments[4:6],
+        *rig.compensator.arguments,
+    )
+    return rig.compensator.torque
 
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
@@ -305,11 +317,15 @@ FILTERED = ImpedanceSettings(
         ("panda", {"settings": FILTERED}, {}),
         ("panda", {}, {"gate_velocity": 0.02}),
         ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
+        ("panda", {"settings": MIXED}, {"compensated": True}),
+        ("iiwa7", {}, {"compensated": True}),
     ],
 )
 def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, dither):
     """As its parts one by one: held commands, nullspace, Coriolis, wrong model, any dither."""
     ids, seen = np.arange(3), []
+    dither = dict(dither)
+    compensated = dither.pop("compensated", False)
     for other_way in (False, True):
         if other_way:
             monkeypatch.setattr(GTERig, "_control_step", one_by_one)
@@ -322,6 +338,9 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
         amplitude = np.ones((3, 7))
         amplitude[0, 2], amplitude[2] = 0.0, 0.0
         rig.set_dither(ids, amplitude=amplitude, frequency=30.0, **dither)
+        if compensated:
+            kinds = [None, *(b.compensation(k) for k in ("feedforward", "push"))]
+            rig.compensator.set_rows(ids, kinds)
         rig.controller.set_stiffness([1], translational=500.0)
         rows = []
         rig.advance(

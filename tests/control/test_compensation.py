@@ -1,0 +1,247 @@
+"""Friction compensation: its law, tables, and a joint whose friction it takes away exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import rotation
+from stiction_envs.control.compensation import (
+    KINDS,
+    Compensation,
+    Compensator,
+    compensate,
+    read_compensation,
+)
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+from tests.control.rig import poses
+
+N, JOINTS = 64, 7
+
+
+def loads(compensation: Compensation | None, nsim: int = N) -> Compensator:
+    out = Compensator(nsim, JOINTS, damping=0.2)
+    out.set_rows(np.arange(nsim), [compensation] * nsim)
+    return out
+
+
+def compensated(compensator: Compensator, dq: np.ndarray, *, shift: np.ndarray) -> np.ndarray:
+    """Torque (N, n) of arms whose references are ``shift`` (N, 3) [m] away, K = 200/20."""
+    look = poses(N)
+    gain = np.zeros((N, 6, 12))
+    gain[:, :, :6] = -np.diag([200.0] * 3 + [20.0] * 3)
+    compensate(
+        look.position,
+        look.quaternion,
+        look.jacobian,
+        dq,
+        look.position + shift,
+        rotation.error_matrix(look.quaternion),
+        gain,
+        *compensator.arguments,
+    )
+    return compensator.torque.copy()
+
+
+GAIN = (0.7, 0.9, 0.6, 1.0, 0.5, 0.4, 0.6)
+
+
+def test_feedforward_is_the_law():
+    """g tanh(q̇_d/v) with q̇_d = Jᵀ(JJᵀ + λ²)⁻¹ ẋ_d; nothing where the reference rests."""
+    look, rng = poses(N), np.random.default_rng(0)
+    twist = 0.1 * rng.normal(size=(N, 6))
+    twist[3] = 0.0
+    c = loads(Compensation(kind="feedforward", gain=GAIN, speed=(0.05,)))
+    assert c.active
+    assert c.feeds
+    c.look_ahead(look.jacobian, twist)
+    jj = look.jacobian @ look.jacobian.transpose(0, 2, 1) + 0.2**2 * np.eye(6)
+    solved = np.linalg.solve(jj, twist[..., None])
+    speed = (look.jacobian.transpose(0, 2, 1) @ solved)[..., 0]
+    np.testing.assert_allclose(c.wanted_speed, speed, atol=1e-12)
+    torque = compensated(c, rng.normal(size=(N, JOINTS)), shift=np.ones((N, 3)))
+    np.testing.assert_allclose(torque, GAIN * np.tanh(speed / 0.05), atol=1e-12)
+    assert not torque[3].any()
+
+
+def test_push_is_the_law():
+    """g tanh(e_j/w) exp(−(q̇_j/v)²); turned by e_j, joint j alone asks nothing more of K."""
+    look, rng = poses(N), np.random.default_rng(1)
+    shift = 0.03 * rng.normal(size=(N, 3))
+    dq = 0.05 * rng.normal(size=(N, JOINTS))
+    c = loads(Compensation(kind="push", gain=GAIN, speed=(0.04,), error=(0.02,)))
+    assert not c.feeds
+    torque = compensated(c, dq, shift=shift)
+    k, jac = np.diag([200.0] * 3 + [20.0] * 3), look.jacobian
+    ahead = np.concatenate([shift, np.zeros((N, 3))], axis=1)
+    pull = np.einsum("nkj,kl,nl->nj", jac, k, ahead)
+    error = pull / np.einsum("nkj,kl,nlj->nj", jac, k, jac)
+    for j in range(JOINTS):
+        rest = ahead - jac[:, :, j] * error[:, j, None]
+        np.testing.assert_allclose(np.einsum("nk,kl,nl->n", jac[:, :, j], k, rest), 0, atol=1e-10)
+    expected = GAIN * np.tanh(error / 0.02) * np.exp(-((dq / 0.04) ** 2))
+    np.testing.assert_allclose(torque, expected, atol=1e-12)
+    assert np.all(torque * pull > -1e-24)  # rounding, where there is no pull
+
+
+def test_push_at_rest_and_in_motion():
+    """At rest the whole gain far from the goal and none at it; ten times v: nothing."""
+    c = loads(Compensation(kind="push", gain=GAIN, speed=(0.04,), error=(1e-7,)))
+    still, far = np.zeros((N, JOINTS)), np.full((N, 3), 0.05)
+    torque = np.abs(compensated(c, still, shift=far))
+    # joint 7 turns about the flange: a shift does not pull at it
+    np.testing.assert_allclose(np.median(torque, axis=0)[:6], GAIN[:6])
+    # rounding of the orientation's error, times g/w
+    assert np.abs(compensated(c, still, shift=np.zeros((N, 3)))).max() < 1e-7
+    assert np.abs(compensated(c, still + 0.4, shift=far)).max() < 1e-40
+
+
+def test_each_arm_has_its_own():
+    """Mixed kinds in a batch are what each is alone, bit for bit; none is zero."""
+    rng = np.random.default_rng(2)
+    dq, shift = 0.02 * rng.normal(size=(N, JOINTS)), 0.02 * rng.normal(size=(N, 3))
+    twist = 0.1 * rng.normal(size=(N, 6))
+    all_ = [None, *(Compensation(kind=k, gain=GAIN) for k in KINDS)]
+    alone = []
+    for one in all_:
+        c = loads(one)
+        c.look_ahead(poses(N).jacobian, twist)
+        alone.append(compensated(c, dq, shift=shift))
+    mixed = loads(None)
+    assert not mixed.active
+    mixed.set_rows(np.arange(N), [all_[i % 3] for i in range(N)])
+    mixed.look_ahead(poses(N).jacobian, twist)
+    together = compensated(mixed, dq, shift=shift)
+    for i in range(N):
+        np.testing.assert_array_equal(together[i], alone[i % 3][i])
+    assert not together[::3].any()
+    mixed.set_rows(np.arange(N), [None] * N)
+    assert not mixed.active
+
+
+def test_joint_without_stiffness_is_not_pushed():
+    c = loads(Compensation(kind="push", gain=GAIN))
+    look = poses(N)
+    arguments = (look.position + 1.0, rotation.error_matrix(look.quaternion), np.zeros((N, 6, 12)))
+    still = np.zeros((N, JOINTS))
+    compensate(look.position, look.quaternion, look.jacobian, still, *arguments, *c.arguments)
+    assert not c.torque.any()
+
+
+@pytest.mark.parametrize(("factor", "left"), [(0.0, 1.0), (0.7, 0.3), (1.0, 0.0), (1.3, -0.3)])
+def test_feedforward_takes_coulomb_friction_away(factor, left):
+    """A rigid joint at constant speed under PD control lags by (1 − factor) F_c/k.
+
+    Friction without Stribeck and viscous part, so that F_c is all of it, and the gain.
+    """
+    friction, zero = load_friction("panda", 7), np.zeros(7)
+    friction = friction.rigid().replace(
+        stiction=np.full((7, 2), 1.0),
+        coulomb_ratio=np.ones((7, 2)),
+        viscous=np.zeros((7, 2)),
+        load_coefficient=zero,
+        ripple_amplitude=zero,
+        offset=zero,
+        gravity_error=zero,
+    )
+    plant, speed, stiffness = (
+        Plant(build(load_arm("panda"), friction), 1, closed_loop=True),
+        0.2,
+        50,
+    )
+    compensation = Compensation.from_friction("feedforward", friction, factor, speed=(1e-3,))
+    c = Compensator(1, 7, damping=0.2)
+    c.set_rows(np.array([0]), [compensation])
+    c.wanted_speed[0, 6] = speed
+    start, error = plant.position[0, 6], []
+    unused = np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 6, 7))
+
+    def law() -> np.ndarray:
+        torque, q, dq = np.zeros((1, 7)), plant.position[0, 6], plant.velocity[0, 6]
+        error.append(q - start - speed * 1e-3 * len(error))
+        compensate(
+            *unused,
+            plant.velocity,
+            unused[0],
+            np.zeros((1, 4, 4)),
+            np.zeros((1, 6, 12)),
+            *c.arguments,
+        )
+        torque[0, 6] = -stiffness * error[-1] - 4.0 * (dq - speed) + c.torque[0, 6]
+        return torque
+
+    plant.follow(law, 3000)
+    assert error[-1] == pytest.approx(-left * 1.0 / stiffness, abs=0.02 / stiffness)
+
+
+# ---- where gains are from --------------------------------------------------------------------
+
+
+def test_gains_are_the_breakaway_torques():
+    p = load_friction("panda", 7)
+    c = Compensation.from_friction("push", p, 0.7)
+    np.testing.assert_allclose(c.gain, 0.7 * p.stiction_at(np.zeros(7)).mean(axis=1))
+    loaded = Compensation.from_friction("push", p, load=np.full(7, 10.0))
+    np.testing.assert_allclose(loaded.gain, p.stiction_at(np.full(7, 10.0)).mean(axis=1))
+    assert not np.allclose(loaded.gain, np.array(c.gain) / 0.7)
+    assert c == Compensation.from_friction("push", p, 0.7)
+    assert hash(c) != hash(loaded)
+    assert len(c.speed) == len(c.error) == c.n == 7
+
+
+def test_table_of_gains(tmp_path):
+    path = tmp_path / "gains.csv"
+    path.write_text("joint,gain_nm,speed_rad_s\n7,0.5,0.1\n2,0.8,\n")
+    c = read_compensation(path, "push", 7, factor=2.0)
+    assert c.gain == (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
+    usual = Compensation(kind="push", gain=(1.0,) * 7)
+    assert c.speed == (*usual.speed[:6], 0.1)
+    assert c.error == usual.error
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("joint,gain_nm\n8,0.5\n", "1 to 7"),
+        ("joint,gain_nm\n1,0.5\n1,0.5\n", "twice"),
+        ("joint,gain_nm\n1,-0.5\n", "expected >= 0"),
+        ("joint,gain_nm\n1,nan\n", "finite"),
+        ("joint,gain_nm\n1,0\n", "compensates no joint"),
+        ("joint,gain_nm,speed_rad_s\n1,1,0\n", "speed_rad_s is 0: expected > 0"),
+        ("joint,gain\n1,1\n", "gain_nm"),
+    ],
+)
+def test_bad_tables(tmp_path, text, words):
+    path = tmp_path / "gains.csv"
+    path.write_text(text)
+    with pytest.raises(StictionError, match=words):
+        read_compensation(path, "push", 7)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "pull"}, "'pull': expected one of feedforward, push"),
+        ({"gain": (1.0, -1.0)}, "gain of joint 2 is -1"),
+        ({"gain": ()}, "one number per joint"),
+        ({"gain": (1.0, np.nan)}, "finite"),
+        ({"gain": "much"}, "expected numbers"),
+        ({"speed": (0.1, 0.0)}, "speed of joint 2 is 0"),
+        ({"speed": (0.1, 0.1, 0.1)}, "one number, or 2"),
+        ({"error": -1.0}, "error of joint 1"),
+    ],
+)
+def test_bad_numbers(change, words):
+    with pytest.raises(StictionError, match=words):
+        Compensation(**({"kind": "push", "gain": (1.0, 1.0)} | change))
+
+
+def test_what_does_not_fit():
+    with pytest.raises(StictionError, match="2 joints: expected 7"):
+        loads(Compensation(kind="push", gain=(1.0, 1.0)))
+    with pytest.raises(StictionError, match="factor -1"):
+        Compensation.from_friction("push", load_friction("panda", 7), -1)

@@ -1,0 +1,139 @@
+"""Friction compensation in the Generated Trajectory Experiment: limit cases, bits, own friction."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.experiments.gte.rows import CASES, case_name
+from stiction_envs.friction.parameters import stack_friction
+from tests.experiments.gte.short_paths import DITHER, SOFT, STIFF, bench, friction, one
+from tests.experiments.gte.test_experiment import assert_same
+
+PLAIN = Case(trajectory="corner", stiffness=STIFF)
+SHAKEN = dataclasses.replace(PLAIN, dither=DITHER)
+
+
+def with_(case: Case, compensation: Compensation | None) -> Case:
+    return dataclasses.replace(case, compensation=compensation)
+
+
+@pytest.mark.parametrize("kind", ["feedforward", "push"])
+@pytest.mark.parametrize("case", [PLAIN, SHAKEN])
+def test_gain_zero_is_exactly_none(kind, case):
+    """Alone, and beside an arm that is compensated."""
+    b = bench()
+    none, zero = one(b, case, 2), with_(case, Compensation(kind=kind, gain=(0.0,) * 7))
+    assert_same(one(b, zero, 2), none)
+    beside, full = b.run([zero, with_(case, b.compensation(kind))], iterations=2)
+    assert_same(beside, none)
+    assert not np.array_equal(full.actual[:, :100], none.actual[:, :100])
+
+
+def test_cases_do_not_depend_on_each_other():
+    b = bench(nthread=2)
+    cases = [
+        PLAIN,
+        with_(PLAIN, b.compensation("push")),
+        with_(SHAKEN, b.compensation("feedforward", 0.7)),
+        SHAKEN,
+    ]
+    for case, run in zip(cases, b.run(cases, iterations=2), strict=True):
+        assert_same(one(bench(nthread=1), case, 2), run)
+
+
+def test_compensation_reduces_what_friction_leaves():
+    """Feedforward on the way, push at the goal; the arm that is pushed shakes no more at rest."""
+    b = bench(tail=3.0, scatter=False)
+    case = Case(trajectory="away", stiffness=SOFT)
+    kinds = ("feedforward", "push")
+    runs = b.run([case, *(with_(case, b.compensation(k)) for k in kinds)], iterations=1)
+    none, feedforward, push = (measure(run, b.protocol) for run in runs)
+    norm = [np.linalg.norm(m.rms[0, :3]) for m in (none, feedforward)]
+    assert norm[1] < 0.75 * norm[0]
+    left = [np.linalg.norm(m.settling[0, -1, :3]) for m in (none, push)]
+    assert left[1] < 0.5 * left[0]
+    assert push.shaking_at_rest[0] < 1.2 * none.shaking_at_rest[0]
+
+
+def test_a_relay_beyond_friction_hunts_and_vibration_shows_it():
+    """Push by the bare sign of the error: below friction it rests, above it never does."""
+    b = bench(tail=4.0, scatter=False)
+    case = Case(trajectory="there", stiffness=SOFT)
+    relays = [
+        dataclasses.replace(b.compensation("push", factor), error=(1e-5,), speed=(0.1,))
+        for factor in (0.5, 1.5, 4.0)
+    ]
+    runs = b.run([case, *(with_(case, c) for c in relays)], iterations=1)
+    last_second = [np.sqrt(run.mean_square[0, -100:].mean(axis=0).sum()) for run in runs]
+    assert max(last_second[:2]) < 1e-7
+    assert 2e-5 < last_second[2] < 0.5 * last_second[3]
+    none, under, over, far = (measure(run, b.protocol).shaking_at_rest[0] for run in runs)
+    assert under < 1.5 * none
+    assert far > 2 * over > 6 * none
+
+
+def test_gains_are_of_the_friction_at_the_start():
+    """Breakaway at the load there; ten times of it with the factor."""
+    b = bench()
+    plant = b.rig(1, 1).plant
+    plant.reset(np.array([0]), b.start[None])
+    expected = friction().stiction_at(plant.load[1][0]).mean(axis=1)
+    np.testing.assert_allclose(b.compensation("push").gain, expected)
+    np.testing.assert_allclose(b.compensation("feedforward", 10).gain, 10 * expected)
+
+
+def test_names_of_cases():
+    names = [
+        case_name(with_(c, k))
+        for k in (None, *(Compensation(kind=k, gain=(1.0,)) for k in ("feedforward", "push")))
+        for c in (PLAIN, SHAKEN)
+    ]
+    assert tuple(names) == CASES
+
+
+# ---- friction that the controller does not know ------------------------------------------------
+
+
+def test_each_case_may_have_its_own_friction():
+    """Bit for bit what an experiment with that friction gives; None is the model's."""
+    nominal = friction()
+    strong = nominal.replace(stiction=1.3 * nominal.stiction)
+    lopsided = nominal.replace(stiction=nominal.stiction * [1.2, 0.8])
+    compensation = bench().compensation("feedforward")
+    cases = [PLAIN, with_(SHAKEN, compensation), with_(PLAIN, compensation)]
+    true = [None, strong, lopsided]
+    runs = bench().run(cases, parameters=true, iterations=2)
+    for case, p, run in zip(cases, true, runs, strict=True):
+        own = bench() if p is None else bench(friction=p)
+        assert_same(one(own, case, 2), run)
+    assert not np.array_equal(runs[1].actual[:, :100], one(bench(), cases[1], 2).actual[:, :100])
+
+
+def test_controller_believes_the_nominal_rotors():
+    """True rotors twice as heavy: Λ and so eq. 2.14's damping stay the model's."""
+    p = friction()
+    heavy = p.replace(rotor_inertia=2 * p.rotor_inertia)
+    rigs = [bench().rig(1, 1, parameters) for parameters in (None, stack_friction([heavy]))]
+    for rig in rigs:
+        rig._model.update(rig.plant.position, rig.plant.velocity)
+    np.testing.assert_array_equal(rigs[0]._model.mass, rigs[1]._model.mass)
+
+
+def test_friction_that_does_not_fit():
+    b, p = bench(), friction()
+    with pytest.raises(StictionError, match="2 cases: expected 1"):
+        b.run([PLAIN], parameters=[p, p])
+    six = type(p)(**{k: getattr(p, k)[:6] for k in p.__dataclass_fields__})
+    with pytest.raises(StictionError, match="6 joints: expected 7"):
+        b.run([PLAIN], parameters=[six])
+    with pytest.raises(StictionError, match="elastic"):
+        b.run([PLAIN], parameters=[p.replace(joint_stiffness=np.full(7, 1e4))])
+    with pytest.raises(StictionError, match="2 joints: expected 7"):
+        b.run([with_(PLAIN, Compensation(kind="push", gain=(1.0, 1.0)))])
