@@ -29,6 +29,8 @@ Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
+LIMITS = "limits"
+"""User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -75,6 +75,8 @@ class SearchSettings:
     """Standard deviation of a drawn friction, rotor or bristle, relative [-]."""
     iterations: int
     """Repeats of a configuration or path with scatter of their own, per friction."""
+    gentle: float
+    """Amplitudes of the SJE's table at which the GTE's search begins, over themselves [-]."""
     penalty: float
     """Per unit of a constraint, for samplers that know none (cmaes), over the objective's [-]."""
     verify_draws: int

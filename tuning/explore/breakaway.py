@@ -21,7 +21,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from tuning.explore.bounds import Bounds
-from tuning.record import Outcome, Parameters
+from tuning.record import LIMITS, Outcome, Parameters
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 class Breakaway:
     """What one setting of one joint gave."""
 
+    tau: Array
+    """(frictions, 4) torque at which it breaks away in every configuration [N·m]."""
     ratio: Array
     """(frictions, 4) |tau| / |tau_base| of every configuration [-]; NaN where the joint stuck."""
     displacement: float
@@ -52,6 +54,7 @@ class BreakawayObjective:
         *,
         iterations: int,
         limits: Sequence[AmplitudeRow] = (),
+        pareto: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Measure the base torques, and how far a table shakes each joint.
@@ -62,12 +65,14 @@ class BreakawayObjective:
             frictions: under which every setting is measured.
             iterations: repeats per configuration and friction.
             limits: a table whose displacement no setting may pass, where ``bounds`` has none.
+            pareto: whether the displacement is a second objective, in place of a constraint.
             progress: called with simulated seconds.
 
         Raises:
             ExperimentError: a joint that sticks without dither.
         """
         self.bounds, self.iterations, self._progress = bounds, iterations, progress
+        self.pareto = pareto
         arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
         self.experiments = [
             experiment.replace(sticking=build(arm, p, timestep=timestep)) for p in frictions
@@ -106,13 +111,13 @@ class BreakawayObjective:
         ]
         out = {}
         for row, group in jobs.items():
-            ratio = [
-                [abs(f[job].mean / base[job.configuration].mean) for job in group]
-                for f, base in zip(found, self.base, strict=True)
-            ]
+            tau = np.array([[f[job].mean for job in group] for f in found])
+            base = np.array([[b[job.configuration].mean for job in group] for b in self.base])
             shaken = [f[job].displacement for f in found for job in group]
             out[row] = Breakaway(
-                ratio=np.array(ratio), displacement=float(np.sqrt(np.mean(np.square(shaken))))
+                tau=tau,
+                ratio=np.abs(tau / base),
+                displacement=float(np.sqrt(np.mean(np.square(shaken)))),
             )
         return out
 
@@ -134,21 +139,22 @@ class BreakawayObjective:
             "gate_rad_s": row.gate_rad_s,
         }
         limit = self.displacement[row.joint - 1]
-        forbidden = [max(depth, -1.0)] if np.isfinite(depth) else []
+        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: as if it did nothing
-            return Outcome(values=(1.0,), constraints=(0.0, *forbidden), measures=about)
-        measures = {
-            **about,
-            "left": found.left,
-            "displacement_rad": found.displacement,
-            "ratio": found.ratio.tolist(),
-        }
+            return Outcome(values=(1.0, 0.0)[: 1 + self.pareto], constraints=(0.0, *forbidden))
         shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
-        left = found.left
+        values = (found.left, found.displacement)[: 1 + self.pareto]
         return Outcome(
-            values=(left,) if np.isfinite(left) else None,
-            constraints=(float(shaken), *forbidden),
-            measures=measures,
+            values=values if np.isfinite(found.left) else None,
+            constraints=(0.0 if self.pareto else shaken, *forbidden),
+            measures={
+                **about,
+                "left": found.left,
+                "displacement_rad": found.displacement,
+                "tau": found.tau.tolist(),
+                "ratio": found.ratio.tolist(),
+                LIMITS: [shaken],
+            },
         )
 
 

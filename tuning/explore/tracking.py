@@ -1,0 +1,262 @@
+"""Objective of the Generated Trajectory Experiment: the error that is left when the arm rests.
+
+The sum of the error over a path, or over the window of Table 4.11, hardly knows of dither: it is
+the impedance law's own lag. What friction leaves at each goal does. A table of the whole arm is
+tried on every path, stiffness and friction:
+
+    value       1/2 (log position left + log orientation left), over no dither, mean of all
+    constraint  vibration / largest vibration - 1 <= 0, moving and at rest; depth in forbidden bands
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import BaseDistribution, FloatDistribution
+
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import Measures, measure
+from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
+from tuning.explore.bounds import Bounds
+from tuning.record import LIMITS, Outcome, Parameters
+
+Array = NDArray[np.float64]
+Table = tuple[AmplitudeRow, ...]
+Place = tuple[str, tuple[float, float, float]]
+"""A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Treatment:
+    """What is done against friction: dither, compensation, both or nothing."""
+
+    dither: Table = ()
+    """Dither of each dithered joint."""
+    compensation: Compensation | None = None
+    """Added to the controller's torque."""
+
+    def case(self, place: Place) -> Case:
+        """Return the case of the experiment."""
+        return Case(
+            trajectory=place[0],
+            stiffness=place[1],
+            dither=self.dither,
+            compensation=self.compensation,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracking:
+    """What one treatment gave at P places under F frictions."""
+
+    position: Array
+    """(P, F) error left at the goals, mean of its norm [m]; NaN where a goal was never reached."""
+    orientation: Array
+    """(P, F) the same of the orientation [rad]."""
+    tracking: Array
+    """(P, F) root mean square error of the position along the path [m]."""
+    vibration: Array
+    """(P, F) root mean square vibration while moving, turning included [m]."""
+    vibration_at_rest: Array
+    """(P, F) the same after the last goal was reached [m]."""
+    power: Array
+    """(P, F) what dither moves back and forth per second [W]."""
+    torque_rate: Array
+    """(P, F) largest change of torque on any joint [N·m/s]."""
+
+    @property
+    def shaking(self) -> tuple[float, float]:
+        """Vibration moving and at rest, root mean square over places and frictions [m]."""
+        return _rms(self.vibration), _rms(self.vibration_at_rest)
+
+    def left(self, plain: Tracking) -> tuple[float, float]:
+        """Return position and orientation error left over another's, geometric means [-]."""
+        return _ratio(self.position, plain.position), _ratio(self.orientation, plain.orientation)
+
+
+class TrackingObjective:
+    """Measures treatments of one arm on some paths under some frictions."""
+
+    def __init__(
+        self,
+        experiment: GeneratedTrajectoryExperiment,
+        bounds: Bounds,
+        frictions: Sequence[FrictionParameters],
+        places: Sequence[Place],
+        *,
+        iterations: int,
+        joints: Sequence[int],
+        gates: str = "",
+        limits: Table = (),
+        penalty: float = 0.0,
+        pareto: bool = False,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Measure the arm without dither, and how much a table shakes it.
+
+        Args:
+            experiment: the arm, its seed.
+            bounds: where is searched.
+            frictions: under which every table is tried.
+            places: paths and stiffnesses.
+            iterations: repeats per place and friction.
+            joints: that are dithered, from 1.
+            gates: "" for none, "one" for one gate speed of all joints, "each" for one per joint.
+            limits: a table whose vibration no other may pass, where ``bounds`` has none.
+            penalty: added to the value per unit of a constraint: for samplers that know none.
+            pareto: whether the vibration is a second objective, in place of a constraint.
+            progress: called with simulated seconds.
+        """
+        self.pareto = pareto
+        self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
+        self.frictions, self.iterations = list(frictions), iterations
+        self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
+        self._progress = progress
+        self.plain = self.measure([Treatment()])[0]
+        largest = np.array(bounds.vibration_m)
+        if limits and np.isnan(largest).any():
+            shaken = self.measure([Treatment(dither=limits)])[0].shaking
+            largest = np.where(np.isnan(largest), shaken, largest)
+        self.vibration = np.where(np.isnan(largest), np.inf, largest)
+        """(2,) largest vibration, moving and at rest [m]; inf where there is no limit."""
+
+    # ---- settings ----------------------------------------------------------------------------
+
+    def space(self) -> dict[str, BaseDistribution]:
+        """Return the parameters of a table of the whole arm."""
+        out: dict[str, BaseDistribution] = {}
+        for j in self.joints:
+            for name, d in self.bounds.space(j).items():
+                out[f"{name}_{j}"] = d
+        gate = FloatDistribution(*self.bounds.gate_rad_s, log=True)
+        if self.gates == "one":
+            out["gate_rad_s"] = gate
+        elif self.gates == "each":
+            out |= {f"gate_rad_s_{j}": gate for j in self.joints}
+        return out
+
+    def table(self, parameters: Parameters) -> Table:
+        """Return the table that parameters of `space` stand for."""
+        rows = []
+        for j in self.joints:
+            mine = {name: parameters[f"{name}_{j}"] for name in ("frequency_hz", "amplitude")}
+            gate = parameters.get(f"gate_rad_s_{j}", parameters.get("gate_rad_s", 0.0))
+            rows.append(self.bounds.setting(j, {**mine, "gate_rad_s": gate}))
+        return tuple(rows)
+
+    def parameters(self, table: Table, gate_rad_s: float | None = None) -> Parameters:
+        """Return the parameters of `space` that come nearest to a table."""
+        rows = {row.joint: row for row in table}
+        out: Parameters = {}
+        for j in self.joints:
+            row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
+            out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
+            if self.gates == "each":
+                out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
+        if self.gates == "one":
+            out["gate_rad_s"] = gate_rad_s or self.bounds.gate_rad_s[1]
+        return out
+
+    # ---- measuring ---------------------------------------------------------------------------
+
+    def measure(self, treatments: Sequence[Treatment]) -> list[Tracking]:
+        """Try treatments, all in one batch."""
+        cases, parameters = [], []
+        for treatment in treatments:
+            for place in self.places:
+                for friction in self.frictions:
+                    cases.append(treatment.case(place))
+                    parameters.append(friction)
+        runs = self.experiment.run(
+            cases, iterations=self.iterations, parameters=parameters, progress=self._progress
+        )
+        e = self.experiment
+        found = [measure(run, e.protocol, e.motion) for run in runs]
+        shape = (len(treatments), len(self.places), len(self.frictions))
+        values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
+        return [
+            Tracking(
+                position=v[..., 0],
+                orientation=v[..., 1],
+                tracking=v[..., 2],
+                vibration=v[..., 3],
+                vibration_at_rest=v[..., 4],
+                power=v[..., 5],
+                torque_rate=v[..., 6],
+            )
+            for v in values
+        ]
+
+    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        """Return outcomes of tables (0, parameters of `space`)."""
+        tables = [self.table(parameters) for _, parameters in asked]
+        depths = [
+            max(self.bounds.forbidden(r.joint, r.frequency_hz) for r in table) for table in tables
+        ]
+        allowed = [k for k, depth in enumerate(depths) if depth <= 0]
+        tried = self.measure([Treatment(dither=tables[k]) for k in allowed]) if allowed else []
+        found = dict(zip(allowed, tried, strict=True))
+        return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
+
+    def outcome(self, found: Tracking | None, depth: float) -> Outcome:
+        """Return what is written down of a table; ``found`` is None in a forbidden band."""
+        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
+        if found is None:  # not simulated: as if it did nothing
+            values = (self.penalty * depth, float(self.plain.shaking[0]))
+            return Outcome(values=values[: 1 + self.pareto], constraints=(0.0, 0.0, *forbidden))
+        position, orientation = found.left(self.plain)
+        value = 0.5 * float(np.log(position) + np.log(orientation))
+        if not np.isfinite(value):
+            return Outcome(values=None)
+        over = [
+            shaken / limit - 1.0 if np.isfinite(limit) else -1.0
+            for shaken, limit in zip(found.shaking, self.vibration, strict=True)
+        ]
+        constraints = (*([0.0, 0.0] if self.pareto else over), *forbidden)
+        moving, resting = found.shaking
+        values = (value + self.penalty * sum(max(c, 0.0) for c in constraints), moving)
+        return Outcome(
+            values=values[: 1 + self.pareto],
+            constraints=constraints,
+            measures={
+                "objective": value,
+                "position_left": position,
+                "orientation_left": orientation,
+                "vibration_m": moving,
+                "vibration_at_rest_m": resting,
+                "power_w": float(found.power.mean()),
+                "torque_rate_nm_s": float(found.torque_rate.max()),
+                LIMITS: over,
+            },
+        )
+
+
+def _numbers(m: Measures) -> list[float]:
+    """Return the numbers of `Tracking` of one case."""
+    position, orientation = (
+        float(np.linalg.norm(m.settling[..., columns], axis=-1).mean())
+        for columns in (slice(0, 3), slice(3, 6))
+    )
+    return [
+        position,
+        orientation,
+        float(np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean()),
+        _rms(m.shaking),
+        _rms(m.shaking_at_rest),
+        float((m.dither_energy / m.duration).mean()),
+        float(m.torque_rate.max()),
+    ]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _ratio(values: Array, plain: Array) -> float:
+    return float(np.exp(np.mean(np.log(values / plain))))

@@ -1,0 +1,218 @@
+"""Tables measured anew: frictions, seeds, paths and a start that the search has not seen.
+
+What was measured is a trial of a study of its own, so that nothing is measured twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import CategoricalDistribution
+from scipy import stats
+
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
+from tuning.explore.bounds import Bounds
+from tuning.explore.breakaway import BreakawayObjective
+from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.record import Outcome, Parameters, Record, Search, run
+from tuning.samplers import sampler
+from tuning.settings import SearchSettings
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+PATHS = ("triangle", "pentagon")
+STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
+NOTHING = "no dither"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointResult:
+    """What a table did to one joint in the SJE."""
+
+    row: AmplitudeRow
+    tau: Array
+    """(frictions, 4) torque at which it breaks away [N·m]: load, no load × +, −."""
+    ratio: Array
+    """(frictions, 4) |tau| / |tau_base| [-]."""
+    displacement: float
+    """[rad]."""
+
+    @property
+    def reduction(self) -> tuple[float, float, float]:
+        """Mean reduction and its 95 % interval over frictions [-]."""
+        return interval(1.0 - self.ratio.mean(axis=1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathResult:
+    """What a table did on one path in the GTE, over no dither; geometric means and intervals."""
+
+    position: tuple[float, float, float]
+    """Position error left [-]."""
+    orientation: tuple[float, float, float]
+    """Orientation error left [-]."""
+    vibration_m: float
+    """Moving [m]."""
+    vibration_at_rest_m: float
+    """At rest [m]."""
+    power_w: float
+    """Of the dither [W]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verified:
+    """All that was measured anew."""
+
+    breakaway: Mapping[str, Mapping[int, JointResult]]
+    """Per table and joint."""
+    tracking: Mapping[str, Mapping[str, PathResult]]
+    """Per table and path; empty where only the SJE was searched."""
+
+
+def interval(values: Array) -> tuple[float, float, float]:
+    """Return mean and 95 % interval of the mean (Student's t); NaN bounds of a single value."""
+    mean, n = float(np.mean(values)), len(values)
+    if n < 2:
+        return mean, float("nan"), float("nan")
+    half = float(stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
+
+
+def verify_breakaway(
+    experiment: SingleJointExperiment,
+    tables: Mapping[str, Table],
+    *,
+    bounds: Bounds,
+    frictions: Sequence[FrictionParameters],
+    settings: SearchSettings,
+    record: Record,
+    progress: Progress | None,
+) -> dict[str, dict[int, JointResult]]:
+    """Measure every joint of every table in the SJE."""
+    rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
+    distinct = list(dict.fromkeys(rows.values()))
+    objectives: list[BreakawayObjective] = []
+
+    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        if not objectives:  # only where something is left to measure
+            objectives.append(
+                BreakawayObjective(
+                    experiment, bounds, frictions, iterations=settings.verify_iterations
+                )
+            )
+        wanted = [distinct[p["row"]] for _, p in asked]
+        found = objectives[0].measure(wanted)
+        return [
+            Outcome(
+                values=(0.0,),
+                measures={
+                    "tau": found[row].tau.tolist(),
+                    "ratio": found[row].ratio.tolist(),
+                    "displacement_rad": found[row].displacement,
+                },
+            )
+            for row in wanted
+        ]
+
+    known = measured_once(record, len(distinct), evaluate, progress)
+    out: dict[str, dict[int, JointResult]] = {name: {} for name in tables}
+    for (name, joint), row in rows.items():
+        attributes = known[distinct.index(row)]
+        out[name][joint] = JointResult(
+            row=row,
+            tau=np.array(attributes["tau"], dtype=float),
+            ratio=np.array(attributes["ratio"], dtype=float),
+            displacement=attributes["displacement_rad"],
+        )
+    return out
+
+
+def verify_tracking(
+    make: Callable[[int], GeneratedTrajectoryExperiment],
+    tables: Mapping[str, Table],
+    *,
+    seed: int,
+    bounds: Bounds,
+    frictions: Sequence[FrictionParameters],
+    settings: SearchSettings,
+    record: Record,
+    progress: Progress | None,
+) -> dict[str, dict[str, PathResult]]:
+    """Run every table on the path it was tuned on and on one it was not."""
+    names = [NOTHING, *tables]
+    cases = [(name, path) for name in names for path in PATHS]
+    experiment = make(seed)
+
+    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        out: dict[int, Outcome] = {}
+        for path in PATHS:
+            mine = [p["row"] for _, p in asked if cases[p["row"]][1] == path]
+            if not mine:
+                continue
+            places: list[Place] = [(path, k) for k in STIFFNESSES]
+            objective = TrackingObjective(
+                experiment,
+                bounds,
+                frictions,
+                places,
+                iterations=settings.verify_iterations,
+                joints=range(1, experiment.n + 1),
+            )
+            treatments = [Treatment(dither=tables.get(cases[k][0], ())) for k in mine]
+            for k, found in zip(mine, objective.measure(treatments), strict=True):
+                out[k] = Outcome(
+                    values=(0.0,),
+                    measures={
+                        "position": (found.position / objective.plain.position).tolist(),
+                        "orientation": (found.orientation / objective.plain.orientation).tolist(),
+                        "vibration_m": found.shaking[0],
+                        "vibration_at_rest_m": found.shaking[1],
+                        "power_w": float(found.power.mean()),
+                    },
+                )
+        return [out[p["row"]] for _, p in asked]
+
+    known = measured_once(record, len(cases), evaluate, progress)
+    result: dict[str, dict[str, PathResult]] = {name: {} for name in names}
+    for (name, path), attributes in zip(cases, known, strict=True):
+        result[name][path] = PathResult(
+            position=_left(attributes["position"]),
+            orientation=_left(attributes["orientation"]),
+            vibration_m=attributes["vibration_m"],
+            vibration_at_rest_m=attributes["vibration_at_rest_m"],
+            power_w=attributes["power_w"],
+        )
+    return result
+
+
+def _left(ratios: list[list[float]]) -> tuple[float, float, float]:
+    """Return geometric mean and interval of (places, frictions) ratios, over frictions."""
+    mean, low, high = interval(np.log(np.array(ratios)).mean(axis=0))
+    return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
+
+
+def measured_once(
+    record: Record,
+    count: int,
+    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    """Measure ``count`` things by number, once; return what was measured of each."""
+    space = {"row": CategoricalDistribution(list(range(count)))}
+    one = Search(
+        record=record,
+        space=space,
+        sampler=sampler("random", space, seed=0, startup=0),
+        evaluations=count,
+        batch=count,
+        first=tuple({"row": k} for k in range(count)),
+    )
+    run([one], evaluate, progress)
+    return [dict(t.user_attrs) for t in record.trials]
