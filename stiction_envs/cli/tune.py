@@ -1,4 +1,4 @@
-"""``stiction tune``: the dither that frees an arm, by the thesis's protocol."""
+"""``stiction tune``: the dither that frees an arm, by the thesis's protocol or by search."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
-AVAILABLE = {"protocol": ("thesis",), "sampler": ("grid",), "objective": ("sje",)}
-"""What the tuner can do now; the parser knows more names, for what is planned."""
+# as the packages have them; written out, so that --help does not load them
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+OBJECTIVES = ("sje", "gte", "both")
+FREE = ("waveform", "offset")
+GATES = ("none", "one", "each")
+THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
+SEARCH_ONLY = (
+    *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
+    *("search", "gates"),
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -28,21 +36,10 @@ def add_parser(subparsers: Any) -> None:
     common.add_robot_options(parser)
     parser.add_argument(
         "--protocol",
-        choices=("thesis",),
+        choices=("thesis", "search"),
         default="thesis",
-        help="frequencies, then scales, then verification (thesis 4.2; default)",
-    )
-    parser.add_argument(
-        "--sampler",
-        choices=("grid", "tpe", "gp", "cmaes"),
-        default="grid",
-        help="how settings are chosen (default: %(default)s; protocol thesis has no other)",
-    )
-    parser.add_argument(
-        "--objective",
-        choices=("sje", "gte"),
-        default="sje",
-        help="what is lowered (default: %(default)s, the breakaway torque; no other yet)",
+        help="thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
+        "amplitude and frequency of every joint, continuous and under constraints",
     )
     parser.add_argument(
         "--table",
@@ -65,6 +62,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="X",
         help="amplitudes to try, over the base torque (default: 0.8 1.0 1.2)",
     )
+    _add_search_options(parser)
     common.add_experiment_options(parser)
     parser.add_argument(
         "--storage", metavar="URL", help="Optuna storage (default: a file in --out)"
@@ -77,10 +75,69 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
+def _add_search_options(parser: Any) -> None:
+    group = parser.add_argument_group("with --protocol search")
+    group.add_argument(
+        "--objective",
+        choices=OBJECTIVES,
+        help="sje: torque left to move each joint (default); gte: error left at the goals of a "
+        "path; both: the one begins where the other ended",
+    )
+    group.add_argument(
+        "--sampler", choices=SAMPLERS, help="default: gp for the SJE, cmaes for the GTE"
+    )
+    group.add_argument(
+        "--evaluations",
+        type=common.whole(1),
+        metavar="N",
+        help="trials per joint (SJE) and of whole tables (GTE)",
+    )
+    group.add_argument(
+        "--pareto",
+        action="store_true",
+        default=None,
+        help="two objectives: shaking is one, and no constraint (pareto.csv)",
+    )
+    group.add_argument(
+        "--search",
+        nargs="+",
+        choices=FREE,
+        metavar="WHAT",
+        help=f"search these too: {', '.join(FREE)}",
+    )
+    group.add_argument(
+        "--gates",
+        choices=GATES,
+        help="search a gate speed: one for all joints, or one for each (objective gte or both)",
+    )
+    group.add_argument(
+        "--bounds",
+        type=Path,
+        metavar="FILE.toml",
+        help="[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
+        "vibration_mm, vibration_at_rest_mm, gate_rad_s",
+    )
+    group.add_argument(
+        "--limit",
+        type=Path,
+        metavar="TABLE.csv",
+        help="shake no more than this amplitude table does (default: thesis Table 4.9 on a Panda)",
+    )
+    group.add_argument(
+        "--beside",
+        type=Path,
+        nargs="+",
+        metavar="TABLE.csv",
+        help="amplitude tables to compare with, measured in the same plant",
+    )
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Tune; write tables, report, plots and provenance."""
-    _check_available(args)
+    _check_options(args)
     arm = common.read_arm(args)
+    if args.protocol == "search":
+        return _search(args, arm)
     folder = common.output_folder(
         args, arm.name, {**common.model_files(args), "table": args.table}, resumable=True
     )
@@ -99,7 +156,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             seed=args.seed,
             storage=args.storage,
             study=args.study,
-            sampler=args.sampler,
             friction=args.friction,
             nthread=args.threads,
             progress=progress.set,
@@ -107,14 +163,44 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
-def _check_available(args: argparse.Namespace) -> None:
-    for option, names in AVAILABLE.items():
-        value = getattr(args, option)
-        if value not in names:
-            raise StictionError(
-                f"--{option} {value} does not exist yet with --protocol {args.protocol}: "
-                f"expected {', '.join(names)}"
-            )
+def _check_options(args: argparse.Namespace) -> None:
+    other = THESIS_ONLY if args.protocol == "search" else SEARCH_ONLY
+    for name in other:
+        if getattr(args, name) not in (None, False):
+            raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
+
+
+def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+    from tuning.explore.search import Options, search
+
+    given = {
+        "objective": args.objective,
+        "sampler": args.sampler,
+        "pareto": args.pareto,
+        "free": None if args.search is None else tuple(args.search),
+        "gates": args.gates,
+        "evaluations": args.evaluations,
+    }
+    options = Options(**{k: v for k, v in given.items() if v is not None})
+    inputs = {**common.model_files(args), "bounds": args.bounds, "limit": args.limit}
+    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
+    folder = common.output_folder(args, arm.name, inputs, resumable=True)
+    with Progress() as progress:
+        result = search(
+            arm,
+            options=options,
+            bounds=args.bounds,
+            limit=args.limit,
+            beside=args.beside or (),
+            out=folder,
+            seed=args.seed,
+            storage=args.storage,
+            study=args.study,
+            friction=args.friction,
+            nthread=args.threads,
+            progress=progress.set,
+        )
+    return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
 def show(result: dict[str, Any]) -> str:

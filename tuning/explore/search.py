@@ -27,6 +27,7 @@ import optuna
 from stiction_envs.errors import ExperimentError, StictionError, unknown
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_amplitudes
@@ -121,6 +122,7 @@ def search(
     storage: str | None = None,
     study: str | None = None,
     friction: Friction | None = None,
+    protocol: Protocol | None = None,
     nthread: int = 0,
     progress: Progress | None = None,
     settings: TuningSettings | Changes | None = None,
@@ -144,6 +146,7 @@ def search(
         storage: URL or journal file of the study; None for a SQLite file in ``out``.
         study: prefix of the studies' names; None for the arm's name.
         friction: of the arm, or its TOML; None for the robot's own.
+        protocol: of the SJE; None for the robot's.
         nthread: threads, 0 for all processors.
         progress: called with (stage, done, total).
         settings: constants that differ from ``settings.toml``.
@@ -155,7 +158,9 @@ def search(
     """
     options = dataclasses.replace(options or Options(), **asked)
     s = override(tuning_settings(), settings)
-    sje = SingleJointExperiment(robot, friction=friction, seed=seed, nthread=nthread)
+    sje = SingleJointExperiment(
+        robot, friction=friction, protocol=protocol, seed=seed, nthread=nthread
+    )
     arm = sje.sticking.arm
     where = bounds_of(sje, bounds, s.bounds)
     if options.objective != "sje":
@@ -178,6 +183,7 @@ def search(
         "version": __version__,
         "model": model_sha256(sje.sticking),
         "friction": {k: getattr(sje.sticking.parameters, k).tolist() for k in QUANTITIES},
+        "sje": dataclasses.asdict(sje.protocol),
         "bounds": {k: _plain(v) for k, v in vars(where).items()},
         "limits": [dataclasses.astuple(r) for r in limits],
         "options": {**dataclasses.asdict(options), "evaluations": None},

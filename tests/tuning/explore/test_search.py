@@ -1,0 +1,124 @@
+"""The whole search, on a small arm: what it finds, what it leaves behind, how it goes on."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import read_amplitudes, read_sje
+from tuning.explore.search import Options, search
+
+QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
+
+
+def rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def small(small_arm, fast, tmp_path):
+    def run(out, **options):
+        settings = {**QUICK, **options.pop("settings", {})}
+        defaults = {"sampler": "tpe", "evaluations": 6}
+        return search(
+            small_arm,
+            out=tmp_path / out,
+            protocol=fast,
+            settings=settings,
+            **{**defaults, **options},
+        )
+
+    return run
+
+
+def test_what_is_found_keeps_the_limit_and_beats_no_dither(small, tmp_path):
+    found = small("out", sampler="random", evaluations=12)
+    folder = tmp_path / "out"
+    assert read_amplitudes(folder / "final.csv", n_joints=2) == list(found.final)
+    trials = rows(folder / "trials.csv")
+    assert len(trials) == 24
+    for row in found.final:
+        mine = [t for t in trials if t["joint"] == str(row.joint) and t["allowed"] == "1"]
+        best = min(mine, key=lambda t: float(t["value_0"]))
+        assert float(best["amplitude_nm"]) == row.amplitude_nm
+        assert float(best["left"]) < 1.0
+    verified = read_sje(folder / "verification.csv")
+    assert {r.joint for r in verified} == {1, 2}
+    assert found.summary["mean_reduction_percent"] > 0
+    for name in ("report.md", "landscape.png", "displacement.png", "history.png"):
+        assert (folder / name).stat().st_size > 500
+
+
+def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
+    class Stop(Exception):
+        pass
+
+    whole = small("whole")
+    for after in (2, 4):
+        calls = 0
+
+        def stop(stage, done, total, after=after):
+            nonlocal calls
+            calls += stage in ("sje", "grid", "verification")
+            if calls > after:
+                raise Stop
+
+        with pytest.raises(Stop):
+            small("parts", progress=stop)
+    parts = small("parts")
+    assert parts.final == whole.final
+    for name in ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md"):
+        one, other = (tmp_path / part / name for part in ("whole", "parts"))
+        assert one.read_bytes() == other.read_bytes(), name
+
+
+def test_a_forbidden_band_is_never_simulated(small, tmp_path):
+    bounds = tmp_path / "bounds.toml"
+    bounds.write_text("[all]\nforbidden_hz = [[14, 40]]\n")
+    found = small("out", sampler="random", evaluations=10, bounds=bounds)
+    trials = rows(tmp_path / "out" / "trials.csv")
+    inside = [t for t in trials if float(t["parameter_frequency_hz"]) < 40.0]
+    assert inside
+    assert all(t["allowed"] == "0" and t["left"] == "" for t in inside)
+    assert all(r.frequency_hz >= 40.0 for r in found.final if r.amplitude_nm)
+
+
+def test_two_objectives_make_a_front(small, tmp_path):
+    small("out", pareto=True, sampler="random", evaluations=8)
+    front = rows(tmp_path / "out" / "pareto.csv")
+    assert front
+    for one in front:
+        same = [r for r in front if r["study"] == one["study"]]
+        assert not any(
+            float(r["value_0"]) < float(one["value_0"])
+            and float(r["value_1"]) <= float(one["value_1"])
+            for r in same
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"objective": "speed"}, "objective"),
+        ({"sampler": "annealing"}, "sampler"),
+        ({"evaluations": 0}, "1 or more"),
+        ({"gates": "one"}, "gte or both"),
+        ({"sampler": "nsga2"}, "pareto"),
+        ({"sampler": "gp", "pareto": True}, "two objectives"),
+        ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
+        ({"free": ("phase",)}, "phase"),
+    ],
+)
+def test_options_that_cannot_be_are_one_clear_line(options, what):
+    with pytest.raises(StictionError, match=what):
+        Options(**options)
+
+
+def test_a_study_of_another_search_is_not_continued(small, tmp_path):
+    storage = f"sqlite:///{tmp_path / 'study.db'}"
+    small("one", storage=storage, evaluations=2)
+    with pytest.raises(StictionError, match="friction, bounds or options"):
+        small("two", storage=storage, evaluations=2, sampler="random")
