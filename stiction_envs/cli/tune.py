@@ -15,10 +15,11 @@ SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 OBJECTIVES = ("sje", "gte", "both")
 FREE = ("waveform", "offset")
 GATES = ("none", "one", "each")
+COMPENSATIONS = ("none", "feedforward", "push")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
-    *("search", "gates"),
+    *("search", "gates", "compensation", "without_dither"),
 )
 
 
@@ -111,6 +112,14 @@ def _add_search_options(parser: Any) -> None:
         help="search a gate speed: one for all joints, or one for each (objective gte or both)",
     )
     group.add_argument(
+        "--compensation",
+        choices=COMPENSATIONS,
+        help="search friction compensation together with dither (objective gte or both)",
+    )
+    group.add_argument(
+        "--without-dither", action="store_true", default=None, help="compensation alone"
+    )
+    group.add_argument(
         "--bounds",
         type=Path,
         metavar="FILE.toml",
@@ -179,6 +188,8 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
         "pareto": args.pareto,
         "free": None if args.search is None else tuple(args.search),
         "gates": args.gates,
+        "compensation": args.compensation,
+        "without_dither": args.without_dither,
         "evaluations": args.evaluations,
     }
     options = Options(**{k: v for k, v in given.items() if v is not None})

@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from optuna.trial import FrozenTrial
 
 from stiction_envs.reporting.png import save_full
+from tuning.explore.bounds import Bounds
 from tuning.explore.tracking import Table
 from tuning.explore.trials import allowed, complete, front, score
-from tuning.explore.verify import PATHS, Verified
+from tuning.explore.verify import LEFT, PATHS, Verified
 from tuning.record import Record
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -36,23 +37,26 @@ def _joints(n: int, width: float = 3.4, height: float = 3.0) -> tuple[Figure, li
     return figure, axes
 
 
-def landscape(records: Sequence[Record], tables: Mapping[str, Table], path: Path) -> None:
+def landscape(
+    bounds: Bounds, records: Sequence[Record], tables: Mapping[str, Table], path: Path
+) -> None:
     """Draw each joint's reduction over frequency and amplitude, and where every table sits."""
-    figure, axes = _joints(len(records))
+    tried = [t for r in records for t in complete(r.trials) if "left" in t.user_attrs]
+    figure, axes = _joints(bounds.n)
     image = None
-    for j, (axis, record) in enumerate(zip(axes, records, strict=False), 1):
-        tried = [t for t in complete(record.trials) if "left" in t.user_attrs]
+    for j, axis in enumerate(axes[: bounds.n], 1):
+        mine = [t for t in tried if t.user_attrs["joint"] == j]
         f, a, left = (
-            np.array([t.user_attrs[name] for t in tried])
+            np.array([t.user_attrs[name] for t in mine])
             for name in ("frequency_hz", "amplitude_nm", "left")
         )
         reduction = 100.0 * (1.0 - left)
-        good = np.array([allowed(t) for t in tried], dtype=bool)
-        if len(tried) >= LEAST and np.ptp(f) > 0 and np.ptp(a) > 0:
-            axis.tricontourf(np.log(f), a, reduction, levels=np.arange(-10, 101, 5), cmap="viridis")
+        good = np.array([allowed(t) for t in mine], dtype=bool)
+        if len(mine) >= LEAST and np.ptp(f) > 0 and np.ptp(a) > 0:
+            axis.tricontourf(f, a, reduction, levels=np.arange(-10, 101, 5), cmap="viridis")
         for mask, marker, label in ((good, "o", "allowed"), (~good, "x", "shakes too much")):
             image = axis.scatter(
-                np.log(f[mask]),
+                f[mask],
                 a[mask],
                 c=reduction[mask],
                 marker=marker,
@@ -68,7 +72,7 @@ def landscape(records: Sequence[Record], tables: Mapping[str, Table], path: Path
             for row in table:
                 if row.joint == j and row.amplitude_nm:
                     axis.plot(
-                        np.log(row.frequency_hz),
+                        row.frequency_hz,
                         row.amplitude_nm,
                         MARKS[k % len(MARKS)],
                         color=COLOURS[k % len(COLOURS)],
@@ -76,12 +80,20 @@ def landscape(records: Sequence[Record], tables: Mapping[str, Table], path: Path
                         markersize=9,
                         label=name,
                     )
-        ticks = [x for x in (15, 20, 30, 50, 80) if f.size and f.min() * 0.9 <= x <= f.max() * 1.1]
-        axis.set_xticks(np.log(ticks), [f"{x}" for x in ticks])
+        low, high = bounds.frequency_hz[j - 1]
+        even = np.geomspace(low, high, 100)
+        most = [bounds.largest(j, float(x)) for x in even]
+        axis.plot(even, most, color="0.3", lw=1, ls="--", label="torque and rate limits")
+        axis.set_xscale("log")
+        ticks = [x for x in (15, 20, 30, 50, 80) if low <= x <= high]
+        axis.set_xticks(ticks, [f"{x}" for x in ticks])
+        axis.minorticks_off()
+        axis.set_xlim(0.95 * low, 1.05 * high)
+        axis.set_ylim(-0.03 * max(most), 1.08 * max(most))
         axis.set(title=f"joint {j}", xlabel="frequency [Hz]", ylabel="amplitude [N·m]")
     if image is not None:
         figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
-    _legend(axes, len(records))
+    _legend(axes, bounds.n)
     save_full(figure, path)
 
 
@@ -207,10 +219,10 @@ def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
 
 def tables(verified: Verified, path: Path) -> None:
     """Draw the error each table leaves against how much it shakes, per path."""
-    figure = Figure(figsize=(12, 8), layout="constrained")
-    axes = figure.subplots(2, len(PATHS), squeeze=False)
-    for column, where in enumerate(PATHS):
-        for row, part in enumerate(("position", "orientation")):
+    figure = Figure(figsize=(20, 8), layout="constrained")
+    axes = figure.subplots(len(PATHS), len(LEFT), squeeze=False)
+    for row, where in enumerate(PATHS):
+        for column, part in enumerate(LEFT):
             axis = axes[row][column]
             for k, (name, found) in enumerate(verified.tracking.items()):
                 mean, low, high = (100 * x for x in getattr(found[where], part))
@@ -225,9 +237,9 @@ def tables(verified: Verified, path: Path) -> None:
                     label=name,
                 )
             axis.set(
-                title=f"{where}: {part}",
+                title=f"{where}: {part.replace('resting_', 'at rest, ')}",
                 xlabel="vibration at rest, rms [mm]",
-                ylabel=f"{part} error left, of no dither [%]",
+                ylabel="error left, of no dither [%]",
             )
             axis.grid(alpha=0.3)
     axes[0][0].legend(frameon=False, fontsize=8)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,8 @@ from typing import Any
 import numpy as np
 import optuna
 
-from stiction_envs.errors import ExperimentError, StictionError, unknown
+from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -35,13 +35,14 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.version import __version__
-from tuning.explore.bounds import OPTIONS, Bounds, bounds_of
+from tuning.explore.bounds import Bounds, bounds_of
 from tuning.explore.breakaway import BreakawayObjective
 from tuning.explore.frictions import frictions
+from tuning.explore.options import Found, Options
 from tuning.explore.report import write_search_report
 from tuning.explore.tables import GRID, best_of_grid, grid_rows, other_tables
-from tuning.explore.tracking import Place, Table, TrackingObjective
-from tuning.explore.trials import best, write_pareto, write_trials
+from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.explore.trials import best, write_compensation, write_pareto, write_trials
 from tuning.explore.verify import (
     Verified,
     measured_once,
@@ -49,64 +50,15 @@ from tuning.explore.verify import (
     verify_tracking,
 )
 from tuning.record import Outcome, Parameters, Record, Search, run
-from tuning.samplers import SAMPLERS, sampler
+from tuning.samplers import sampler
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.tune import Tuning
 
-OBJECTIVES = ("sje", "gte", "both")
-GATES = ("none", "one", "each")
 TUNED = ("triangle",)
 """Paths on which a table is tuned; it is verified on the others too."""
 STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
 """Thesis Table 4.11 [N/m, N·m/rad, N·m/rad]."""
 Progress = Callable[[str, float, float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What a search is asked for, besides arm and bounds."""
-
-    objective: str = "sje"
-    """One of `OBJECTIVES`."""
-    sampler: str | None = None
-    """One of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
-    pareto: bool = False
-    """Whether the shaking is a second objective, in place of a constraint."""
-    free: tuple[str, ...] = ()
-    """Of `bounds.OPTIONS`: what is searched besides amplitude and frequency."""
-    gates: str = "none"
-    """Of the GTE, one of `GATES`."""
-    evaluations: int | None = None
-    """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
-
-    def __post_init__(self) -> None:
-        if self.objective not in OBJECTIVES:
-            raise unknown("objective", self.objective, OBJECTIVES)
-        if self.sampler is not None and self.sampler not in SAMPLERS:
-            raise unknown("sampler", self.sampler, SAMPLERS)
-        if self.gates not in GATES:
-            raise unknown("gates", self.gates, GATES)
-        for name in self.free:
-            if name not in OPTIONS:
-                raise unknown("search option", name, OPTIONS)
-        if self.evaluations is not None and self.evaluations < 1:
-            raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
-        if self.gates != "none" and self.objective == "sje":
-            raise StictionError("gates: expected objective gte or both: in the SJE a joint rests")
-        if self.sampler == "cmaes" and "waveform" in self.free:
-            raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")
-        if self.pareto and self.sampler not in (None, "nsga2", "tpe", "random", "grid"):
-            raise StictionError(
-                f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"
-            )
-        if self.sampler == "nsga2" and not self.pareto:
-            raise StictionError("sampler nsga2: expected pareto (two objectives)")
-
-    def sampler_of(self, objective: str) -> str:
-        """Return the sampler of a stage."""
-        if self.sampler is not None:
-            return self.sampler
-        return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
 
 
 def search(
@@ -252,27 +204,44 @@ class SearchRun:
             sje.sticking.parameters, self.search.draws, spread=self.search.spread, seed=self.seed
         )
         self.records: dict[str, list[Record]] = {}
-        self.found: dict[str, Table] = {}
+        self.tables: dict[str, Table] = {}
         """Tables of the stages that are over."""
+        self.compensation: Compensation | None = None
+        """What was found of it."""
         self.limit: dict[str, Any] = {}
         """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
 
     def run(self, folder: OutputFolder) -> Tuning:
         """Run all stages; write what they found."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        found = self.found
+        tables = self.tables
         if self.options.objective in ("sje", "both"):
-            found["search sje"] = self.breakaway()
+            tables["search sje"] = self.breakaway()
         if self.options.objective in ("gte", "both"):
-            found["search gte"] = self.tracking(found.get("search sje"))
-        final = list(found.values())[-1]
-        write_trials(folder.path / "trials.csv", self.records)
+            tables["search gte"] = self.tracking(tables.get("search sje"))
+        final = list(tables.values())[-1]
+        searched = dict(self.records)
+        write_trials(folder.path / "trials.csv", searched)
         if self.options.pareto:
-            write_pareto(folder.path / "pareto.csv", self.records)
-        write_amplitudes(folder.path / "final.csv", final)
+            write_pareto(folder.path / "pareto.csv", searched)
+        if final:
+            write_amplitudes(folder.path / "final.csv", final)
+        if self.compensation is not None:
+            write_compensation(folder.path / "compensation.csv", self.compensation)
         self.others[GRID] = self.grid()
-        verified = self.verify({**found, **self.others})
-        summary = write_search_report(self, folder.path, final, verified)
+        verified = self.verify({**tables, **self.others})
+        found = Found(
+            robot=self.sje.sticking.arm.name,
+            options=self.options,
+            bounds=self.bounds,
+            settings=self.search,
+            records=self.records,
+            tables=tables,
+            others=self.others,
+            limit=self.limit,
+            compensation=self.compensation,
+        )
+        summary = write_search_report(found, folder.path, verified)
         return Tuning(
             summary=summary, final=final, folder=folder.path, provenance=folder.provenance
         )
@@ -335,8 +304,10 @@ class SearchRun:
             return [self.objective.outcome(r, found[r], -np.inf) for r in wanted]
 
         progress = self._progress
+        record = self.record("grid", 1 + self.options.pareto)
+        self.records["grid"] = [record]
         known = measured_once(
-            self.record("grid", 1 + self.options.pareto),
+            record,
             len(listed),
             evaluate,
             None if progress is None else lambda done, total: progress("grid", done, total),
@@ -397,8 +368,9 @@ class SearchRun:
             self.frictions,
             places,
             iterations=s.iterations,
-            joints=range(1, self.sje.n + 1),
+            joints=() if options.without_dither else range(1, self.sje.n + 1),
             gates="" if options.gates == "none" else options.gates,
+            compensation="" if options.compensation == "none" else options.compensation,
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,
             pareto=options.pareto,
@@ -434,7 +406,9 @@ class SearchRun:
                 f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
                 "larger --limit, or more --evaluations"
             )
-        return objective.table(chosen.params)
+        treatment = objective.treatment(chosen.params)
+        self.compensation = treatment.compensation
+        return treatment.dither
 
     # ---- what was found ----------------------------------------------------------------------
 
@@ -472,13 +446,25 @@ class SearchRun:
                 out,
                 tracking=verify_tracking(
                     self.gte,
-                    tables,
+                    self.treatments(tables),
                     seed=self.seed + 1,
                     record=self.record("verify-gte"),
                     progress=report,
                     **arguments,
                 ),
             )
+        return out
+
+    def treatments(self, tables: Mapping[str, Table]) -> dict[str, Treatment]:
+        """Return what is run on paths: tables, and compensation as it is and as it was found."""
+        out = {name: Treatment(dither=table) for name, table in tables.items()}
+        if self.compensation is not None:
+            out["search gte"] = Treatment(
+                dither=tables.get("search gte", ()), compensation=self.compensation
+            )
+        experiment = self.gte(self.seed)
+        for kind in KINDS:
+            out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
         return out
 
 

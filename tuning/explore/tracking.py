@@ -10,14 +10,17 @@ tried on every path, stiffness and friction:
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
 from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.settings import gte_default
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import Case
@@ -30,6 +33,8 @@ Array = NDArray[np.float64]
 Table = tuple[AmplitudeRow, ...]
 Place = tuple[str, tuple[float, float, float]]
 """A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
+MOST_COMPENSATION = 1.5
+"""Largest gain over the friction that is believed in [-]: more hunts by itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +63,10 @@ class Tracking:
     position: Array
     """(P, F) error left at the goals, mean of its norm [m]; NaN where a goal was never reached."""
     orientation: Array
+    """(P, F) the same of the orientation [rad]."""
+    resting_position: Array
+    """(P, F) error at the last goal, a second after it was reached [m]."""
+    resting_orientation: Array
     """(P, F) the same of the orientation [rad]."""
     tracking: Array
     """(P, F) root mean square error of the position along the path [m]."""
@@ -93,6 +102,7 @@ class TrackingObjective:
         iterations: int,
         joints: Sequence[int],
         gates: str = "",
+        compensation: str = "",
         limits: Table = (),
         penalty: float = 0.0,
         pareto: bool = False,
@@ -107,6 +117,8 @@ class TrackingObjective:
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
             joints: that are dithered, from 1.
+            compensation: kind that is searched, "" for none; its gains are those of the friction
+                that the controller believes in, times a factor of at most 1.5.
             gates: "" for none, "one" for one gate speed of all joints, "each" for one per joint.
             limits: a table whose vibration no other may pass, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint: for samplers that know none.
@@ -117,6 +129,7 @@ class TrackingObjective:
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
+        self.compensation = compensation
         self._progress = progress
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
@@ -139,7 +152,32 @@ class TrackingObjective:
             out["gate_rad_s"] = gate
         elif self.gates == "each":
             out |= {f"gate_rad_s_{j}": gate for j in self.joints}
+        if self.compensation:
+            out["compensation"] = FloatDistribution(0.0, MOST_COMPENSATION)
+            for name, usual in self._usual().items():
+                out[f"compensation_{name}"] = FloatDistribution(usual / 10, usual * 10, log=True)
         return out
+
+    def _usual(self) -> dict[str, float]:
+        """Return the default speed [rad/s] and, of a push, error [rad] of the compensation."""
+        kind = self.compensation
+        out = {"speed": float(gte_default(f"compensation.{kind}_speed"))}
+        return (
+            {**out, "error": float(gte_default("compensation.push_error"))}
+            if kind == "push"
+            else out
+        )
+
+    def treatment(self, parameters: Parameters) -> Treatment:
+        """Return what parameters of `space` stand for."""
+        compensation = None
+        if self.compensation:
+            one = self.experiment.compensation(self.compensation, parameters["compensation"])
+            more: dict[str, Any] = {
+                k: (parameters[f"compensation_{k}"],) * one.n for k in self._usual()
+            }
+            compensation = dataclasses.replace(one, **more)
+        return Treatment(dither=self.table(parameters), compensation=compensation)
 
     def table(self, parameters: Parameters) -> Table:
         """Return the table that parameters of `space` stand for."""
@@ -161,6 +199,9 @@ class TrackingObjective:
                 out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
         if self.gates == "one":
             out["gate_rad_s"] = gate_rad_s or self.bounds.gate_rad_s[1]
+        if self.compensation:
+            out["compensation"] = 0.5
+            out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}
         return out
 
     # ---- measuring ---------------------------------------------------------------------------
@@ -180,27 +221,18 @@ class TrackingObjective:
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))
         values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
-        return [
-            Tracking(
-                position=v[..., 0],
-                orientation=v[..., 1],
-                tracking=v[..., 2],
-                vibration=v[..., 3],
-                vibration_at_rest=v[..., 4],
-                power=v[..., 5],
-                torque_rate=v[..., 6],
-            )
-            for v in values
-        ]
+        names = [f.name for f in dataclasses.fields(Tracking)]
+        return [Tracking(**{name: v[..., k] for k, name in enumerate(names)}) for v in values]
 
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
-        tables = [self.table(parameters) for _, parameters in asked]
+        treatments = [self.treatment(parameters) for _, parameters in asked]
         depths = [
-            max(self.bounds.forbidden(r.joint, r.frequency_hz) for r in table) for table in tables
+            max((self.bounds.forbidden(r.joint, r.frequency_hz) for r in t.dither), default=-np.inf)
+            for t in treatments
         ]
         allowed = [k for k, depth in enumerate(depths) if depth <= 0]
-        tried = self.measure([Treatment(dither=tables[k]) for k in allowed]) if allowed else []
+        tried = self.measure([treatments[k] for k in allowed]) if allowed else []
         found = dict(zip(allowed, tried, strict=True))
         return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
 
@@ -238,14 +270,12 @@ class TrackingObjective:
 
 
 def _numbers(m: Measures) -> list[float]:
-    """Return the numbers of `Tracking` of one case."""
-    position, orientation = (
-        float(np.linalg.norm(m.settling[..., columns], axis=-1).mean())
-        for columns in (slice(0, 3), slice(3, 6))
-    )
+    """Return the numbers of `Tracking` of one case, in the order of its fields."""
+    parts = (slice(0, 3), slice(3, 6))
+    left = [np.linalg.norm(m.settling[..., k], axis=-1) for k in parts]
     return [
-        position,
-        orientation,
+        *(float(norm.mean()) for norm in left),
+        *(float(norm[:, -1].mean()) for norm in left),
         float(np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean()),
         _rms(m.shaking),
         _rms(m.shaking_at_rest),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from optuna.trial import FrozenTrial, TrialState
 
+from stiction_envs.control.compensation import COLUMNS, OPTIONAL, Compensation
 from stiction_envs.measured.csv_text import write_lines
 from tuning.record import CONSTRAINTS, LIMITS, Record
 
@@ -59,6 +60,12 @@ def write_pareto(path: Path, records: Mapping[str, Sequence[Record]]) -> None:
         path,
         {k: [(r.name, t) for r in group for t in front(r.trials)] for k, group in records.items()},
     )
+
+
+def write_compensation(path: Path, found: Compensation) -> None:
+    """Write gains, as ``stiction gte --compensation-table`` reads them."""
+    rows = zip(range(1, found.n + 1), found.gain, found.speed, found.error, strict=True)
+    write_lines(path, (*COLUMNS, *OPTIONAL), list(rows))
 
 
 def _write(path: Path, found: Mapping[str, Sequence[tuple[str, FrozenTrial]]]) -> None:

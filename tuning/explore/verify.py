@@ -30,6 +30,8 @@ Progress = Callable[[int, int], None]
 PATHS = ("triangle", "pentagon")
 STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
 NOTHING = "no dither"
+LEFT = ("position", "orientation", "resting_position", "resting_orientation")
+"""Errors that are compared with those without dither."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,9 +57,13 @@ class PathResult:
     """What a table did on one path in the GTE, over no dither; geometric means and intervals."""
 
     position: tuple[float, float, float]
-    """Position error left [-]."""
+    """Position error left, mean over the goals [-]."""
     orientation: tuple[float, float, float]
-    """Orientation error left [-]."""
+    """Orientation error left, mean over the goals [-]."""
+    resting_position: tuple[float, float, float]
+    """Position error left at the last goal, a second after it was reached [-]."""
+    resting_orientation: tuple[float, float, float]
+    """Orientation error left there [-]."""
     vibration_m: float
     """Moving [m]."""
     vibration_at_rest_m: float
@@ -136,7 +142,7 @@ def verify_breakaway(
 
 def verify_tracking(
     make: Callable[[int], GeneratedTrajectoryExperiment],
-    tables: Mapping[str, Table],
+    treatments: Mapping[str, Treatment],
     *,
     seed: int,
     bounds: Bounds,
@@ -145,8 +151,9 @@ def verify_tracking(
     record: Record,
     progress: Progress | None,
 ) -> dict[str, dict[str, PathResult]]:
-    """Run every table on the path it was tuned on and on one it was not."""
-    names = [NOTHING, *tables]
+    """Run every treatment on the path that was tuned on and on one that was not."""
+    treatments = {NOTHING: Treatment(), **treatments}
+    names = list(treatments)
     cases = [(name, path) for name in names for path in PATHS]
     experiment = make(seed)
 
@@ -165,13 +172,15 @@ def verify_tracking(
                 iterations=settings.verify_iterations,
                 joints=range(1, experiment.n + 1),
             )
-            treatments = [Treatment(dither=tables.get(cases[k][0], ())) for k in mine]
-            for k, found in zip(mine, objective.measure(treatments), strict=True):
+            asked_for = [treatments[cases[k][0]] for k in mine]
+            for k, found in zip(mine, objective.measure(asked_for), strict=True):
                 out[k] = Outcome(
                     values=(0.0,),
                     measures={
-                        "position": (found.position / objective.plain.position).tolist(),
-                        "orientation": (found.orientation / objective.plain.orientation).tolist(),
+                        **{
+                            name: (getattr(found, name) / getattr(objective.plain, name)).tolist()
+                            for name in LEFT
+                        },
                         "vibration_m": found.shaking[0],
                         "vibration_at_rest_m": found.shaking[1],
                         "power_w": float(found.power.mean()),
@@ -183,8 +192,7 @@ def verify_tracking(
     result: dict[str, dict[str, PathResult]] = {name: {} for name in names}
     for (name, path), attributes in zip(cases, known, strict=True):
         result[name][path] = PathResult(
-            position=_left(attributes["position"]),
-            orientation=_left(attributes["orientation"]),
+            **{name: _left(attributes[name]) for name in LEFT},
             vibration_m=attributes["vibration_m"],
             vibration_at_rest_m=attributes["vibration_at_rest_m"],
             power_w=attributes["power_w"],

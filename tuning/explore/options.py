@@ -1,0 +1,107 @@
+"""What a search is asked for, and what its stages found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.errors import StictionError, unknown
+from tuning.explore.bounds import OPTIONS, Bounds
+from tuning.explore.tracking import Table
+from tuning.record import Record
+from tuning.samplers import SAMPLERS
+from tuning.settings import SearchSettings
+
+OBJECTIVES = ("sje", "gte", "both")
+GATES = ("none", "one", "each")
+COMPENSATIONS = ("none", *KINDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What a search is asked for, besides arm and bounds."""
+
+    objective: str = "sje"
+    """One of `OBJECTIVES`."""
+    sampler: str | None = None
+    """One of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
+    pareto: bool = False
+    """Whether the shaking is a second objective, in place of a constraint."""
+    free: tuple[str, ...] = ()
+    """Of `bounds.OPTIONS`: what is searched besides amplitude and frequency."""
+    gates: str = "none"
+    """Of the GTE, one of `GATES`."""
+    compensation: str = "none"
+    """Of the GTE, one of `COMPENSATIONS`: friction compensation that is searched too."""
+    without_dither: bool = False
+    """Whether compensation is searched alone."""
+    evaluations: int | None = None
+    """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise unknown("objective", self.objective, OBJECTIVES)
+        if self.sampler is not None and self.sampler not in SAMPLERS:
+            raise unknown("sampler", self.sampler, SAMPLERS)
+        if self.gates not in GATES:
+            raise unknown("gates", self.gates, GATES)
+        if self.compensation not in COMPENSATIONS:
+            raise unknown("compensation", self.compensation, COMPENSATIONS)
+        if self.compensation != "none" and self.objective == "sje":
+            raise StictionError("compensation: expected objective gte or both")
+        if self.without_dither and (self.compensation == "none" or self.objective != "gte"):
+            raise StictionError("without dither: expected objective gte, and a compensation")
+        if self.without_dither and self.gates != "none":
+            raise StictionError("gates: expected dither to be searched")
+        for name in self.free:
+            if name not in OPTIONS:
+                raise unknown("search option", name, OPTIONS)
+        if self.evaluations is not None and self.evaluations < 1:
+            raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
+        if self.gates != "none" and self.objective == "sje":
+            raise StictionError("gates: expected objective gte or both: in the SJE a joint rests")
+        if self.sampler == "cmaes" and "waveform" in self.free:
+            raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")
+        if self.pareto and self.sampler not in (None, "nsga2", "tpe", "random", "grid"):
+            raise StictionError(
+                f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"
+            )
+        if self.sampler == "nsga2" and not self.pareto:
+            raise StictionError("sampler nsga2: expected pareto (two objectives)")
+
+    def sampler_of(self, objective: str) -> str:
+        """Return the sampler of a stage."""
+        if self.sampler is not None:
+            return self.sampler
+        return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What the stages of a search found."""
+
+    robot: str
+    """Name of the arm."""
+    options: Options
+    """What was asked for."""
+    bounds: Bounds
+    """Where was searched."""
+    settings: SearchSettings
+    """How."""
+    records: Mapping[str, Sequence[Record]]
+    """Per stage, ``sje`` and ``gte``, its studies; ``grid`` is the thesis's."""
+    tables: Mapping[str, Table]
+    """What each stage chose."""
+    others: Mapping[str, Table]
+    """What it is compared with."""
+    limit: Mapping[str, Any]
+    """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
+    compensation: Compensation | None
+    """What was chosen of it."""
+
+    @property
+    def final(self) -> Table:
+        """The table of the last stage."""
+        return list(self.tables.values())[-1]
