@@ -14,16 +14,22 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import optuna
 from optuna.distributions import BaseDistribution
+from optuna.exceptions import StorageInternalError
 from optuna.samplers import BaseSampler
+from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
+from sqlalchemy.exc import SQLAlchemyError
 
 from stiction_envs.errors import StictionError
-from tuning.storage import open_storage
+from tuning.settings import SharedSettings, tuning_settings
+from tuning.storage import is_shared, only_writer, open_storage, shown, storage_file
 
 Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
@@ -31,6 +37,8 @@ CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
 LIMITS = "limits"
 """User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
+UNMEASURED = "unmeasured"
+"""User attribute of a failed trial that was evaluated: nothing could be measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +57,13 @@ class Record:
     """Trials of one search, in the order of their numbers."""
 
     def __init__(
-        self, storage: str, name: str, *, objectives: int = 1, about: Mapping[str, Any]
+        self,
+        storage: str,
+        name: str,
+        *,
+        objectives: int = 1,
+        about: Mapping[str, Any],
+        settings: SharedSettings | None = None,
     ) -> None:
         """Open the study, or make it.
 
@@ -58,34 +72,46 @@ class Record:
             name: of the study.
             objectives: number of values of a trial, all minimised.
             about: what defines the search; a study about something else is not continued.
+            settings: how patient a shared database is treated; None for the defaults.
 
         Raises:
             StictionError: a storage that cannot be opened, or a study of that name about another
                 robot, protocol, version or option.
         """
         self.name = name
-        self._storage = open_storage(storage)
-        told = json.dumps(about, sort_keys=True, default=str)
+        self.settings = settings or tuning_settings().shared
+        self.shared = is_shared(storage)
+        """Whether machines fill it together: `shared.run` in place of `run`."""
+        self.place = shown(storage)
+        """The storage as it may be printed."""
+        self.file: Path | None = storage_file(storage)
+        """Where it is, None for a database server."""
+        opened = open_storage(storage, self.settings)
+        told = json.dumps([objectives, about], sort_keys=True, default=str)
         fingerprint = hashlib.sha256(told.encode()).hexdigest()
-        self.study = optuna.create_study(
-            study_name=name,
-            storage=self._storage,
-            directions=["minimize"] * objectives,
-            load_if_exists=True,
-        )
-        known = self.study.user_attrs.get("fingerprint")
-        if known is None and not self.study.get_trials(deepcopy=False):
-            for key in ("robot", "protocol", "version"):
-                if key in about:
-                    self.study.set_user_attr(key, about[key])
-            self.study.set_user_attr("fingerprint", fingerprint)
-        elif known != fingerprint:
+        try:
+            self.study = _study(opened, name, objectives)
+            known = self.study.user_attrs.get("fingerprint")
+            if known is None and not self.study.get_trials(deepcopy=False):
+                for key in ("robot", "protocol", "version"):
+                    if key in about:
+                        self.study.set_user_attr(key, about[key])
+                self.study.set_user_attr("fingerprint", fingerprint)
+                known = self.study.user_attrs["fingerprint"]  # another machine's, it may be
+        except (StorageInternalError, SQLAlchemyError) as error:
+            raise StictionError(
+                f"storage {self.place}: cannot be written ({type(error).__name__})"
+            ) from None
+        if known != fingerprint:
             raise StictionError(f"study {name!r}: {self._difference(about)}")
 
     def _difference(self, about: Mapping[str, Any]) -> str:
         """Return in what the study that is there is about something else."""
+        known = self.study.user_attrs
+        if "fingerprint" not in known:
+            return "was not made by stiction tune: expected another --study"
         for key in ("robot", "protocol", "version"):
-            was = self.study.user_attrs.get(key)
+            was = known.get(key)
             if was != about.get(key):
                 return f"is of {key} {was}: expected {about.get(key)}, or another --study"
         return (
@@ -95,12 +121,48 @@ class Record:
 
     @property
     def trials(self) -> list[FrozenTrial]:
-        """Finished trials in the order of their numbers."""
-        return self.study.get_trials(deepcopy=False)
+        """Trials whose outcome is known, in the order of their numbers.
+
+        Where machines share the study, numbers that are missing are trials whose worker died; their
+        settings were tried again.
+        """
+        known = self.study.get_trials(deepcopy=False)
+        again = retried(known)
+        return [t for t in known if has_outcome(t) and t.number not in again]
 
     def add(self, trial: FrozenTrial) -> None:
         """Write down a finished trial, whole or not at all."""
         self.study.add_trial(trial)
+
+
+def _study(storage: BaseStorage, name: str, objectives: int) -> optuna.Study:
+    try:
+        # `create_study` alone writes to a journal though the study is there
+        return optuna.load_study(study_name=name, storage=storage)
+    except KeyError:
+        return optuna.create_study(
+            study_name=name,
+            storage=storage,
+            directions=["minimize"] * objectives,
+            load_if_exists=True,
+        )
+
+
+def has_outcome(trial: FrozenTrial) -> bool:
+    """Return whether a trial was evaluated: a failed one too, unless its worker died."""
+    failed = trial.state == TrialState.FAIL
+    return trial.state == TrialState.COMPLETE or (failed and UNMEASURED in trial.user_attrs)
+
+
+def attributes_of(outcome: Outcome) -> Parameters:
+    """Return an outcome as user attributes of its trial."""
+    out = {**outcome.measures, CONSTRAINTS: list(outcome.constraints)}
+    return {**out, UNMEASURED: True} if outcome.values is None else out
+
+
+def retried(trials: Sequence[FrozenTrial]) -> set[int]:
+    """Return the numbers of trials that were queued again, as Optuna notes it in the new ones."""
+    return {n for t in trials for n in t.system_attrs.get("retry_history", ())}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,18 +193,25 @@ def run(
         evaluate: outcomes of a list of (number of the search, setting). They may not depend on
             what else is in the list.
         progress: called with the trials done and those wanted in the end.
+
+    Raises:
+        StictionError: another process fills one of the records, or has written to it what this
+            search does not propose.
     """
-    fills = [_Fill(s) for s in searches]
-    total = sum(s.evaluations for s in searches)
-    while True:
-        if progress is not None:
-            progress(sum(f.done for f in fills), total)
-        due = [(k, number) for k, f in enumerate(fills) for number in f.propose()]
-        if not due:
-            return
-        outcomes = evaluate([(k, fills[k].proposed[n].params) for k, n in due])
-        for (k, number), outcome in zip(due, outcomes, strict=True):
-            fills[k].tell(number, outcome)
+    with ExitStack() as held:
+        for file in sorted({s.record.file for s in searches if s.record.file is not None}):
+            held.enter_context(only_writer(file))
+        fills = [_Fill(s) for s in searches]
+        total = sum(s.evaluations for s in searches)
+        while True:
+            if progress is not None:
+                progress(sum(f.done for f in fills), total)
+            due = [(k, number) for k, f in enumerate(fills) for number in f.propose()]
+            if not due:
+                return
+            outcomes = evaluate([(k, fills[k].proposed[n].params) for k, n in due])
+            for (k, number), outcome in zip(due, outcomes, strict=True):
+                fills[k].tell(number, outcome)
 
 
 class _Fill:
@@ -196,9 +265,8 @@ class _Fill:
 
     def _tell_memory(self, number: int, outcome: Outcome) -> None:
         trial = self.proposed[number]
-        for key, value in outcome.measures.items():
+        for key, value in attributes_of(outcome).items():
             trial.set_user_attr(key, value)
-        trial.set_user_attr(CONSTRAINTS, list(outcome.constraints))
         # `tell` lets the sampler note what it needs later; it must be this trial's own
         self._memory.sampler = self.search.sampler(number)
         if outcome.values is None:
@@ -209,6 +277,7 @@ class _Fill:
 
 def _outcome_of(trial: FrozenTrial) -> Outcome:
     attributes = dict(trial.user_attrs)
+    attributes.pop(UNMEASURED, None)
     constraints = tuple(attributes.pop(CONSTRAINTS, ()))
     values = None if trial.state == TrialState.FAIL else tuple(trial.values)
     return Outcome(values=values, constraints=constraints, measures=attributes)

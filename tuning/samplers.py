@@ -48,6 +48,19 @@ class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
         return self._space
 
 
+class NsgaInOrder(optuna.samplers.NSGAIISampler):
+    """NSGA-II whose parents come in the order of their numbers.
+
+    The base class hands them to a generation's first child in the order of their selection and to
+    the others, from a cache, by number: a process that goes on within a generation would begin
+    with another order.
+    """
+
+    def select_parent(self, study: Study, generation: int) -> list[FrozenTrial]:
+        """Return the parents of a generation."""
+        return sorted(super().select_parent(study, generation), key=lambda t: t.number)
+
+
 def sampler(
     name: str,
     space: Space,
@@ -128,6 +141,11 @@ def _make(
     seed %= 2**32 - 1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        # its successor, Trial.set_constraint, keeps one row per constraint, and a database hands
+        # rows back in any order: the GP would take one constraint for another
+        warnings.filterwarnings("ignore", "`constraints_func`", FutureWarning)
+        # where CMA-ES begins; Optuna 6 wants its users to take it from elsewhere
+        warnings.filterwarnings("ignore", "`(x0|sigma0)`", FutureWarning)
         if name == "gp":
             return optuna.samplers.GPSampler(
                 seed=seed,
@@ -147,7 +165,7 @@ def _make(
                 space, seed=seed, x0=first, sigma0=step, popsize=population, n_startup_trials=0
             )
         if name == "nsga2":
-            return optuna.samplers.NSGAIISampler(
+            return NsgaInOrder(
                 seed=seed, population_size=population, constraints_func=constraints_of
             )
         if name == "grid":

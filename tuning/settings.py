@@ -89,6 +89,27 @@ class SearchSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SharedSettings:
+    """A study in a database that machines share."""
+
+    connect_s: float
+    """Longest wait for a connection [s]."""
+    heartbeat_s: float
+    """Time between two signs of life of a running trial [s]."""
+    grace_s: float
+    """A trial without a sign of life for so long is another worker's [s]."""
+    poll_s: float
+    """Time between two looks while others run the last trials [s]."""
+    retry_s: float
+    """Wait before a database that does not answer is asked again [s]."""
+    give_up_s: float
+    """A worker ends when the database has not answered for so long [s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class TuningSettings:
     """All of this room."""
 
@@ -98,6 +119,8 @@ class TuningSettings:
     """Where is searched."""
     search: SearchSettings
     """How is searched."""
+    shared: SharedSettings
+    """A study in a database that machines share."""
 
 
 @cache

@@ -1,0 +1,375 @@
+"""One study, many machines: any number of processes fill it to its budget together.
+
+    claim a batch of trials -> evaluate -> tell, trial by trial          (every worker)
+    a trial without a sign of life -> failed, its setting queued again   (any worker)
+
+A trial is claimed by making it in the database, where it runs under this worker's heartbeat. Trials
+are counted by slots: one that was queued again takes the slot of the one that died, and what was
+asked for beyond the budget, by two workers at once, is given up before it is evaluated. So the
+trials with an outcome are in the end as many as were wanted, and none is another's repetition.
+Which settings are tried depends on who was when done with what; only `record.run` is exact.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, TypeVar
+
+import optuna
+from optuna.distributions import BaseDistribution
+from optuna.exceptions import StorageInternalError, UpdateFinishedTrialError
+from optuna.samplers import BaseSampler
+from optuna.storages import RDBStorage, fail_stale_trials
+from optuna.study import Study
+from optuna.trial import FrozenTrial, Trial, TrialState
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+
+from stiction_envs.errors import ExperimentError
+from tuning import record
+from tuning.record import (
+    Outcome,
+    Parameters,
+    Record,
+    Search,
+    attributes_of,
+    has_outcome,
+    retried,
+)
+from tuning.settings import SharedSettings
+from tuning.storage import retry
+
+T = TypeVar("T")
+Evaluate = Callable[[list[tuple[int, Parameters]]], list[Outcome]]
+Progress = Callable[[int, int], None]
+SURPLUS = "surplus"
+"""User attribute of a trial that was asked for beyond the budget, and not evaluated."""
+
+
+def fill(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
+    """Fill the records of all searches: alone and exactly, or together with other machines.
+
+    The arguments are those of `record.run`; `Record.shared` says which it is.
+    """
+    together = any(s.record.shared for s in searches)
+    (run if together else record.run)(searches, evaluate, progress)
+
+
+def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
+    """Work on shared records until every one has its budget of outcomes, whoever made them.
+
+    Args:
+        searches: what is to be filled; all in one database.
+        evaluate: outcomes of a list of (number of the search, setting), as of `record.run`.
+        progress: called with the trials done and those wanted in the end, of all workers.
+
+    Raises:
+        ExperimentError: the database did not answer for ``give_up_s``.
+    """
+    settings = searches[0].record.settings
+    patience = _Patience(searches[0].record.place, settings)
+    desks = [_Desk(s, patience) for s in searches]
+    total = sum(s.evaluations for s in searches)
+    while True:
+        with _given_back(desks):
+            due = [(k, trial) for k, desk in enumerate(desks) for trial in desk.claim()]
+            if progress is not None:
+                progress(sum(desk.done for desk in desks), total)
+            if due:
+                with _Pulse(desks, patience, settings):
+                    outcomes = evaluate([(k, dict(trial.params)) for k, trial in due])
+                    for (k, trial), outcome in zip(due, outcomes, strict=True):
+                        desks[k].tell(trial, outcome)
+            elif all(desk.done >= desk.search.evaluations for desk in desks):
+                return
+            else:  # others have the last trials, and may die
+                time.sleep(settings.poll_s)
+
+
+class _Desk:
+    """One search, as this worker sees it."""
+
+    def __init__(self, search: Search, patience: _Patience) -> None:
+        self.search, self._patience = search, patience
+        self.study: Study = search.record.study
+        self.study.sampler = _ByNumber(search)
+        self.done = 0
+        """Outcomes in the database, of all workers."""
+        self.mine: dict[int, Trial] = {}
+        """Trials that this worker runs, by number."""
+        self._vouched: set[int] = set()
+        self._orphans: dict[int, float] = {}
+        self._trouble = patience.troubles
+
+    def claim(self) -> list[Trial]:
+        """Return trials to evaluate, at most a batch; none when the rest is in others' hands."""
+        s = self.search
+        while len(self.mine) < s.batch:
+            trials = self._patience(self._look)
+            slots = _slots(trials)
+            self.done = sum(has_outcome(t) for t in slots)
+            waiting = any(t.state == TrialState.WAITING for t in trials)
+            if len(slots) >= s.evaluations and not waiting:
+                break
+            trial = self._patience(self._ask)
+            self.mine[trial.number] = trial
+            self._patience(self.beat)
+            if not self._wanted(self._patience(self._trials), trial.number):
+                self._patience(partial(self._give_up, trial))
+                del self.mine[trial.number]
+        return list(self.mine.values())
+
+    def tell(self, trial: Trial, outcome: Outcome) -> None:
+        """Write an outcome down, once, however often the connection breaks."""
+
+        def write() -> FrozenTrial:
+            for key, value in attributes_of(outcome).items():
+                trial.set_user_attr(key, value)
+            state = TrialState.FAIL if outcome.values is None else None
+            values = None if outcome.values is None else list(outcome.values)
+            return self.study.tell(trial, values, state=state, skip_if_finished=True)
+
+        try:
+            told = self._patience(write)
+            lost = told.state == TrialState.FAIL and outcome.values is not None
+        except UpdateFinishedTrialError:
+            # ours, told before the connection broke, or failed by another worker
+            found = self._patience(self._trials)
+            lost = not any(t.number == trial.number and has_outcome(t) for t in found)
+        self.mine.pop(trial.number, None)
+        if lost:
+            warnings.warn(
+                f"study {self.search.record.name!r}: trial {trial.number} took longer than its "
+                "signs of life: another worker has it, and its outcome here is dropped",
+                stacklevel=2,
+            )
+
+    def give_back(self) -> None:
+        """Queue the settings of this worker's trials for others, as well as it goes."""
+        for trial in self.mine.values():
+            told = self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
+            if not has_outcome(told):
+                retry(self.study, told)
+        self.mine = {}
+
+    def beat(self) -> None:
+        """Give a sign of life for every trial that this worker runs."""
+        for trial in list(self.mine.values()):
+            storage_of(self.search.record).record_heartbeat(trial._trial_id)
+
+    def _trials(self) -> list[FrozenTrial]:
+        return self.study.get_trials(deepcopy=False)
+
+    def _look(self) -> list[FrozenTrial]:
+        """Return all trials, those of dead workers queued again."""
+        storage, now = storage_of(self.search.record), time.monotonic()
+        if self._trouble != self._patience.troubles:
+            # others could not give signs of life either
+            self._trouble = self._patience.troubles
+            self._vouched.clear()
+        for t in self._trials():
+            if t.state == TrialState.RUNNING and not {t.number} & (
+                self.mine.keys() | self._vouched
+            ):
+                # a worker that died between making a trial and its first heartbeat leaves one that
+                # Optuna would never call stale; everybody else's only gets one heartbeat more
+                storage.record_heartbeat(t._trial_id)
+                self._vouched.add(t.number)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            fail_stale_trials(self.study)
+        for t in _slots(self._trials()):
+            # failed by a worker that died before it queued the setting again
+            orphan = t.state == TrialState.FAIL and not has_outcome(t)
+            if orphan and now - self._orphans.setdefault(t.number, now) > self._grace:
+                retry(self.study, t)
+        return self._trials()
+
+    @property
+    def _grace(self) -> float:
+        return self.search.record.settings.grace_s
+
+    def _ask(self) -> Trial:
+        with warnings.catch_warnings():
+            # Optuna does not know that we keep the heartbeat ourselves
+            warnings.filterwarnings("ignore", message="Heartbeat of storage")
+            return self.study.ask(dict(self.search.space))
+
+    def _wanted(self, trials: Sequence[FrozenTrial], number: int) -> bool:
+        """Return whether a trial has a slot: others may have asked for the last one before."""
+        slots = _slots(trials[: number + 1])
+        return number in {t.number for t in slots} and len(slots) <= self.search.evaluations
+
+    def _give_up(self, trial: Trial) -> None:
+        trial.set_user_attr(SURPLUS, True)
+        self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
+
+
+class _ByNumber(BaseSampler):
+    """The sampler of each trial by its number, and the first settings as they are."""
+
+    def __init__(self, search: Search) -> None:
+        self._search = search
+        self._number, self._sampler = -1, search.sampler(0)
+
+    def _of(self, trial: FrozenTrial) -> BaseSampler:
+        if trial.number != self._number:
+            self._number, self._sampler = trial.number, self._search.sampler(trial.number)
+        return self._sampler
+
+    def before_trial(self, study: Study, trial: FrozenTrial) -> None:
+        self._of(trial).before_trial(study, trial)
+
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        if trial.number < len(self._search.first):
+            return dict(self._search.space)
+        return self._of(trial).infer_relative_search_space(study, trial)
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        if trial.number < len(self._search.first):
+            return dict(self._search.first[trial.number])
+        return self._of(trial).sample_relative(study, trial, search_space)
+
+    def sample_independent(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
+        return self._of(trial).sample_independent(study, trial, param_name, param_distribution)
+
+    def after_trial(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        state: TrialState,
+        values: Sequence[float] | None,
+    ) -> None:
+        self._of(trial).after_trial(study, trial, state, values)
+
+
+class _Patience:
+    """Calls the database until it answers."""
+
+    def __init__(self, place: str, settings: SharedSettings) -> None:
+        self._place, self._settings = place, settings
+        self.troubles = 0
+        """How often it did not answer."""
+
+    def __call__(self, ask: Callable[[], T]) -> T:
+        """Return what ``ask`` returns; it may be called again after half of it was done."""
+        began = None
+        while True:
+            try:
+                answer = ask()
+            except (StorageInternalError, DBAPIError) as error:
+                if not _out_of_reach(error):
+                    raise
+                self.troubles += 1
+                now = time.monotonic()
+                if began is None:
+                    began = now
+                    self._say("does not answer: waiting for it")
+                if now - began > self._settings.give_up_s:
+                    raise ExperimentError(
+                        f"storage {self._place}: no answer for {now - began:.0f} s; what was told "
+                        "is kept, run the same command again to go on"
+                    ) from None
+                time.sleep(self._settings.retry_s)
+                continue
+            if began is not None:
+                self._say(f"answers again after {time.monotonic() - began:.0f} s")
+            return answer
+
+    def _say(self, what: str) -> None:
+        warnings.warn(f"storage {self._place}: {what}", stacklevel=3)
+
+
+class _Pulse:
+    """A thread that gives signs of life while trials are evaluated."""
+
+    def __init__(
+        self, desks: Sequence[_Desk], patience: _Patience, settings: SharedSettings
+    ) -> None:
+        self._desks, self._patience, self._settings = desks, patience, settings
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._beat, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _beat(self) -> None:
+        wait = 0.0
+        while not self._end.wait(wait):
+            try:
+                for desk in self._desks:
+                    desk.beat()
+                wait = self._settings.heartbeat_s
+            except (StorageInternalError, DBAPIError):
+                # the main thread says so, if it is still so when it has something to tell
+                self._patience.troubles += 1
+                wait = min(self._settings.retry_s, self._settings.heartbeat_s)
+
+
+@contextmanager
+def _given_back(desks: Sequence[_Desk]) -> Iterator[None]:
+    """Give trials back when this worker is interrupted or fails."""
+    try:
+        yield
+    except BaseException:
+        try:
+            for desk in desks:
+                desk.give_back()
+        except (StorageInternalError, DBAPIError, UpdateFinishedTrialError):
+            pass  # others notice by the missing heartbeat
+        raise
+
+
+def storage_of(record: Record) -> RDBStorage:
+    """Return the storage with the heartbeats of a shared record."""
+    storage: Any = record.study._storage
+    return storage
+
+
+def _slots(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the last trial of every slot: neither surplus, nor queued again, nor a repetition."""
+    again, seen = retried(trials), set()
+    out = []
+    for t in trials:
+        before = _before(t)
+        repeated = before is not None and before in seen
+        seen.add(before)
+        if not (repeated or SURPLUS in t.user_attrs or t.number in again):
+            out.append(t)
+    return out
+
+
+def _before(trial: FrozenTrial) -> int | None:
+    """Return the number of the trial that this one was queued for again."""
+    history = trial.system_attrs.get("retry_history")
+    return int(history[-1]) if history else None
+
+
+def _out_of_reach(error: BaseException) -> bool:
+    """Return whether a database may answer later: no connection, a restart, a deadlock."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OperationalError | InterfaceError):
+            return True
+        if isinstance(cause, DBAPIError) and cause.connection_invalidated:
+            return True
+        cause = cause.__cause__
+    return False
