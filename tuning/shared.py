@@ -16,7 +16,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
@@ -24,7 +24,7 @@ import optuna
 from optuna.distributions import BaseDistribution
 from optuna.exceptions import StorageInternalError, UpdateFinishedTrialError
 from optuna.samplers import BaseSampler
-from optuna.storages import RDBStorage, fail_stale_trials
+from optuna.storages import fail_stale_trials
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
@@ -34,7 +34,6 @@ from tuning import record
 from tuning.record import (
     Outcome,
     Parameters,
-    Record,
     Search,
     attributes_of,
     has_outcome,
@@ -74,16 +73,15 @@ def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | Non
     patience = _Patience(searches[0].record.place, settings)
     desks = [_Desk(s, patience) for s in searches]
     total = sum(s.evaluations for s in searches)
-    while True:
-        with _given_back(desks):
+    with _Pulse(desks, patience, settings), _given_back(desks):
+        while True:
             due = [(k, trial) for k, desk in enumerate(desks) for trial in desk.claim()]
             if progress is not None:
                 progress(sum(desk.done for desk in desks), total)
             if due:
-                with _Pulse(desks, patience, settings):
-                    outcomes = evaluate([(k, dict(trial.params)) for k, trial in due])
-                    for (k, trial), outcome in zip(due, outcomes, strict=True):
-                        desks[k].tell(trial, outcome)
+                outcomes = evaluate([(k, dict(trial.params)) for k, trial in due])
+                for (k, trial), outcome in zip(due, outcomes, strict=True):
+                    desks[k].tell(trial, outcome)
             elif all(desk.done >= desk.search.evaluations for desk in desks):
                 return
             else:  # others have the last trials, and may die
@@ -97,6 +95,7 @@ class _Desk:
         self.search, self._patience = search, patience
         self.study: Study = search.record.study
         self.study.sampler = _ByNumber(search)
+        self._storage: Any = self.study._storage  # with Optuna's heartbeats
         self.done = 0
         """Outcomes in the database, of all workers."""
         self.mine: dict[int, Trial] = {}
@@ -117,7 +116,7 @@ class _Desk:
                 break
             trial = self._patience(self._ask)
             self.mine[trial.number] = trial
-            self._patience(self.beat)
+            self._patience(partial(self._storage.record_heartbeat, trial._trial_id))
             if not self._wanted(self._patience(self._trials), trial.number):
                 self._patience(partial(self._give_up, trial))
                 del self.mine[trial.number]
@@ -159,39 +158,38 @@ class _Desk:
     def beat(self) -> None:
         """Give a sign of life for every trial that this worker runs."""
         for trial in list(self.mine.values()):
-            storage_of(self.search.record).record_heartbeat(trial._trial_id)
+            self._storage.record_heartbeat(trial._trial_id)
 
     def _trials(self) -> list[FrozenTrial]:
         return self.study.get_trials(deepcopy=False)
 
     def _look(self) -> list[FrozenTrial]:
         """Return all trials, those of dead workers queued again."""
-        storage, now = storage_of(self.search.record), time.monotonic()
         if self._trouble != self._patience.troubles:
             # others could not give signs of life either
             self._trouble = self._patience.troubles
             self._vouched.clear()
-        for t in self._trials():
-            if t.state == TrialState.RUNNING and not {t.number} & (
-                self.mine.keys() | self._vouched
-            ):
+        trials, now = self._trials(), time.monotonic()
+        others = [t for t in trials if t.state == TrialState.RUNNING and t.number not in self.mine]
+        for t in others:
+            if t.number not in self._vouched:
                 # a worker that died between making a trial and its first heartbeat leaves one that
-                # Optuna would never call stale; everybody else's only gets one heartbeat more
-                storage.record_heartbeat(t._trial_id)
+                # Optuna never calls stale; everybody else's only gets one heartbeat more
+                self._storage.record_heartbeat(t._trial_id)
                 self._vouched.add(t.number)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            fail_stale_trials(self.study)
-        for t in _slots(self._trials()):
+        if others:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+                fail_stale_trials(self.study)
+            trials = self._trials()
+        for t in _slots(trials):
             # failed by a worker that died before it queued the setting again
             orphan = t.state == TrialState.FAIL and not has_outcome(t)
-            if orphan and now - self._orphans.setdefault(t.number, now) > self._grace:
+            grace = self.search.record.settings.grace_s
+            if orphan and now - self._orphans.setdefault(t.number, now) > grace:
                 retry(self.study, t)
-        return self._trials()
-
-    @property
-    def _grace(self) -> float:
-        return self.search.record.settings.grace_s
+                trials = self._trials()
+        return trials
 
     def _ask(self) -> Trial:
         with warnings.catch_warnings():
@@ -205,8 +203,9 @@ class _Desk:
         return number in {t.number for t in slots} and len(slots) <= self.search.evaluations
 
     def _give_up(self, trial: Trial) -> None:
-        trial.set_user_attr(SURPLUS, True)
-        self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
+        with suppress(UpdateFinishedTrialError):  # by a worker that heard no sign of life
+            trial.set_user_attr(SURPLUS, True)
+            self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
 
 class _ByNumber(BaseSampler):
@@ -295,7 +294,7 @@ class _Patience:
 
 
 class _Pulse:
-    """A thread that gives signs of life while trials are evaluated."""
+    """A thread that gives signs of life of the trials that this worker runs."""
 
     def __init__(
         self, desks: Sequence[_Desk], patience: _Patience, settings: SharedSettings
@@ -312,7 +311,7 @@ class _Pulse:
         self._thread.join()
 
     def _beat(self) -> None:
-        wait = 0.0
+        wait = self._settings.heartbeat_s
         while not self._end.wait(wait):
             try:
                 for desk in self._desks:
@@ -330,18 +329,10 @@ def _given_back(desks: Sequence[_Desk]) -> Iterator[None]:
     try:
         yield
     except BaseException:
-        try:
-            for desk in desks:
+        with suppress(StorageInternalError, DBAPIError, UpdateFinishedTrialError):
+            for desk in desks:  # or others notice by the missing heartbeat
                 desk.give_back()
-        except (StorageInternalError, DBAPIError, UpdateFinishedTrialError):
-            pass  # others notice by the missing heartbeat
         raise
-
-
-def storage_of(record: Record) -> RDBStorage:
-    """Return the storage with the heartbeats of a shared record."""
-    storage: Any = record.study._storage
-    return storage
 
 
 def _slots(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:

@@ -210,6 +210,24 @@ def test_a_worker_that_fails_gives_its_batch_back(alone):
     assert [t.number for t in s.record.trials][:3] == [3, 4, 5]
 
 
+def test_an_outcome_that_comes_too_late_is_dropped(alone):
+    """Another worker heard no sign of life, and has queued the setting again."""
+    s = alone(evaluations=4, batch=2)
+    late = []
+
+    def asleep(wanted):
+        if not late:
+            late.append(wanted[1][1])
+            told = s.record.study.tell(1, state=TrialState.FAIL)
+            shared.retry(s.record.study, told)
+        return evaluate(wanted)
+
+    with pytest.warns(UserWarning, match="trial 1 took longer than its signs of life"):
+        shared.run([s], asleep)
+    assert [t.number for t in s.record.trials] == [0, 2, 3, 4]
+    assert s.record.trials[1].params == late[0]
+
+
 def test_the_storage_says_which_way(alone, monkeypatch):
     ways = []
     monkeypatch.setattr(shared, "run", lambda *_: ways.append("together"))
