@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from typing import Any
@@ -13,7 +14,7 @@ import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.samplers import BaseSampler
 from optuna.study import Study
-from optuna.trial import FrozenTrial, TrialState
+from optuna.trial import FrozenTrial
 
 from stiction_envs.errors import StictionError, unknown
 from tuning.record import CONSTRAINTS, Parameters, Space
@@ -21,17 +22,33 @@ from tuning.record import CONSTRAINTS, Parameters, Space
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 
 
-class AskTellGridSampler(optuna.samplers.GridSampler):
-    """Grid sampler for ask and tell: there is no loop that it could stop when the grid is full."""
+class Fixed(BaseSampler):
+    """Proposes one setting that is known beforehand."""
 
-    def after_trial(
+    def __init__(self, setting: Parameters, space: Space) -> None:
+        self._setting, self._space = dict(setting), dict(space)
+
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        """Return the space."""
+        return self._space
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> Parameters:
+        """Return the setting."""
+        return self._setting
+
+    def sample_independent(
         self,
         study: Study,
         trial: FrozenTrial,
-        state: TrialState,
-        values: Sequence[float] | None,
-    ) -> None:
-        """Do nothing; the base class would raise outside of ``study.optimize``."""
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
+        """Return one of the setting; Optuna asks so for what has one value only."""
+        return self._setting[param_name]
 
 
 class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
@@ -80,7 +97,7 @@ def sampler(
         seed: of all draws.
         startup: trials drawn at random before a model is fitted (gp, tpe).
         population: of cmaes and nsga2.
-        points: of a grid, per parameter.
+        points: of a grid, per parameter; trials beyond its cells begin anew.
         first: where cmaes begins; None for the middle.
         step: of cmaes at the beginning, over the range [-].
 
@@ -94,13 +111,16 @@ def sampler(
         name = "tpe"
     if name == "cmaes" and find_spec("cmaes") is None:
         raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
+    if name == "grid":
+        # Optuna's own goes by trials that are finished, and gives two machines one cell
+        cells = _cells(space, points, seed)
+        return lambda number: Fixed(cells[number % len(cells)], space)
     make = partial(
         _make,
         name,
         space,
         startup=startup,
         population=population,
-        points=points,
         first=first,
         step=step,
     )
@@ -122,6 +142,16 @@ def grid(space: Space, points: int) -> dict[str, list[float]]:
     return out
 
 
+def _cells(space: Space, points: int, seed: int) -> list[Parameters]:
+    """Return the cells of a grid in a random order: a part of them tells of the whole."""
+    cells = [
+        dict(zip(space, values, strict=True))
+        for values in itertools.product(*grid(space, points).values())
+    ]
+    np.random.default_rng(seed).shuffle(cells)
+    return cells
+
+
 def constraints_of(trial: FrozenTrial) -> list[float]:
     """Return what Optuna asks of a trial: feasible where all are at most 0."""
     return list(trial.user_attrs.get(CONSTRAINTS, ()))
@@ -134,7 +164,6 @@ def _make(
     *,
     startup: int,
     population: int,
-    points: int,
     first: Parameters | None,
     step: float,
 ) -> BaseSampler:
@@ -168,6 +197,4 @@ def _make(
             return NsgaInOrder(
                 seed=seed, population_size=population, constraints_func=constraints_of
             )
-        if name == "grid":
-            return AskTellGridSampler(grid(space, points), seed=seed)
         return optuna.samplers.RandomSampler(seed=seed)

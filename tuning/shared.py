@@ -39,6 +39,7 @@ from tuning.record import (
     has_outcome,
     retried,
 )
+from tuning.samplers import Fixed
 from tuning.settings import SharedSettings
 from tuning.storage import retry
 
@@ -94,7 +95,7 @@ class _Desk:
     def __init__(self, search: Search, patience: _Patience) -> None:
         self.search, self._patience = search, patience
         self.study: Study = search.record.study
-        self.study.sampler = _ByNumber(search)
+        self.study.sampler = _BySlot(search)
         self._storage: Any = self.study._storage  # with Optuna's heartbeats
         self.done = 0
         """Outcomes in the database, of all workers."""
@@ -208,34 +209,30 @@ class _Desk:
             self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
 
-class _ByNumber(BaseSampler):
-    """The sampler of each trial by its number, and the first settings as they are."""
+class _BySlot(BaseSampler):
+    """The sampler of each trial by its slot, which a trial that is queued again inherits."""
 
     def __init__(self, search: Search) -> None:
         self._search = search
-        self._number, self._sampler = -1, search.sampler(0)
-
-    def _of(self, trial: FrozenTrial) -> BaseSampler:
-        if trial.number != self._number:
-            self._number, self._sampler = trial.number, self._search.sampler(trial.number)
-        return self._sampler
+        self._made: dict[int, BaseSampler] = {}
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
-        self._of(trial).before_trial(study, trial)
+        first = trial.system_attrs.get("failed_trial", trial.number)
+        s, slot = self._search, _slot(study.get_trials(deepcopy=False), first)
+        known = slot < len(s.first)
+        sampler = Fixed(s.first[slot], s.space) if known else s.sampler(slot)
+        self._made[trial.number] = sampler
+        sampler.before_trial(study, trial)
 
     def infer_relative_search_space(
         self, study: Study, trial: FrozenTrial
     ) -> dict[str, BaseDistribution]:
-        if trial.number < len(self._search.first):
-            return dict(self._search.space)
-        return self._of(trial).infer_relative_search_space(study, trial)
+        return self._made[trial.number].infer_relative_search_space(study, trial)
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        if trial.number < len(self._search.first):
-            return dict(self._search.first[trial.number])
-        return self._of(trial).sample_relative(study, trial, search_space)
+        return self._made[trial.number].sample_relative(study, trial, search_space)
 
     def sample_independent(
         self,
@@ -244,7 +241,8 @@ class _ByNumber(BaseSampler):
         param_name: str,
         param_distribution: BaseDistribution,
     ) -> Any:
-        return self._of(trial).sample_independent(study, trial, param_name, param_distribution)
+        sampler = self._made[trial.number]
+        return sampler.sample_independent(study, trial, param_name, param_distribution)
 
     def after_trial(
         self,
@@ -253,7 +251,7 @@ class _ByNumber(BaseSampler):
         state: TrialState,
         values: Sequence[float] | None,
     ) -> None:
-        self._of(trial).after_trial(study, trial, state, values)
+        self._made[trial.number].after_trial(study, trial, state, values)
 
 
 class _Patience:
@@ -346,6 +344,11 @@ def _slots(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
         if not (repeated or SURPLUS in t.user_attrs or t.number in again):
             out.append(t)
     return out
+
+
+def _slot(trials: Sequence[FrozenTrial], first: int) -> int:
+    """Return the slot that begins with a trial of a number: how many began before."""
+    return sum(_before(t) is None and SURPLUS not in t.user_attrs for t in trials[:first])
 
 
 def _before(trial: FrozenTrial) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import random
 
@@ -9,9 +10,9 @@ import optuna
 import pytest
 
 from stiction_envs.errors import StictionError
-from tests.tuning.searches import ABOUT, evaluate, fill_slowly, outcome, search, trials
+from tests.tuning.searches import ABOUT, SPACE, evaluate, fill_slowly, outcome, search, trials
 from tuning.record import Outcome, Record, run
-from tuning.samplers import SAMPLERS
+from tuning.samplers import SAMPLERS, grid
 
 STORAGES = ("sqlite:///{}/study.db", "{}/study.journal")
 
@@ -78,6 +79,14 @@ def test_draws_come_from_the_number_and_the_seed(name, tmp_path):
     assert first != other
     settings = [tuple(t.params.items()) for t in found[0].record.trials]
     assert len(set(settings)) == 5, "a setting was proposed twice"
+
+
+def test_a_grid_has_every_cell_once():
+    s = search("sqlite://", "grid", evaluations=16)
+    run([s], evaluate)
+    tried = [tuple(t.params.values()) for t in s.record.trials]
+    assert sorted(tried) == sorted(itertools.product(*grid(SPACE, 4).values()))
+    assert tried != sorted(tried)
 
 
 @pytest.mark.parametrize("name", ["tpe", "cmaes", "nsga2"])
