@@ -110,6 +110,44 @@ class SharedSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RobotSettings:
+    """Settings that a real robot is asked for, what is believed of them, and when asking stops."""
+
+    frequencies: int
+    """Frequencies that may be asked for, even in the logarithm."""
+    amplitudes: int
+    """Amplitudes at each, besides the one that meets the limit of displacement."""
+    iterations: int
+    """Simulated repeats of a configuration for a prediction."""
+    noise: float
+    """Standard deviation of one cell measured again, over the base torque [-]."""
+    tolerance: float
+    """A setting that is better by less than this is not worth looking for, over the base torque."""
+    confidence: float
+    """Probability that no untried setting is better than that, before asking stops [-]."""
+    draws: int
+    """Draws from the belief that this probability is counted over."""
+    seed: int
+    """Of the draws."""
+    offset: float
+    """Standard deviation of the simulation's error that all settings of a joint share [-]."""
+    configuration: float
+    """Standard deviation of its error that all settings of a configuration share [-]."""
+    shape: float
+    """Standard deviation of its error that is smooth over frequency and displacement [-]."""
+    frequency_length: float
+    """Change of ln f over which that error changes [-]."""
+    displacement_length: float
+    """Change of the logarithm of the displacement over which that error changes [-]."""
+    setting: float
+    """Standard deviation of the error that one setting has alone [-]."""
+
+    def __post_init__(self) -> None:
+        names = ("offset", "configuration", "shape", "setting", "seed")
+        check_numbers(self, shares=("confidence",), from_zero=names)
+
+
+@dataclass(frozen=True, kw_only=True)
 class TuningSettings:
     """All of this room."""
 
@@ -121,6 +159,8 @@ class TuningSettings:
     """How is searched."""
     shared: SharedSettings
     """A study in a database that machines share."""
+    robot: RobotSettings
+    """Tuning beside a real robot."""
 
 
 @cache
