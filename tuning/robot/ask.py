@@ -26,7 +26,7 @@ def best_measured(belief: Belief, readings: Readings) -> int | None:
 
 
 def open_settings(readings: Readings, settings: int) -> NDArray[np.bool_]:
-    """Return (S,) whether a setting may still be asked for: not measured in full, nothing failed."""
+    """Return (S,) whether a setting may be asked for: not measured in full, nothing failed."""
     done = readings.done(settings).all(axis=1)
     return np.asarray(~done & ~readings.failed(settings))
 

@@ -31,9 +31,11 @@ CONFIGURATIONS = 4
 def discrepancy_kernel(s: RobotSettings) -> Kernel:
     """Return the covariance of the simulation's error between two cells.
 
-    Inputs are `Candidates.features`: ln f, ln of the predicted displacement, configuration, setting.
+    Inputs are `Candidates.features`: ln f, ln of the predicted displacement x, configuration c,
+    setting s.
 
-        offset² + configuration² δ_cc' + setting² δ_ss' + shape² exp(−½ (Δ ln f/l_f)² − ½ (Δ ln x/l_x)²)
+        offset² + configuration² δ_cc' + setting² δ_ss'
+        + shape² exp(−½ (Δ ln f / l_f)² − ½ (Δ ln x / l_x)²)
     """
     # an infinite length leaves a column out; a short one tells whole numbers apart
     far, apart = np.inf, 1e-3
