@@ -21,9 +21,10 @@ from stiction_envs.measured import AmplitudeRow
 from tuning.explore.bounds import Bounds
 from tuning.explore.breakaway import BreakawayObjective
 from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
-from tuning.record import Outcome, Parameters, Record, Search, run
+from tuning.record import Outcome, Parameters, Record, Search
 from tuning.samplers import sampler
 from tuning.settings import SearchSettings
+from tuning.shared import fill
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -222,5 +223,5 @@ def measured_once(
         batch=count,
         first=tuple({"row": k} for k in range(count)),
     )
-    run([one], evaluate, progress)
+    fill([one], evaluate, progress)
     return [dict(t.user_attrs) for t in record.trials]

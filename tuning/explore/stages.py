@@ -1,0 +1,331 @@
+"""Stages of a search: each joint in the SJE, whole tables in the GTE, what was found anew."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import optuna
+
+from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.reporting.output_folder import OutputFolder
+from tuning.explore.bounds import Bounds
+from tuning.explore.breakaway import BreakawayObjective
+from tuning.explore.frictions import frictions
+from tuning.explore.options import Found, Options
+from tuning.explore.report import write_search_report
+from tuning.explore.tables import GRID, best_of_grid, grid_rows
+from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.explore.trials import best, write_compensation, write_pareto, write_trials
+from tuning.explore.verify import (
+    Verified,
+    measured_once,
+    verify_breakaway,
+    verify_tracking,
+)
+from tuning.record import Outcome, Parameters, Record, Search
+from tuning.samplers import sampler
+from tuning.settings import TuningSettings
+from tuning.shared import fill
+from tuning.tune import Tuning
+
+Progress = Callable[[str, float, float], None]
+TUNED = ("triangle",)
+"""Paths on which a table is tuned; it is verified on the others too."""
+STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
+"""Thesis Table 4.11 [N/m, N·m/rad, N·m/rad]."""
+
+
+class Stages:
+    """The stages of one search; each of them finds what was done of it in the studies."""
+
+    def __init__(
+        self,
+        sje: SingleJointExperiment,
+        bounds: Bounds,
+        others: Mapping[str, Table],
+        limits: Table,
+        options: Options,
+        settings: TuningSettings,
+        storage: str,
+        study: str,
+        about: Mapping[str, Any],
+        progress: Progress | None,
+    ) -> None:
+        self.sje, self.bounds, self.others, self.limits = sje, bounds, dict(others), limits
+        self.options, self.settings, self.search = options, settings, settings.search
+        self.storage, self.study, self.about, self._progress = storage, study, about, progress
+        self.seed = sje.seed
+        self.frictions = frictions(
+            sje.sticking.parameters, self.search.draws, spread=self.search.spread, seed=self.seed
+        )
+        self.records: dict[str, list[Record]] = {}
+        self.tables: dict[str, Table] = {}
+        """Tables of the stages that are over."""
+        self.compensation: Compensation | None = None
+        """What was found of it."""
+        self.limit: dict[str, Any] = {}
+        """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
+
+    def run(self, folder: OutputFolder) -> Tuning:
+        """Run all stages; write what they found."""
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        tables = self.tables
+        if self.options.objective in ("sje", "both"):
+            tables["search sje"] = self.breakaway()
+        if self.options.objective in ("gte", "both"):
+            tables["search gte"] = self.tracking(tables.get("search sje"))
+        final = list(tables.values())[-1]
+        searched = dict(self.records)
+        write_trials(folder.path / "trials.csv", searched)
+        if self.options.pareto:
+            write_pareto(folder.path / "pareto.csv", searched)
+        if final:
+            write_amplitudes(folder.path / "final.csv", final)
+        if self.compensation is not None:
+            write_compensation(folder.path / "compensation.csv", self.compensation)
+        self.others[GRID] = self.grid()
+        verified = self.verify({**tables, **self.others})
+        found = Found(
+            robot=self.sje.sticking.arm.name,
+            options=self.options,
+            bounds=self.bounds,
+            settings=self.search,
+            records=self.records,
+            tables=tables,
+            others=self.others,
+            limit=self.limit,
+            compensation=self.compensation,
+        )
+        summary = write_search_report(found, folder.path, verified)
+        return Tuning(
+            summary=summary, final=final, folder=folder.path, provenance=folder.provenance
+        )
+
+    def record(self, name: str, objectives: int = 1) -> Record:
+        """Open a study of this run."""
+        return Record(
+            self.storage,
+            f"{self.study}-{name}",
+            objectives=objectives,
+            about={**self.about, "stage": name},
+        )
+
+    def _filled(self, stage: str, searches: list[Search], evaluate: Any) -> None:
+        progress = self._progress
+        fill(
+            searches,
+            evaluate,
+            None if progress is None else lambda done, total: progress(stage, done, total),
+        )
+        self.records[stage] = [s.record for s in searches]
+
+    # ---- the SJE -----------------------------------------------------------------------------
+
+    @cached_property
+    def objective(self) -> BreakawayObjective:
+        """The SJE of this search, its base torques measured."""
+        out = BreakawayObjective(
+            self.sje,
+            self.bounds,
+            self.frictions,
+            iterations=self.search.iterations,
+            limits=self.limits,
+            pareto=self.options.pareto,
+            progress=self._simulated("base torques"),
+        )
+        self.limit["sje"] = out.displacement
+        return out
+
+    def _simulated(self, stage: str) -> Callable[[float], None] | None:
+        """Return what takes simulated seconds of a part whose length is not known."""
+        progress, done = self._progress, 0.0
+
+        def report(seconds: float) -> None:
+            nonlocal done
+            done += seconds
+            if progress is not None:
+                progress(stage, done, max(done, 1.0))
+
+        return None if progress is None else report
+
+    def grid(self) -> Table:
+        """Return the best allowed setting of every joint on the thesis's grid."""
+        rows = grid_rows(self.sje, self.bounds, self.settings)
+        listed = list(rows)
+
+        def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+            wanted = [listed[p["row"]] for _, p in asked]
+            found = self.objective.measure(wanted)
+            return [self.objective.outcome(r, found[r], -np.inf) for r in wanted]
+
+        progress = self._progress
+        record = self.record("grid", 1 + self.options.pareto)
+        self.records["grid"] = [record]
+        known = measured_once(
+            record,
+            len(listed),
+            evaluate,
+            None if progress is None else lambda done, total: progress("grid", done, total),
+        )
+        return best_of_grid(self.sje.n, listed, known)
+
+    def breakaway(self) -> Table:
+        """Search every joint by itself; return the best setting of each."""
+        s, options = self.search, self.options
+        name = options.sampler_of("sje")
+        objective = self.objective
+        searches = []
+        for j in range(1, self.sje.n + 1):
+            space = self.bounds.space(j, options.free)
+            population = s.population if name == "cmaes" or options.pareto else 1
+            searches.append(
+                Search(
+                    record=self.record(f"sje-joint{j}", 1 + options.pareto),
+                    space=space,
+                    sampler=sampler(
+                        name,
+                        space,
+                        seed=self.seed * 1000 + j,
+                        startup=s.startup,
+                        population=population,
+                        points=s.points,
+                        step=s.step,
+                    ),
+                    evaluations=options.evaluations
+                    or (s.points ** len(space) if name == "grid" else s.evaluations_sje),
+                    batch=s.points ** len(space) if name == "grid" else population,
+                )
+            )
+        self._filled("sje", searches, objective.evaluate)
+        rows = []
+        for j, one in enumerate(searches, 1):
+            chosen = best(one.record.trials)
+            if chosen is None or chosen.values[0] >= 1.0:
+                rows.append(AmplitudeRow(j, 0.0, 0.0))
+            else:
+                rows.append(self.bounds.setting(j, chosen.params))
+        return tuple(rows)
+
+    # ---- the GTE -----------------------------------------------------------------------------
+
+    def gte(self, seed: int) -> GeneratedTrajectoryExperiment:
+        """Return the experiment of this arm."""
+        return GeneratedTrajectoryExperiment(self.sje.sticking, seed=seed, nthread=self.sje.nthread)
+
+    def tracking(self, begin: Table | None) -> Table:
+        """Search tables of the whole arm; return the best."""
+        s, options = self.search, self.options
+        name = options.sampler_of("gte")
+        places: list[Place] = [(path, k) for path in TUNED for k in STIFFNESSES]
+        objective = TrackingObjective(
+            self.gte(self.seed),
+            self.bounds,
+            self.frictions,
+            places,
+            iterations=s.iterations,
+            joints=() if options.without_dither else range(1, self.sje.n + 1),
+            gates="" if options.gates == "none" else options.gates,
+            compensation="" if options.compensation == "none" else options.compensation,
+            limits=self.limits,
+            penalty=s.penalty if name == "cmaes" else 0.0,
+            pareto=options.pareto,
+        )
+        self.limit["gte"] = objective.vibration
+        space = objective.space()
+        gentle = tuple(
+            dataclasses.replace(r, amplitude_nm=s.gentle * r.amplitude_nm) for r in begin or ()
+        )
+        first = objective.parameters(gentle or self.limits)
+        population = s.population if name in ("cmaes", "nsga2") else 1
+        one = Search(
+            record=self.record("gte", 1 + options.pareto),
+            space=space,
+            sampler=sampler(
+                name,
+                space,
+                seed=self.seed,
+                startup=2 * s.population,
+                population=population,
+                points=s.points,
+                first=first,
+                step=s.step,
+            ),
+            evaluations=options.evaluations or s.evaluations_gte,
+            batch=population,
+            first=(first,),
+        )
+        self._filled("gte", [one], objective.evaluate)
+        chosen = best(one.record.trials)
+        if chosen is None:
+            raise ExperimentError(
+                f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
+                "larger --limit, or more --evaluations"
+            )
+        treatment = objective.treatment(chosen.params)
+        self.compensation = treatment.compensation
+        return treatment.dither
+
+    # ---- what was found ----------------------------------------------------------------------
+
+    def verify(self, tables: Mapping[str, Table]) -> Verified:
+        """Measure tables anew, under frictions, seeds and paths that the search has not seen."""
+        progress = self._progress
+
+        def report(done: int, total: int) -> None:
+            if progress is not None:
+                progress("verification", done, total)
+
+        unseen = frictions(
+            self.sje.sticking.parameters,
+            self.search.verify_draws,
+            spread=self.search.spread,
+            seed=self.seed + 7919,
+        )
+        arguments: dict[str, Any] = {
+            "bounds": self.bounds,
+            "frictions": unseen,
+            "settings": self.search,
+        }
+        out = Verified(
+            breakaway=verify_breakaway(
+                self.sje.replace(seed=self.seed + 1),
+                tables,
+                record=self.record("verify-sje"),
+                progress=report,
+                **arguments,
+            ),
+            tracking={},
+        )
+        if self.options.objective != "sje":
+            out = dataclasses.replace(
+                out,
+                tracking=verify_tracking(
+                    self.gte,
+                    self.treatments(tables),
+                    seed=self.seed + 1,
+                    record=self.record("verify-gte"),
+                    progress=report,
+                    **arguments,
+                ),
+            )
+        return out
+
+    def treatments(self, tables: Mapping[str, Table]) -> dict[str, Treatment]:
+        """Return what is run on paths: tables, and compensation as it is and as it was found."""
+        out = {name: Treatment(dither=table) for name, table in tables.items()}
+        if self.compensation is not None:
+            out["search gte"] = Treatment(
+                dither=tables.get("search gte", ()), compensation=self.compensation
+            )
+        experiment = self.gte(self.seed)
+        for kind in KINDS:
+            out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
+        return out
