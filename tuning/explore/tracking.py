@@ -4,7 +4,7 @@ The sum of the error over a path, or over the window of Table 4.11, hardly knows
 the impedance law's own lag. What friction leaves at each goal does. A table of the whole arm is
 tried on every path, stiffness and friction:
 
-    value       1/2 (log position left + log orientation left), over no dither, mean of all
+    value       1/2 (log position left + log orientation left), over no dither, mean of all goals
     constraint  vibration / largest vibration - 1 <= 0, moving and at rest; depth in forbidden bands
 """
 
@@ -61,13 +61,12 @@ class Tracking:
     """What one treatment gave at P places under F frictions."""
 
     position: Array
-    """(P, F) error left at the goals, mean of its norm [m]; NaN where a goal was never reached."""
+    """(P, F, G) error left at each goal when the arm's time there is over [m]; NaN where a goal was
+    never reached, and behind the last goal of a path with fewer."""
     orientation: Array
-    """(P, F) the same of the orientation [rad]."""
-    resting_position: Array
-    """(P, F) error at the last goal, a second after it was reached [m]."""
-    resting_orientation: Array
-    """(P, F) the same of the orientation [rad]."""
+    """(P, F, G) the same of the orientation [rad]."""
+    goals: Array
+    """(P,) number of goals of each path."""
     tracking: Array
     """(P, F) root mean square error of the position along the path [m]."""
     vibration: Array
@@ -85,8 +84,27 @@ class Tracking:
         return _rms(self.vibration), _rms(self.vibration_at_rest)
 
     def left(self, plain: Tracking) -> tuple[float, float]:
-        """Return position and orientation error left over another's, geometric means [-]."""
-        return _ratio(self.position, plain.position), _ratio(self.orientation, plain.orientation)
+        """Return position and orientation error left over another's, geometric means [-].
+
+        Errors are averaged over frictions before they are compared, so that one that happens to be
+        nothing does not decide.
+        """
+        return _left(self.position, plain.position), _left(self.orientation, plain.orientation)
+
+    def by_friction(self, plain: Tracking) -> dict[str, Array]:
+        """Return errors left over another's under every friction, geometric means (F,) [-].
+
+        ``position`` and ``orientation`` over all goals; ``resting_…`` at the last goal of each
+        path, where the arm rests: a second after it was reached.
+        """
+        out = {}
+        last = self.goals.astype(np.int64)[:, None, None] - 1
+        for name in ("position", "orientation"):
+            ratio = np.log(getattr(self, name) / getattr(plain, name))
+            out[name] = np.exp(_mean_of_goals(ratio, self.goals).mean(axis=0))
+            resting = np.take_along_axis(ratio, last, axis=2)[:, :, 0]
+            out[f"resting_{name}"] = np.exp(resting.mean(axis=0))
+        return out
 
 
 class TrackingObjective:
@@ -220,9 +238,22 @@ class TrackingObjective:
         e = self.experiment
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))
+        goals = np.array([len(e.path(path).position) for path, _ in self.places])
+        position, orientation = (
+            np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
+            for part in (slice(0, 3), slice(3, 6))
+        )
         values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
-        names = [f.name for f in dataclasses.fields(Tracking)]
-        return [Tracking(**{name: v[..., k] for k, name in enumerate(names)}) for v in values]
+        names = ("tracking", "vibration", "vibration_at_rest", "power", "torque_rate")
+        return [
+            Tracking(
+                position=position[k],
+                orientation=orientation[k],
+                goals=goals,
+                **{name: values[k, ..., i] for i, name in enumerate(names)},
+            )
+            for k in range(len(treatments))
+        ]
 
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
@@ -269,13 +300,15 @@ class TrackingObjective:
         )
 
 
+def _left_at_goals(m: Measures, part: slice, count: int) -> Array:
+    """Return the error left at each goal, mean over iterations (count,), NaN behind the last."""
+    left = np.linalg.norm(m.settling[..., part], axis=-1).mean(axis=0)
+    return np.concatenate([left, np.full(count - len(left), np.nan)])
+
+
 def _numbers(m: Measures) -> list[float]:
-    """Return the numbers of `Tracking` of one case, in the order of its fields."""
-    parts = (slice(0, 3), slice(3, 6))
-    left = [np.linalg.norm(m.settling[..., k], axis=-1) for k in parts]
+    """Return what else `Tracking` holds of one case."""
     return [
-        *(float(norm.mean()) for norm in left),
-        *(float(norm[:, -1].mean()) for norm in left),
         float(np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean()),
         _rms(m.shaking),
         _rms(m.shaking_at_rest),
@@ -284,9 +317,19 @@ def _numbers(m: Measures) -> list[float]:
     ]
 
 
+def _mean_of_goals(values: Array, goals: Array) -> Array:
+    """Return the mean over each path's goals of (P, ..., G) values; NaN if one of them is."""
+    used = np.arange(values.shape[-1]) < goals.reshape(-1, *[1] * (values.ndim - 1))
+    total = np.where(used, values, 0.0).sum(axis=-1)
+    return total / used.sum(axis=-1)
+
+
+def _left(values: Array, plain: Array) -> float:
+    """Return the geometric mean over places and goals of errors (P, F, G) over others."""
+    ratio = np.log(values.mean(axis=1) / plain.mean(axis=1))
+    used = np.isfinite(plain.mean(axis=1))
+    return float(np.exp(ratio[used].mean()))
+
+
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _ratio(values: Array, plain: Array) -> float:
-    return float(np.exp(np.mean(np.log(values / plain))))

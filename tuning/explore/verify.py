@@ -178,10 +178,7 @@ def verify_tracking(
                 out[k] = Outcome(
                     values=(0.0,),
                     measures={
-                        **{
-                            name: (getattr(found, name) / getattr(objective.plain, name)).tolist()
-                            for name in LEFT
-                        },
+                        **{k: v.tolist() for k, v in found.by_friction(objective.plain).items()},
                         "vibration_m": found.shaking[0],
                         "vibration_at_rest_m": found.shaking[1],
                         "power_w": float(found.power.mean()),
@@ -201,9 +198,9 @@ def verify_tracking(
     return result
 
 
-def _left(ratios: list[list[float]]) -> tuple[float, float, float]:
-    """Return geometric mean and interval of (places, frictions) ratios, over frictions."""
-    mean, low, high = interval(np.log(np.array(ratios)).mean(axis=0))
+def _left(ratios: list[float]) -> tuple[float, float, float]:
+    """Return geometric mean and interval of ratios, one per friction."""
+    mean, low, high = interval(np.log(np.array(ratios, dtype=float)))
     return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
 
 
