@@ -93,12 +93,11 @@ def fingerprint(settings: Any) -> str:
 
 def flat(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted names and values of all numbers, nested ones included."""
-    for f in dataclasses.fields(settings):
-        value = getattr(settings, f.name)
-        if dataclasses.is_dataclass(value):
-            yield from flat(value, f"{above}{f.name}.")
+    for name, value in _items(settings).items():
+        if _is_table(value):
+            yield from flat(value, f"{above}{name}.")
         else:
-            yield f"{above}{f.name}", value
+            yield f"{above}{name}", value
 
 
 def check_numbers(
@@ -144,7 +143,21 @@ def _read(path: Path) -> dict[str, Any]:
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
+def _is_table(value: Any) -> bool:
+    """Whether settings hold more settings: a dataclass, or several by name."""
+    return dataclasses.is_dataclass(value) or isinstance(value, Mapping)
+
+
+def _items(settings: Any) -> Mapping[str, Any]:
+    """Return names and values of a dataclass or of several by name."""
+    if isinstance(settings, Mapping):
+        return settings
+    return {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+
+
 def _names(cls: Any) -> str:
+    if isinstance(cls, Mapping):
+        return ", ".join(cls)
     return ", ".join(f.name for f in dataclasses.fields(cls))
 
 
@@ -213,18 +226,19 @@ def _nested(given: Mapping[str, Any], where: str) -> dict[str, Any]:
 
 
 def _changed(settings: T, changes: Mapping[str, Any], where: str, above: str) -> T:
-    kinds = get_type_hints(type(settings))
-    values = {}
+    of_names, values = _items(settings), {}
     for name, value in changes.items():
         here = f"{where}: {above}{name}"
-        if name not in kinds:
+        if name not in of_names:
             raise StictionError(f"{here}: no such setting: expected one of {_names(settings)}")
-        old = getattr(settings, name)
-        if dataclasses.is_dataclass(old):
+        old = of_names[name]
+        if _is_table(old):
             if not isinstance(value, Mapping):
                 raise StictionError(f"{here} is {value!r}: expected a table of {_names(old)}")
             values[name] = _changed(old, value, where, f"{above}{name}.")
         else:
             plain = value["value"] if isinstance(value, Mapping) and "value" in value else value
-            values[name] = _converted(kinds[name], plain, here)
+            values[name] = _converted(get_type_hints(type(settings))[name], plain, here)
+    if isinstance(settings, Mapping):
+        return {**settings, **values}  # type: ignore[return-value]
     return dataclasses.replace(settings, **values)  # type: ignore[type-var]

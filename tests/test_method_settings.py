@@ -12,7 +12,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.gap.settings import gap_settings
+from stiction_envs.gap.causes import default_settings
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 ROOMS = {
     "measured": measured_settings,
     "experiments": experiment_settings,
-    "gap": gap_settings,
+    "gap": default_settings,
     "identification": identification_settings,
     "tuning": tuning_settings,
 }
@@ -177,7 +177,12 @@ def test_every_table_of_a_room_is_read(room):
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_setting_is_used_and_documented(room):
     """Every field has a docstring under it, and some code of the project reads it."""
-    tree = ast.parse((folder(room) / "settings.py").read_text("utf-8"))
+    files = [folder(room) / "settings.py", *sorted((folder(room) / "causes").glob("*.py"))]
+    trees = [ast.parse(p.read_text("utf-8")) for p in files]
+    classes = [n for tree in trees[:1] for n in tree.body if isinstance(n, ast.ClassDef)]
+    for tree in trees[1:]:
+        made = [n for n in tree.body if isinstance(n, ast.ClassDef)]
+        classes += [n for n in made if n.name.endswith("Settings")]
     code = "\n".join(
         p.read_text("utf-8")
         for top in ("stiction_envs", "tuning")
@@ -185,7 +190,7 @@ def test_every_setting_is_used_and_documented(room):
         if p.name != "settings.py"
     )
     read = {n.attr for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Attribute)}
-    for node in [n for n in tree.body if isinstance(n, ast.ClassDef)]:
+    for node in classes:
         for i, field in enumerate(node.body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
                 below = node.body[i + 1]

@@ -13,11 +13,12 @@ from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.causes import default_settings
 from stiction_envs.gap.diagnosis import diagnose as diagnose_logs
 from stiction_envs.gap.model_file import Nominal, read, resolve
 from stiction_envs.gap.result import DiagnosisResult
 from stiction_envs.gap.save import LogDiagnosis
-from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.tables.from_files import diagnose_files
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
@@ -93,7 +94,7 @@ def diagnose(
         used["cutoff"] = cutoff_hz is not None
         for option in (k for k, is_used in used.items() if is_used):
             raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
-    own = override(gap_settings(), settings)
+    own = override(default_settings(), settings)
     arm, judged = _models(robot, nominal, payload, tilt)
     sources = log_sources([*given, *poses])
     arguments = {

@@ -16,13 +16,20 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Cause, Part, TorqueShift, cause_named, registered
+from stiction_envs.gap.causes import (
+    Cause,
+    Part,
+    TorqueShift,
+    cause_named,
+    default_settings,
+    registered,
+)
 from stiction_envs.gap.confusion import confused_with
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
 from stiction_envs.gap.refit import found_again, refit_given_what_was_found, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
-from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
@@ -167,7 +174,7 @@ def diagnose(
             a cause that is not registered.
     """
     say = progress or (lambda *_: None)
-    own = override(gap_settings(), settings)
+    own = override(default_settings(), settings)
     arm = robot if isinstance(robot, Arm) else load_arm(robot)
     if not logs:
         raise StictionError("no logs: expected one or more")
@@ -181,6 +188,7 @@ def diagnose(
     causes = registered() if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
+    causes = [cause.given(own) for cause in causes]
     baseline = resolve(nominal, arm)
     read, signals = correct_torques(
         read,

@@ -125,7 +125,9 @@ def estimates(
         samples = [cause.values(x, shape) for x, shape in drawn]
         neutral = {p.name: p.neutral for p in cause.parameters}
         tried = library.tried(term)
-        bound = cause.on_bound(best, library.data, term.joint) or cause.at_edge(term.shape, tried)
+        edge = library.data.settings.candidates.edge
+        bound = cause.on_bound(best, library.data, term.joint)
+        bound = bound or cause.at_edge(term.shape, tried, edge)
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,

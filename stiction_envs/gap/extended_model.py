@@ -80,8 +80,9 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     arm, parts = data.arm, nominal.parts
     level = np.abs(data.rigid).mean(axis=0)
     draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=float(np.ptp(data.t)))
-    for part in sorted(parts, key=lambda p: cause_named(p.cause).contribution_order(p)):
-        cause_named(part.cause).contribute(draft, part)
+    causes = {p.cause: cause_named(p.cause).given(data.settings) for p in parts}
+    for part in sorted(parts, key=lambda p: causes[p.cause].contribution_order(p)):
+        causes[part.cause].contribute(draft, part)
     inertia = np.min(link_inertia(arm, _poses(data)), axis=0)
     friction, sources = _friction(draft, data, nominal.friction, inertia)
     loaded = with_bodies(arm, draft.payloads, draft.gravity)
@@ -95,7 +96,7 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     )
     left = np.zeros_like(data.q)
     for part in draft.left_out:
-        cause = cause_named(part.cause)
+        cause = causes[part.cause]
         left += cause.torque(data, part)
         if (held := cause.held(draft, part, data)) is not None:
             left[:, part.joint - 1] -= held

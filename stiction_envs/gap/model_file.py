@@ -75,7 +75,7 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data against a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
-        causes = [(p, cause_named(p.cause)) for p in mine]
+        causes = [(p, cause_named(p.cause).given(data.settings)) for p in mine]
         torque = sum(
             (cause.torque(data, p) for p, cause in causes if cause.transmitted_by_gear),
             np.zeros_like(data.q),

@@ -94,7 +94,7 @@ def means_nothing(
         if term in added and (
             cause.negligible(mine, term.shape)
             or cause.on_bound(mine, library.data, term.joint)
-            or cause.at_edge(term.shape, library.tried(term))
+            or cause.at_edge(term.shape, library.tried(term), library.data.settings.candidates.edge)
         ):
             return True
     return False

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import check_numbers, load_settings
+
+PATH = Path(__file__).with_name("settings.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,6 +208,8 @@ class CandidateSettings:
     """Part of the nominal model's friction that it may be off, where it is given [-]."""
     diagnosed: float
     """The same where it is of an earlier diagnosis [-]."""
+    edge: float
+    """Nonlinear parameters within this factor of the last that were tried are at the end [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(
@@ -359,6 +364,8 @@ class GapSettings:
     """Both models in simulation."""
     least_squares: LeastSquaresSettings
     """The thesis's lines."""
+    causes: Mapping[str, Any] = field(default_factory=dict)
+    """Those of the causes, by name: each is a frozen dataclass in the cause's own file."""
 
     @property
     def motion(self) -> MotionThresholds:
@@ -368,8 +375,7 @@ class GapSettings:
 
 @cache
 def gap_settings() -> GapSettings:
-    """Return the defaults."""
-    path = Path(__file__).with_name("settings.toml")
+    """Return the defaults, but for those of the causes: `causes.default_settings` has all."""
     kinds = get_type_hints(GapSettings)
-    own = {x: load_settings(kinds[x], path, x) for x in kinds if x != "measured"}
+    own = {x: load_settings(kinds[x], PATH, x) for x in kinds if x not in ("measured", "causes")}
     return GapSettings(measured=measured_settings(), **own)

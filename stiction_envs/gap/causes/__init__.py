@@ -20,6 +20,7 @@ from stiction_envs.gap.causes.position_dependent_friction import PositionDepende
 from stiction_envs.gap.causes.presliding_hysteresis import PreslidingHysteresis
 from stiction_envs.gap.causes.registry import (
     cause_named,
+    default_settings,
     parameter_units,
     register,
     registered,
@@ -67,6 +68,7 @@ __all__ = [
     "TorqueShift",
     "View",
     "cause_named",
+    "default_settings",
     "parameter_units",
     "register",
     "registered",

@@ -6,42 +6,56 @@ A log whose torque was measured late, or behind a filter, shows the same with T 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from scipy.signal import lfilter
 
-from stiction_envs.gap.causes.base import Array, Parameter, Shape, TorqueShift
+from stiction_envs.gap.causes.base import Array, Parameter, Shape, TorqueShift, constants
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
-
-LEAST = 1e-3
-"""Shortest delay that is called one [s]: a robot's cycle; assumed."""
-
-TRIED = tuple(s * x for s in (-1.0, 1.0) for x in (2e-3, 1e-2, 2e-2, 4e-2))
-"""T' that are tried [s]; assumed."""
-LOWPASS = (0.5, 1.0)
-"""Second number of a shape whose torques were low-passed before they were logged: the part of |T'|
-that is the low-pass's time constant; the rest is a delay [-]; assumed."""
-LONGEST = 0.125
-"""Longest |T'| that is looked for [s]; assumed: what is longer has taken the motion away."""
-SMOOTHED = (1e-2, 2e-2, 4e-2, 8e-2)
-"""|T'| of these that are tried [s]; assumed."""
+from stiction_envs.method_settings import check_numbers
 
 
-STEPS = (0.8, 0.9, 1.0 - 1e-6, 1.1, 1.2)
-"""Factors of T' that are tried with another torque, one of them as good as none [-]. No two undo
-each other, since a candidate has its columns once; assumed."""
+@dataclass(frozen=True, kw_only=True)
+class ActuatorDelaySettings:
+    """Delays that are tried; T' is that of a shape."""
+
+    least: float
+    """Shortest delay that is called one [s]: a robot's cycle."""
+    delays: tuple[float, ...]
+    """|T'| that are tried, both ways [s]."""
+    lowpass_parts: tuple[float, ...]
+    """Second number of a shape whose torques were low-passed before they were logged: the part of
+    |T'| that is the low-pass's time constant; the rest is a delay [-]."""
+    smoothed: tuple[float, ...]
+    """|T'| of these that are tried [s]."""
+    longest: float
+    """Longest |T'| that is looked for [s]: what is longer has taken the motion away."""
+    steps: tuple[float, ...]
+    """Factors of T' that are tried with another torque, one of them as good as none [-]. No two
+    undo each other, since a candidate has its columns once."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+    @cached_property
+    def tried(self) -> tuple[float, ...]:
+        """T' that are tried [s]."""
+        return tuple(sign * x for sign in (-1.0, 1.0) for x in self.delays)
 
 
 def shifted(data: Data, torque: Array, shape: Shape) -> Array:
     """Return (T,) [τ(t + T') − τ(t)]/T' of a torque τ (T,), per second.
 
-    τ(t + T') is that of a time, or behind a low-pass too (`LOWPASS`).
+    τ(t + T') is that of a time, or behind a low-pass too (`lowpass_parts`).
     """
     ahead, out = shape[0], np.zeros(len(data.t))
     part = shape[1] if len(shape) > 1 else 0.0
@@ -62,6 +76,7 @@ class ActuatorDelay(TorqueShift):
     """A delay or filter between the logged torque and the arm, one for all joints."""
 
     name: ClassVar[str] = "actuator_delay"
+    settings: ActuatorDelaySettings = constants(ActuatorDelaySettings, name)
     what: ClassVar[str] = "torque acts late or filtered"
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
@@ -73,9 +88,10 @@ class ActuatorDelay(TorqueShift):
         note="a slope: torque that comes late",
     )
 
-    def __init__(self, tried: Sequence[float] = TRIED, torque: Array | None = None) -> None:
-        """Try some T' [s], with the torque (T, n) that acts late [N·m]: None for what is known."""
-        self.tried, self._torque = tuple(tried), torque
+    _torque: Array | None = None
+    """(T, n) that acts late [N·m]; None for what is known of it."""
+    _further: tuple[float, ...] = ()
+    """T' that are tried too [s]."""
 
     @property
     def acts_on_all(self) -> bool:
@@ -84,7 +100,9 @@ class ActuatorDelay(TorqueShift):
 
     def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:
         """Return a delay of a torque (T, n) [N·m]; ``lengths`` [s] are tried too."""
-        return ActuatorDelay([*self.tried, *lengths], torque)
+        out = copy.copy(self)
+        out._torque, out._further = torque, (*self._further, *lengths)
+        return out
 
     def shifted(self, data: Data, torque: Array, shape: Shape) -> Array:
         """Return `shifted`."""
@@ -92,8 +110,8 @@ class ActuatorDelay(TorqueShift):
 
     def nearby(self, shape: Shape) -> list[Shape]:
         """Return T' about that of a shape."""
-        lengths = (factor * shape[0] for factor in STEPS)
-        return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
+        lengths = (factor * shape[0] for factor in self.settings.steps)
+        return [(x, *shape[1:]) for x in lengths if abs(x) < self.settings.longest]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return `shifted` of the torque, for a T' near T."""
@@ -107,17 +125,18 @@ class ActuatorDelay(TorqueShift):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return T' [s], both ways."""
-        found = [-x for x in self.tried if x < 0 and x not in TRIED]
+        s = self.settings
+        found = [-x for x in self._further if x < 0 and x not in s.tried]
         return [
-            *((x,) for x in self.tried),
-            *((-x, part) for part in LOWPASS for x in (*SMOOTHED, *found)),
+            *((x,) for x in (*s.tried, *self._further)),
+            *((-x, part) for part in s.lowpass_parts for x in (*s.smoothed, *found)),
         ]
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the delay is below `LEAST`."""
-        return abs(float(coefficients[0])) < LEAST
+        """Return whether the delay is below `least`."""
+        return abs(float(coefficients[0])) < self.settings.least
 
-    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Never: the coefficient holds the delay, T' only straightens its curve."""
         return False
 

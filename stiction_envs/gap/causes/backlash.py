@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import EDGE, Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.deflection import (
     gravity_slope,
     mass_matrix,
@@ -19,31 +21,53 @@ from stiction_envs.gap.causes.motion import rests, reversals
 from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.reversal_path import play
+from stiction_envs.method_settings import check_numbers
 
-GAPS = np.geomspace(2e-3, 0.1, 161)
-"""Gaps that are tried [rad]; assumed. When a link lands hangs on the gap: 2.5 % of it more, and the
-blows of a fast motion are elsewhere."""
-SIZED = 8
-"""Every so many of them the size of what they add is worked out, which changes slowly."""
-FLANK = 1e4
-"""Stiffness of a gear's flanks [N·m/rad]: harmonic drives of 100 N·m and more have as much
-(assumed)."""
-DAMPINGS = (0.05, 0.1, 0.2, 0.4, 1.0)
-"""Damping ratios of a link that strikes a flank, that are tried [-]; assumed: the motor gives way,
-and takes up much of the blow."""
 DRAGGED, LOST = 0.0, -1.0
 """In the place of a damping ratio, for links that friction holds while the motor crosses the gap
 after a reversal: all of the load is missing, or the link just stays behind."""
-BEST = 6
-"""Shapes that go on to the selection."""
-LEAST, MOST = 0.2, 1.5
-"""Size of what comes over what the model predicts [-]; assumed. Blows predicted a little early or
-late count for less."""
-LEFT = 2.0
-"""Times the noise floor that a joint's residual must exceed for a search [-]; assumed."""
 
 
-def crossings(data: Data, joint: int, gap: float, damping: float = 0.3) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class BacklashSettings:
+    """Gaps that are tried."""
+
+    smallest: float
+    """[rad]."""
+    largest: float
+    """[rad]."""
+    count: int
+    """Gaps, evenly in the logarithm. When a link lands hangs on the gap: 2.5 % of it more, and the
+    blows of a fast motion are elsewhere."""
+    sized: int
+    """Every so many of them the size of what they add is worked out, which changes slowly."""
+    flank: float
+    """Stiffness of a gear's flanks [N·m/rad]."""
+    dampings: tuple[float, ...]
+    """Damping ratios of a link that strikes a flank, that are tried [-]: the motor gives way, and
+    takes up much of the blow."""
+    usual_damping: float
+    """That of a gap of which none is known [-]."""
+    best: int
+    """Shapes that go on to the selection."""
+    least: float
+    """Size of what comes over what the model predicts, at least [-]: blows predicted a little early
+    or late count for less."""
+    most: float
+    """The same, at most [-]."""
+    residual_left: float
+    """Times the noise floor that a joint's residual must exceed for a search [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+    @cached_property
+    def gaps(self) -> Array:
+        """(count,) that are tried [rad]."""
+        return np.geomspace(self.smallest, self.largest, self.count)
+
+
+def crossings(data: Data, joint: int, gap: float, damping: float, flank: float) -> Array:
     """Return (T,) the link's angle less the motor's, δ, in a joint with a gap [rad].
 
     The load L presses the link on one flank of stiffness K, which yields. When L changes sign the
@@ -55,17 +79,19 @@ def crossings(data: Data, joint: int, gap: float, damping: float = 0.3) -> Array
     slope = gravity_slope(data)[:, joint, joint]
     out = np.empty(len(mass))
     for run in data.runs():
-        out[run] = _fly(load[run], slope[run], mass[run], gap / 2, damping, data.dt)
+        out[run] = _fly(load[run], slope[run], mass[run], gap / 2, damping, flank, data.dt)
     return out
 
 
 @compiled
-def _fly(load: Array, slope: Array, mass: Array, half: float, ratio: float, h: float) -> Array:
+def _fly(
+    load: Array, slope: Array, mass: Array, half: float, ratio: float, flank: float, h: float
+) -> Array:
     """Return (T,) `crossings` of one run, from rest on the flank."""
     out = np.empty(len(load))
-    x, u = -np.sign(load[0]) * half - load[0] / FLANK, 0.0
+    x, u = -np.sign(load[0]) * half - load[0] / flank, 0.0
     for i in range(len(load)):
-        a, k = -(load[i] + slope[i] * x) / mass[i], FLANK / mass[i]
+        a, k = -(load[i] + slope[i] * x) / mass[i], flank / mass[i]
         over = x - min(max(x, -half), half)
         u += h * (a - k * over)
         if over != 0.0:
@@ -117,6 +143,7 @@ class Backlash(Cause):
     """Play in a gear."""
 
     name: ClassVar[str] = "backlash"
+    settings: BacklashSettings = constants(BacklashSettings, name)
     what: ClassVar[str] = "dead zone at reversals"
     approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
@@ -132,7 +159,7 @@ class Backlash(Cause):
 
     def spread(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the gap adds to all joints."""
-        gap, damping = (*shape, DAMPINGS[2])[:2]
+        gap, damping = (*shape, self.settings.usual_damping)[:2]
         if damping == DRAGGED:
             torque = np.zeros_like(data.q)
             torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, gap)
@@ -146,33 +173,35 @@ class Backlash(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the gaps and dampings that the residual of the joint itself shows best."""
-        ok = data.block >= 0
-        if residual[ok].std() < LEFT * data.noise[joint]:
+        ok, s, gaps = data.block >= 0, self.settings, self.settings.gaps
+        if residual[ok].std() < s.residual_left * data.noise[joint]:
             return []
         # the filter is symmetric: a product with what it leaves is one with the filtered residual
         target = data.smooth(np.where(ok, residual, 0.0))
-        some = np.unique([*range(0, len(GAPS), SIZED), len(GAPS) - 1])
+        some = np.unique([*range(0, len(gaps), s.sized), len(gaps) - 1])
         scored = []
         # a link that friction holds stays behind only where the motor moves
         held = () if rests(data, joint) else (DRAGGED, LOST)
         seen = {DRAGGED: target * data.rigid[:, joint]}
         other = seen_by(data, joint, target)
-        for damping in (*DAMPINGS, *held):
-            opened = [self._delta(data, joint, float(g), damping) for g in GAPS]
+        for damping in (*s.dampings, *held):
+            opened = [self._delta(data, joint, float(g), damping) for g in gaps]
             along = np.array([seen.get(damping, other) @ x for x in opened])
             torque = self._own(data, joint, np.stack([opened[k] for k in some], axis=1), damping)
             size = np.square(data.smooth(torque)[ok]).sum(axis=0)
-            size = np.interp(np.log(GAPS), np.log(GAPS[some]), size)
-            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+            size = np.interp(np.log(gaps), np.log(gaps[some]), size)
+            c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
             left = c * c * size - 2 * c * along
-            scored += [(float(x), float(g), damping) for x, g in zip(left, GAPS, strict=True)]
-        return [(gap, damping) for _, gap, damping in sorted(scored)[:BEST]]
+            scored += [(float(x), float(g), damping) for x, g in zip(left, gaps, strict=True)]
+        return [(gap, damping) for _, gap, damping in sorted(scored)[: s.best]]
 
     def _delta(self, data: Data, joint: int, gap: float, damping: float) -> Array:
         """Return (T,) the part of the load that is missing where it is dragged, else δ [rad]."""
         if damping == DRAGGED:
             return dragged(data, joint, gap)
-        return lost(data, joint, gap) if damping == LOST else crossings(data, joint, gap, damping)
+        if damping == LOST:
+            return lost(data, joint, gap)
+        return crossings(data, joint, gap, damping, self.settings.flank)
 
     def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
         """Return (T, k) what `_delta` of k gaps adds to the joint itself, before the filter."""
@@ -182,16 +211,18 @@ class Backlash(Cause):
 
     def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
         """Return the neighbours on the grid of gaps."""
-        step = float(GAPS[1] / GAPS[0])
+        gaps = self.settings.gaps
+        step = float(gaps[1] / gaps[0])
         return shape[0] / step, shape[0] * step
 
-    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Return whether the gap is at the end of what was tried, or next to it."""
-        return not GAPS[1] * EDGE < shape[0] < GAPS[-2] / EDGE
+        gaps = self.settings.gaps
+        return not gaps[1] * edge < shape[0] < gaps[-2] / edge
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the model's own size, and some room for what it leaves out."""
-        return np.array([LEAST]), np.array([MOST])
+        return np.array([self.settings.least]), np.array([self.settings.most])
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the gap [rad]."""

@@ -9,15 +9,17 @@ coefficients (k,) to the residual torque of a joint, measured less nominal. To a
 3. its numbers: `values` as in ``diagnosis.json``, `why_not_identifiable` where data cannot show it;
 4. its picture: `view`;
 5. its model: `contribute` to a `ModelDraft`; by default MuJoCo has no such thing, which is said;
-6. its traits: flags, all false by default, by which the search treats it as it should be.
+6. its traits: flags, all false by default, by which the search treats it as it should be;
+7. its constants, where it has any: `settings`, a frozen dataclass of numbers with their defaults.
 """
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +28,20 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import OWN_TORQUE, View
+from stiction_envs.gap.settings import PATH, GapSettings
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import load_settings
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
-EDGE = 1.02
-"""Nonlinear parameters within this factor of the last that were tried are at the end [-]."""
+T = TypeVar("T")
+
+
+def constants(cls: type[T], name: str) -> T:
+    """Return the constants of a cause of the package: ``[causes.NAME]`` of ``settings.toml``."""
+    found: T = load_settings(cast(Any, cls), PATH, f"causes.{name}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,18 @@ class Cause(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     view: ClassVar[View] = OWN_TORQUE
     """What it is drawn against."""
+    settings: Any = None
+    """Constants of its method, a frozen dataclass; None where it has none. ``diagnose(settings=…)``
+    changes them as ``causes.NAME.FIELD``."""
+
+    def given(self, settings: GapSettings) -> Self:
+        """Return the cause with the constants that these settings have for it."""
+        own = settings.causes.get(self.name, self.settings)
+        if own is self.settings:
+            return self
+        out = copy.copy(self)
+        out.settings = own
+        return out
 
     # ---- traits ------------------------------------------------------------------------------
 
@@ -158,15 +179,15 @@ class Cause(ABC):
         low, high = self.bounds(data, joint)
         return bool(np.any((coefficients <= low) | (coefficients >= high)))
 
-    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
-        """Whether a nonlinear parameter is at the end of what was tried."""
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Whether a nonlinear parameter is at the end of what was tried, or within this factor."""
         if len(shapes) < 2 or not shape:
             return False
         tried = sorted({s[0] for s in shapes})
         if tried[0] <= 0:
             return shape[0] in (tried[0], tried[-1])
         # refined ones come close to the end without reaching it
-        return not tried[0] * EDGE < shape[0] < tried[-1] / EDGE
+        return not tried[0] * edge < shape[0] < tried[-1] / edge
 
     def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
         """Return names of causes that are the same on this joint, whatever else is in the model."""

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import changes
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.method_settings import check_numbers
 
-LEAN = 0.05
-"""A lean that must be seen to change torques [rad]; assumed."""
+
+@dataclass(frozen=True, kw_only=True)
+class BaseTiltSettings:
+    """When a lean can be seen."""
+
+    lean: float
+    """That must be seen to change torques [rad]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 class BaseTilt(Cause):
     """An inclined mount, of which the controller's or simulation's gravity knows nothing."""
 
     name: ClassVar[str] = "base_tilt"
+    settings: BaseTiltSettings = constants(BaseTiltSettings, name)
     what: ClassVar[str] = "gravity points elsewhere (inclined mount)"
     what_to_record: ClassVar[str] = (
         "static poses with the arm stretched to all sides, joint 1 turned round"
@@ -63,7 +74,7 @@ class BaseTilt(Cause):
             return "the arm holds one pose only"
         for k in range(2):
             sideways = data.recording.derived(_sideways)[..., k]
-            if not changes(data, LEAN * sideways).any():
+            if not changes(data, self.settings.lean * sideways).any():
                 return "a lean of the base hardly changes any torque along this motion"
         return ""
 

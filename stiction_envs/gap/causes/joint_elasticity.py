@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.deflection import (
     gravity_slope,
     mass_matrix,
@@ -17,24 +19,45 @@ from stiction_envs.gap.causes.deflection import (
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import check_numbers
 
-STIFFNESSES = np.geomspace(500.0, 32000.0, 25)
-"""That are tried, soft harmonic drives to stiff gears [N·m/rad]; assumed."""
-DAMPINGS = (0.01, 0.03, 0.1, 0.3)
-"""Damping ratios of the link on its spring that are tried [-]; assumed."""
-BEST = 6
-"""Shapes that go on to the selection."""
-LEAST_ROTOR = 0.01
-"""Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
-LEAST, MOST = 0.3, 1.5
-"""Size of what comes over what the model predicts [-]; assumed. Room for stiffnesses between those
-tried."""
+
+@dataclass(frozen=True, kw_only=True)
+class JointElasticitySettings:
+    """Springs that are tried: soft harmonic drives to stiff gears."""
+
+    softest: float
+    """[N·m/rad]."""
+    stiffest: float
+    """[N·m/rad]."""
+    count: int
+    """Stiffnesses, evenly in the logarithm."""
+    dampings: tuple[float, ...]
+    """Damping ratios of the link on its spring that are tried [-]."""
+    best: int
+    """Shapes that go on to the selection."""
+    least: float
+    """Size of what comes over what the model predicts, at least [-]: room for stiffnesses between
+    those tried."""
+    most: float
+    """The same, at most [-]."""
+    least_rotor: float
+    """Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """(count,) that are tried [N·m/rad]."""
+        return np.geomspace(self.softest, self.stiffest, self.count)
 
 
 class JointElasticity(Cause):
     """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ."""
 
     name: ClassVar[str] = "joint_elasticity"
+    settings: JointElasticitySettings = constants(JointElasticitySettings, name)
     what: ClassVar[str] = "spring between motor and link"
     approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
@@ -58,26 +81,29 @@ class JointElasticity(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
-        ok = data.block >= 0
-        tried = [(float(k), ratio) for ratio in DAMPINGS for k in STIFFNESSES]
+        ok, s = data.block >= 0, self.settings
+        tried = [(float(k), ratio) for ratio in s.dampings for k in s.stiffnesses]
         delta = np.stack([deflection(data, joint, *x) for x in tried], axis=1)
         columns = data.smooth(own_torque_of(data, joint, delta))[ok]
         size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
-        c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
-        return [tried[k] for k in np.argsort(c * c * size - 2 * c * along, kind="stable")[:BEST]]
+        c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
+        left = c * c * size - 2 * c * along
+        return [tried[k] for k in np.argsort(left, kind="stable")[: s.best]]
 
     def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
         """Return the neighbours on the grid of stiffnesses."""
-        step = float(STIFFNESSES[1] / STIFFNESSES[0])
+        grid = self.settings.stiffnesses
+        step = float(grid[1] / grid[0])
         return shape[0] / step, shape[0] * step
 
-    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Return whether the stiffness is at the end of what was tried."""
-        return not STIFFNESSES[0] * 1.001 < shape[0] < STIFFNESSES[-1] * 0.999
+        grid = self.settings.stiffnesses
+        return not grid[0] * 1.001 < shape[0] < grid[-1] * 0.999
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the model's own size, and some room."""
-        return np.array([LEAST]), np.array([MOST])
+        return np.array([self.settings.least]), np.array([self.settings.most])
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether next to nothing of it comes.
@@ -85,7 +111,7 @@ class JointElasticity(Cause):
         A logged motion without the resonance asks for a stiffer spring of more than its size: K is
         then the size of the deflection alone.
         """
-        return bool(coefficients[0] <= LEAST)
+        return bool(coefficients[0] <= self.settings.least)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return K [N·m/rad]."""
@@ -94,7 +120,7 @@ class JointElasticity(Cause):
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Make the joint elastic, where a rotor is known that can swing on the spring."""
         j = part.joint - 1
-        if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
+        if draft.rotor[j] >= self.settings.least_rotor and not np.isfinite(draft.spring[j]):
             draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
         else:
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.draft import PAYLOAD_RADIUS, Body, ModelDraft
 from stiction_envs.gap.causes.motion import changes
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.method_settings import check_numbers
 
-HEAVY = 1.0
-"""A payload whose weight must be seen to change [kg]; assumed."""
-LEAST_MASS = 1e-3
-"""Of a body that is put into a model [kg]."""
-SMALL = 0.02
-"""Mass under which a centre of mass means nothing [kg]; assumed."""
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadSettings:
+    """When a payload can be seen, and when it is one."""
+
+    heavy: float
+    """A payload whose weight must be seen to change [kg]."""
+    least_mass: float
+    """Of a body that is put into a model [kg]."""
+    small: float
+    """Mass under which a centre of mass means nothing [kg]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 class Payload(Cause):
     """A tool, a gripper, a cable's weight."""
 
     name: ClassVar[str] = "payload"
+    settings: PayloadSettings = constants(PayloadSettings, name)
     what: ClassVar[str] = "unmodelled mass on the flange"
     what_to_record: ClassVar[str] = "static poses with the flange turned all ways"
     arm_wide: ClassVar[bool] = True
@@ -44,7 +55,7 @@ class Payload(Cause):
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return mass [kg] and centre of mass in the flange's axes [m]."""
         mass = float(coefficients[0])
-        com = coefficients[1:4] / mass if mass > SMALL else np.zeros(3)
+        com = coefficients[1:4] / mass if mass > self.settings.small else np.zeros(3)
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
@@ -53,12 +64,12 @@ class Payload(Cause):
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether its mass is none."""
-        return bool(coefficients[0] <= SMALL)
+        return bool(coefficients[0] <= self.settings.small)
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Put a body on the flange; one without mass is none."""
         mass, com = float(part.coefficients[0]), np.array(self.parameters_of(part)["com_m"], float)
-        if mass <= LEAST_MASS:
+        if mass <= self.settings.least_mass:
             draft.leave_out(part, "not a body or a gravity that MuJoCo allows")
             return
         inertia = payload_inertia(part.coefficients, mass, com)
@@ -75,7 +86,7 @@ class Payload(Cause):
         if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
             return "the arm holds one pose only"
         weight = data.recording.derived(_regressor)[..., 0]
-        if not changes(data, HEAVY * weight).any():
+        if not changes(data, self.settings.heavy * weight).any():
             return "a payload's weight hardly changes any torque along this motion"
         return ""
 

@@ -6,24 +6,35 @@ with the motion: τ = a sin(k q + φ) sign(q̇).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import check_numbers
 
-LEAST = 1.25
-"""Periods within the range of a joint from which on they can be counted [-]; assumed."""
-THIN = 3000
-"""Rows that are enough to find the periods."""
 RIDGE = 1e-9 * np.eye(5)
 """Keeps waves that do not differ solvable."""
-BEST = 3
-"""Periods that go on to the selection."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionDependentFrictionSettings:
+    """Which periods are tried."""
+
+    least_periods: float
+    """Periods within the range of a joint from which on they can be counted [-]."""
+    rows: int
+    """That are enough to find the periods."""
+    best: int
+    """Periods that go on to the selection, of each kind."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 def phase(data: Data, joint: int, shape: Shape) -> Array:
@@ -35,6 +46,7 @@ class PositionDependentFriction(Cause):
     """Ripple of gear, bearing or motor."""
 
     name: ClassVar[str] = "position_dependent_friction"
+    settings: PositionDependentFrictionSettings = constants(PositionDependentFrictionSettings, name)
     what: ClassVar[str] = "ripple with joint angle"
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
@@ -61,21 +73,21 @@ class PositionDependentFriction(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the periods per turn, whole numbers, that the residual shows best.
 
-        From `LEAST` periods within the joint's range to what its speed and the sampling resolve;
+        From `least_periods` within the joint's range to what its speed and the sampling resolve;
         peaks only, since what explains ever more towards fewer periods is none.
         """
-        q = data.q[:, joint]
+        q, s = data.q[:, joint], self.settings
         span = float(np.ptp(q))
         if span < 1e-3:
             return []
         step = float(np.percentile(np.abs(data.dq[:, joint]), 75)) * data.dt
-        low = max(1, int(np.ceil(LEAST * 2 * np.pi / span)))
+        low = max(1, int(np.ceil(s.least_periods * 2 * np.pi / span)))
         high = min(400, int(2 * np.pi / max(8 * step, 1e-6)))
         if low > high:
             return []
         count = np.arange(1, high + 1)
         # each angle weighs the same, however long the joint stays there
-        thin = slice(None, None, max(1, len(q) // THIN))
+        thin = slice(None, None, max(1, len(q) // s.rows))
         weight = np.abs(data.dq[thin, joint])
         weight = np.sqrt(np.minimum(weight, np.percentile(weight, 90)))
         base = np.stack([np.ones_like(q), q, data.direction(joint)], axis=1)[thin]
@@ -88,11 +100,11 @@ class PositionDependentFriction(Cause):
             power = _shown(waves * side[:, None], base, r)
             around = np.concatenate([[-np.inf], power, [-np.inf]])
             peak = (power >= around[:-2]) & (power > around[2:]) & (count >= low)
-            best = np.argsort(np.where(peak, -power, np.inf), kind="stable")[:BEST]
+            best = np.argsort(np.where(peak, -power, np.inf), kind="stable")[: s.best]
             found += [(float(count[k]), *tail) for k in best if peak[k]]
         return found
 
-    def at_edge(self, shape: Shape, shapes: list[Shape]) -> bool:
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Never: the periods tried are the best of all."""
         return False
 

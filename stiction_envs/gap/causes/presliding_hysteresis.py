@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, log_grid
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants, log_grid
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, reversals
@@ -14,9 +15,22 @@ from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import check_numbers
 
-SHORTEST, LONGEST, COUNT = 1e-3, 5e-2, 9
-"""Presliding distances that are tried [rad]: a filtered log sees a sign under the shortest."""
+
+@dataclass(frozen=True, kw_only=True)
+class PreslidingHysteresisSettings:
+    """Presliding distances that are tried, evenly in the logarithm."""
+
+    shortest: float
+    """[rad]: under it a filtered log sees a sign."""
+    longest: float
+    """[rad]."""
+    count: int
+    """Of them."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
@@ -37,6 +51,7 @@ class PreslidingHysteresis(Cause):
     """A joint that yields before it slides."""
 
     name: ClassVar[str] = "presliding_hysteresis"
+    settings: PreslidingHysteresisSettings = constants(PreslidingHysteresisSettings, name)
     what: ClassVar[str] = "friction lags reversals (bristle)"
     approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
@@ -64,7 +79,8 @@ class PreslidingHysteresis(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return presliding distances F_c/σ0 [rad]; under the shortest a log sees a sign."""
-        return log_grid(SHORTEST, LONGEST, COUNT)
+        s = self.settings
+        return log_grid(s.shortest, s.longest, s.count)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, log_grid
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants, log_grid
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, moving
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import check_numbers
 
-MOST_RATIO = 5.0
-"""ΔF over the level in motion past which bristles are taken as at this [-]; assumed."""
+
+@dataclass(frozen=True, kw_only=True)
+class StribeckFrictionSettings:
+    """Stribeck velocities that are tried, evenly in the logarithm, and sizes."""
+
+    fastest: float
+    """Stribeck velocity, as far as the joint is ever as fast [rad/s]."""
+    count: int
+    """Stribeck velocities from what a filtered log resolves to the fastest."""
+    most_ratio: float
+    """ΔF over the level in motion past which bristles are taken as at this [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 class StribeckFriction(Cause):
     """Friction that falls from its level at rest to its level in motion."""
 
     name: ClassVar[str] = "stribeck_friction"
+    settings: StribeckFrictionSettings = constants(StribeckFrictionSettings, name)
     what: ClassVar[str] = "extra friction near zero speed"
     approximate: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
@@ -50,7 +65,7 @@ class StribeckFriction(Cause):
         """Return v_s and ΔF over the level in motion, which bends the bristles further."""
         if level <= 0:
             return shape
-        return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
+        return shape[0], min(float(coefficients[0]) / level, self.settings.most_ratio)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return Stribeck velocities from what a filtered log resolves to speeds that are common.
@@ -58,8 +73,8 @@ class StribeckFriction(Cause):
         Motion that is slower than that never leaves the effect behind: it is as good as constant.
         """
         top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
-        low = 3 * data.settings.motion.rest_speed
-        return log_grid(low, min(0.3, top), 10) if top > 1.1 * low else []
+        low, s = 3 * data.settings.motion.rest_speed, self.settings
+        return log_grid(low, min(s.fastest, top), s.count) if top > 1.1 * low else []
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""

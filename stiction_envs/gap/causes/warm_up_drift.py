@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft
 from stiction_envs.gap.causes.motion import lacks_both_directions
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.method_settings import check_numbers
 
-LEAST = 10.0
-"""Shortest log in which a drift is looked for [s]; assumed."""
+
+@dataclass(frozen=True, kw_only=True)
+class WarmUpDriftSettings:
+    """When a drift can be seen."""
+
+    shortest_log: float
+    """In which it is looked for [s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 class WarmUpDrift(Cause):
     """Dry friction that changes along the log, as a gear that warms up."""
 
     name: ClassVar[str] = "warm_up_drift"
+    settings: WarmUpDriftSettings = constants(WarmUpDriftSettings, name)
     what: ClassVar[str] = "friction falls or rises with time or temperature"
     approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "the same motion repeated for tens of minutes, from cold"
@@ -70,6 +81,6 @@ class WarmUpDrift(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the log is too short."""
-        if np.ptp(data.t) < LEAST:
+        if np.ptp(data.t) < self.settings.shortest_log:
             return f"the record is only {np.ptp(data.t):.1f} s long"
         return lacks_both_directions(data, joint)

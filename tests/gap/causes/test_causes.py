@@ -12,7 +12,6 @@ from stiction_envs.gap.candidates import certain
 from stiction_envs.gap.causes import CAUSES, parameter_units
 from stiction_envs.gap.causes.backlash import (
     DRAGGED,
-    FLANK,
     LOST,
     crossings,
     dragged,
@@ -146,8 +145,9 @@ def test_a_grown_bristle_is_the_difference_of_two() -> None:
 
 def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     """To half the gap and what the flank yields when it is struck."""
-    delta = crossings(data, 2, 0.02)
-    yields = 5 * np.abs(data.rigid[:, 2]).max() / FLANK
+    flank = 1e4
+    delta = crossings(data, 2, 0.02, 0.3, flank)
+    yields = 5 * np.abs(data.rigid[:, 2]).max() / flank
     assert 0.01 <= delta.max() < 0.01 + yields
     assert -0.01 >= delta.min() > -0.01 - yields
 
