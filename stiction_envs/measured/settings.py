@@ -195,23 +195,19 @@ class MotionThresholds:
     """See `start_span`."""
     mover_ratio: float
     """A joint slower than this part of the fastest only shakes along [-]."""
-    mover_power: float
-    """The same as a part of the power of the speed [-]."""
     acting_share: float
     """Least part of the samples in which a joint must move for a cause to act [-]."""
     slow_share: float
     """Least part of the samples with slow motion for it to show anything [-]."""
     moving_share: float
-    """Least part of the samples in which a joint moves where little motion says little [-]."""
+    """Least part of the samples in which a joint moves, or moves there and back, where little
+    motion says little [-]."""
     always_share: float
     """Part of the samples from which on a joint always moves [-]."""
-    both_ways_share: float
-    """Part of the samples in which a joint must move there, and back, for its friction to have a
-    say [-]."""
 
     def __post_init__(self) -> None:
-        shares = ("mover_ratio", "mover_power", "acting_share", "both_ways_share")
-        check_numbers(self, shares=(*shares, "slow_share", "moving_share", "always_share"))
+        shares = ("acting_share", "slow_share", "moving_share", "always_share")
+        check_numbers(self, shares=("mover_ratio", *shares))
 
 
 @dataclass(frozen=True, kw_only=True)

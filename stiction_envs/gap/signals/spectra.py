@@ -238,7 +238,7 @@ def _motion(
     each = power.sum(axis=0)
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
-    movers = np.flatnonzero(each >= thresholds.mover_power * each.max())
+    movers = np.flatnonzero(each >= thresholds.mover_ratio**2 * each.max())
     end = float(f[order][np.searchsorted(total, s.motion_share * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

@@ -68,7 +68,7 @@ def signs(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> li
                     out.append(_sign(number, j, load, torque, True, s))
                 continue
             there, back = (side > s.clear_direction), (side < -s.clear_direction)
-            if min(there.mean(), back.mean()) > motion.both_ways_share:
+            if min(there.mean(), back.mean()) > motion.moving_share:
                 other = np.stack([one, rigid[:, j], ddq[:, j]], axis=1)
                 side, torque = without(side, other), without(tau[:, j], other)
                 size = abs(float(side @ torque)) / float(side @ side)
