@@ -122,7 +122,7 @@ def diagnose(
     }
     if of_tables:
         files = [x for x in given if isinstance(x, str | Path)]
-        return diagnose_files(files, arm, judged, progress=progress, **shared)
+        return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
     found = diagnose_logs(
         _read(given, poses, arm, own.measured),
         arm,

@@ -29,14 +29,6 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import ARMS, load_arm
 
 Array = NDArray[np.float64]
-LEAST_BRISTLE = 1.0
-"""Softest bristle that is assumed [N·m/rad]."""
-MOST_DAMPED = 1.0
-"""Largest damping ratio of a bristle that is carried over [-]; assumed."""
-STIFFEST = 0.1
-"""Bristle stiffness over inertia/timestep² at most [-]: a twentieth of what chatters."""
-POSES = 200
-"""Poses of the logs in which the inertia of joints is looked up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,7 +148,7 @@ def load_model(path: str | Path, robot: str | Path | None = None) -> StickingMod
 
 def _poses(data: Data) -> Array:
     """Return poses of the logs and the arm's rest, spread evenly."""
-    step = max(1, len(data.q) // POSES)
+    step = max(1, len(data.q) // data.settings.extended_model.poses)
     return np.vstack([data.arm.rest, data.q[::step]])
 
 
@@ -164,7 +156,7 @@ def _friction(
     draft: ModelDraft, data: Data, base: FrictionParameters | None, inertia: Array
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
-    coulomb = np.maximum(draft.coulomb, LEAST_FRICTION)
+    s, coulomb = data.settings.extended_model, np.maximum(draft.coulomb, LEAST_FRICTION)
     stiction = np.maximum(draft.stiction, coulomb)
     for j in np.flatnonzero((draft.coulomb < 0).any(axis=1) | (draft.viscous < 0).any(axis=1)):
         text = f"friction of joint {j + 1} came out negative: zero stands"
@@ -172,9 +164,9 @@ def _friction(
         draft.not_in_tables.append(text)
     ratio = np.clip(coulomb / stiction, 1e-3, 1.0)
     carried = np.where(np.isfinite(draft.spring), draft.rotor, draft.rotor + inertia)
-    most = STIFFEST * carried / TIMESTEP**2
+    most = s.stiffest * carried / TIMESTEP**2
     distance = data.friction.presliding_distance
-    soft = np.maximum(coulomb.mean(axis=1) / distance, LEAST_BRISTLE)
+    soft = np.maximum(coulomb.mean(axis=1) / distance, s.least_bristle)
     bristle = np.where(np.isnan(draft.bristle), soft, draft.bristle)
     for j in np.flatnonzero(~np.isnan(draft.bristle) & (bristle > most)):
         text = f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still"
@@ -204,7 +196,7 @@ def _friction(
         # ours grows stiction, of which Coulomb friction is a part; the cause is of Coulomb's
         "load_coefficient": values.get("load_coefficient", zero) + draft.load / ratio.mean(axis=1),
         "bristle_stiffness": np.clip(bristle, 1e-3, most),
-        "bristle_damping_ratio": np.clip(damping, 0.0, MOST_DAMPED),
+        "bristle_damping_ratio": np.clip(damping, 0.0, s.most_damped),
         "rotor_inertia": np.maximum(draft.rotor, 0.0),
         "joint_stiffness": draft.spring,
         "ripple_amplitude": draft.ripple[:, 0],

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import check_numbers, load_settings
 
@@ -313,6 +314,23 @@ class ForwardSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ExtendedModelSettings:
+    """Bristles that a step of the simulation can hold."""
+
+    least_bristle: float
+    """Softest bristle that is assumed [N·m/rad]."""
+    most_damped: float
+    """Largest damping ratio of a bristle that is carried over [-]."""
+    stiffest: float
+    """Bristle stiffness over inertia/timestep² at most [-]: a twentieth of what chatters."""
+    poses: int
+    """Poses of the logs in which the inertia of joints is looked up."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class LeastSquaresSettings:
     """What breaks the thesis's lines."""
 
@@ -362,8 +380,12 @@ class GapSettings:
     """When nothing is left to explain."""
     forward: ForwardSettings
     """Both models in simulation."""
+    extended_model: ExtendedModelSettings
+    """What was found as a model."""
     least_squares: LeastSquaresSettings
     """The thesis's lines."""
+    tables: TableSettings
+    """Torque tables."""
     causes: Mapping[str, Any] = field(default_factory=dict)
     """Those of the causes, by name: each is a frozen dataclass in the cause's own file."""
 

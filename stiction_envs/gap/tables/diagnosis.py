@@ -37,7 +37,7 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.tables.cells import Cell
 from stiction_envs.gap.tables.evidence import DYNAMIC, Readings, WholeArm
-from stiction_envs.gap.tables.hypotheses import LEAST_GAIN, Fit, Hypothesis, Model
+from stiction_envs.gap.tables.hypotheses import Fit, Hypothesis, Model
 from stiction_envs.gap.tables.noise import losses
 from stiction_envs.gap.tables.sentences import (
     ELSE,
@@ -48,38 +48,12 @@ from stiction_envs.gap.tables.sentences import (
     evidence_of,
     parameters_of,
 )
+from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.measured import BaseTable
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-ANCHORS = {
-    "low_pass": (0.4, 2.5),
-    "rotor_inertia": (0.5, 2.0),
-    "presliding": (0.4, 2.5),
-    "friction_level": (0.87, 1.15),
-}
-"""Factors at which joints are simulated that the lone joint does not explain."""
-MOST_CAUSES = 12
-"""Statements taken on at most."""
-RIVAL = 0.6
-"""Share of the best gain from which a rival is simulated with the whole arm too [-]."""
-ALIKE_NATS, ALIKE = 6.0, 0.1
-"""Two causes are confused if the gain of one is within this of the other's: 400 to 1, or that share
-of the gain, which is how well the lone joint follows the arm."""
-CORRUPTED_SD, CORRUPTED = 6.0, 0.1
-"""A reading is corrupted if it is this many sd and this share of the friction off; assumed."""
-CORRUPTED_SHARE = 0.05
-"""More corrupted readings than this are no bad readings but a bad model [-]; assumed."""
-LEAST_BLOCKS = 3
-"""Blocks of (frequency, scale) from which anything can be told."""
-MODEL_SD = 0.005
-"""What a level shift of the lone joint differs from the whole arm's, over friction [-]; measured by
-simulation: 0.003 to 0.008 for the Panda's joints 5 and 7."""
-UNEXPLAINED = 2.5
-"""Mean square of what is left over noise from which a joint counts as not explained [-]: readings
-are normal, but their noise is only known to a fifth."""
-DOUBTFUL = 0.8
-"""Share of that from which a joint is simulated more closely."""
 
 
 def diagnose_tables(
@@ -93,6 +67,7 @@ def diagnose_tables(
     whole: WholeArm | None = None,
     nthread: int = 0,
     progress: Callable[[str], None] | None = None,
+    settings: TableSettings | Changes | None = None,
 ) -> TableDiagnosis:
     """Say what a simulation gets wrong about measured breakaway torques.
 
@@ -107,9 +82,10 @@ def diagnose_tables(
             simulated again. The result is the same.
         nthread: threads of the simulation, 0 for all processors.
         progress: called with a line on what is being done.
+        settings: constants of the method that differ from ``[tables]`` of ``settings.toml``.
 
     Raises:
-        StictionError: tables of another arm.
+        StictionError: tables of another arm, or settings that are none.
     """
     if base.n_joints != arm.n:
         raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
@@ -121,22 +97,23 @@ def diagnose_tables(
         whole = WholeArm(
             arm, nominal_friction, interface=interface, protocol=protocol, nthread=nthread
         )
+    own = override(table_settings(), settings)
     tell = progress or (lambda _: None)
     readings = Readings(base, cells)
     joints = tuple(readings.joints)
-    if len(readings.blocks) - 1 < LEAST_BLOCKS:
+    if len(readings.blocks) - 1 < own.verdict.least_blocks:
         return _cannot_tell(
             arm.name, joints, f"{max(0, len(readings.blocks) - 1)} frequencies and scales of "
-            f"dithered torques: at least {LEAST_BLOCKS} are needed to hold one out"
+            f"dithered torques: at least {own.verdict.least_blocks} are needed to hold one out"
         )  # fmt: skip
     tell("simulating the nominal arm")
-    nominal = Model(readings, whole, base)
+    nominal = Model(readings, whole, base, own)
     if not np.isfinite(nominal.noise).all():
         bad = sorted({int(j) for j in readings.joint[~np.isfinite(nominal.noise)]})
         return _cannot_tell(arm.name, joints, f"too few dithered torques of joints {bad}")
     model = _select(nominal, tell)
     bad_readings = _corrupted(model)
-    poor = _unexplained(model, bad_readings, DOUBTFUL)
+    poor = _unexplained(model, bad_readings, own.verdict.doubtful)
     if poor:
         tell(f"simulating joints {', '.join(map(str, poor))} at more values")
         _anchor(nominal, poor)
@@ -164,28 +141,29 @@ def _cannot_tell(robot: str, joints: tuple[int, ...], reason: str) -> TableDiagn
 def _select(model: Model, tell: Callable[[str], None]) -> Model:
     """Take statements on while the best one's held-out gain stands against noise."""
     refused: set[Hypothesis] = set()
-    for _ in range(MOST_CAUSES):
+    s = model.settings.verdict
+    for _ in range(s.most_causes):
         null = {j: model.held_now((j,)) for j in model.readings.joints}
-        fits = _fits(model, null, refused)
-        if not fits or fits[0][0] < LEAST_GAIN:
+        fits = _fits(model, null, refused, s.least_gain)
+        if not fits or fits[0][0] < s.least_gain:
             break
         best = fits[0]
         tell(f"trying {best[1].hypothesis.name} on joints {best[1].hypothesis.joints}")
         gain, chosen = _arbitrate(model, null, fits)
-        if gain < LEAST_GAIN:
+        if gain < s.least_gain:
             refused.add(best[1].hypothesis)
             continue
         model = chosen
         model.set_noise()
         for h in list(model.values)[:-1]:
-            if _lost(model, (h,)) < LEAST_GAIN:
+            if _lost(model, (h,)) < s.least_gain:
                 model.drop((h,))
                 refused.add(h)
     return model
 
 
 def _fits(
-    model: Model, null: Mapping[int, float], refused: set[Hypothesis], enough: float = LEAST_GAIN
+    model: Model, null: Mapping[int, float], refused: set[Hypothesis], enough: float
 ) -> list[tuple[float, Fit]]:
     """Return held-out gains [nats] of what could be taken on, best first; −inf for too little."""
     out = []
@@ -205,7 +183,7 @@ def _arbitrate(
     rivals = [best] + [
         f
         for g, f in fits[1:]
-        if g > RIVAL * best_gain
+        if g > model.settings.verdict.rival * best_gain
         and set(f.hypothesis.joints) & set(best.hypothesis.joints)
         and (f.hypothesis.name in DYNAMIC or best.hypothesis.name in DYNAMIC)
     ]
@@ -232,10 +210,10 @@ def _without(model: Model, some: tuple[Hypothesis, ...]) -> Model:
 
 def _corrupted(model: Model) -> list[int]:
     """Return the readings that nothing explains, the worst first."""
-    r, z = model.readings, model.left_over()
+    r, z, s = model.readings, model.left_over(), model.settings.verdict
     error = z * model.noise
     found = []
-    for i in np.flatnonzero((np.abs(z) > CORRUPTED_SD) & (np.abs(error) > CORRUPTED)):
+    for i in np.flatnonzero((np.abs(z) > s.corrupted_sd) & (np.abs(error) > s.corrupted)):
         near = r.joint == r.joint[i]
         alike = [w == r.all[i].where for w in (x.where for x in r.all)]
         rest = error[i]
@@ -245,9 +223,9 @@ def _corrupted(model: Model) -> list[int]:
             if others.any():
                 # what its configuration or its block does as a whole is no bad reading
                 rest = min(rest, error[i] - np.median(error[others]), key=abs)
-        if abs(rest) > max(CORRUPTED, CORRUPTED_SD * model.noise[i]):
+        if abs(rest) > max(s.corrupted, s.corrupted_sd * model.noise[i]):
             found.append(int(i))
-    if len(found) > max(1, CORRUPTED_SHARE * len(z)):
+    if len(found) > max(1, s.corrupted_share * len(z)):
         return []
     return sorted(found, key=lambda i: -abs(z[i]))
 
@@ -283,7 +261,7 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
                 joints=(int(r.joint[i]),),
                 parameters={},
                 gain_percent=full - _percent(before, _errors(model, others)),
-                gain_nats=float(losses(model.left_over(), r.base)[i]),
+                gain_nats=float(losses(model.left_over(), r.base, model.settings.noise)[i]),
                 evidence=bad_reading(i, model),
                 confused_with={"base_drift": TOLD_APART["base_drift"]["corrupted_cell"]}
                 if r.base[i]
@@ -327,7 +305,8 @@ def _confused(
 ) -> dict[str, str]:
     """Return what would have predicted the held-out blocks as well, and what would tell."""
     null = {j: without.held_now((j,)) for j in without.readings.joints}
-    least = gain - max(ALIKE_NATS, ALIKE * gain)
+    s = without.settings.verdict
+    least = gain - max(s.alike_nats, s.alike_share * gain)
     # of several joints, what little each gains may add up
     enough = 1.0 if len(joints) > 1 else max(least, 1.0)
     best: dict[str, dict[tuple[int, ...], float]] = {}
@@ -338,7 +317,7 @@ def _confused(
         known = best.setdefault(h.name, {})
         if h.joints in known:
             continue
-        if h.name in DYNAMIC and g > RIVAL * gain and len(joints) == len(h.joints):
+        if h.name in DYNAMIC and g > s.rival * gain and len(joints) == len(h.joints):
             trial = without.copy()
             g = sum(null[j] for j in h.joints) - trial.take(h, fit.x).held
         known[h.joints] = g
@@ -369,9 +348,9 @@ def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
 
 def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, float]:
     """Return the joints of which too much is left over: its mean square over noise."""
-    r = model.readings
+    r, s = model.readings, model.settings.verdict
     # what lone joint and whole arm differ by is not for a cause to explain
-    z = model.left_over() * model.noise / np.hypot(model.noise, MODEL_SD)
+    z = model.left_over() * model.noise / np.hypot(model.noise, s.model_sd)
     good = np.ones(len(z), dtype=bool)
     good[bad] = False
     out = {}
@@ -382,14 +361,14 @@ def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, 
         blocks = [z[mine & (r.block == b)] for b in np.unique(r.block[mine])]
         common = float(np.mean([b.mean() ** 2 * len(b) for b in blocks]))
         by_chance = float(chi2.ppf(0.999, len(blocks))) / len(blocks)
-        if size > share * UNEXPLAINED or common > share * max(UNEXPLAINED, by_chance):
+        if size > share * s.unexplained or common > share * max(s.unexplained, by_chance):
             out[j] = max(size, common)
     return out
 
 
 def _anchor(model: Model, joints: Iterable[int]) -> None:
     """Simulate joints with the whole arm at more values of what the lone joint predicts."""
-    for name, factors in ANCHORS.items():
+    for name, factors in dataclasses.asdict(model.settings.anchors).items():
         for factor in factors:
             states = {}
             for j in joints:

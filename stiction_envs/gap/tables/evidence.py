@@ -32,27 +32,20 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.friction.parameters import FrictionParameters, bristle_damping
 from stiction_envs.gap.tables.cells import Cell
 from stiction_envs.gap.tables.model import Bench, JointTables
+from stiction_envs.gap.tables.settings import StatementSettings
 from stiction_envs.measured import BaseTable
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-LEVELS = np.log(np.geomspace(0.5, 2.0, 9))
-"""Knots of the logarithm of the friction level."""
-DYNAMIC: dict[str, tuple[float, float]] = {
-    "low_pass": (8.0, 1000.0),
-    "rotor_inertia": (0.2, 5.0),
-    "presliding": (0.1, 10.0),
-}
-"""Statements that only a simulation can follow, and their range: cut-off [Hz], factors [-]."""
+DYNAMIC = ("low_pass", "rotor_inertia", "presliding")
+"""Statements that only a simulation can follow; their ranges are in `StatementSettings`."""
 Column = tuple[float, float, float, float]
 """(stiction, link inertia, dither frequency, amplitude)."""
 FIELD = {"rotor_inertia": "rotor_inertia", "presliding": "bristle_stiffness"}
 SCALED = {**{n: (f,) for n, f in FIELD.items()}, "friction_level": ("stiction", "load_coefficient")}
 """Friction parameters that a state multiplies."""
-KNOTS = 21
-"""Values at which the lone joint is simulated per dynamic statement."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +161,7 @@ class WholeArm:
         self.protocol = load_protocol(arm.name) if protocol is None else protocol
         self.poses = find_poses(arm)
         self._known: dict[tuple[State, Job], float] = {}
-        self._lone: dict[tuple[State, tuple[Job, ...]], LoneJoint] = {}
+        self._lone: dict[tuple[State, tuple[Job, ...], StatementSettings], LoneJoint] = {}
 
     @property
     def nominal(self) -> State:
@@ -179,11 +172,13 @@ class WholeArm:
         """Return (jobs,) readings [N·m] that were simulated."""
         return np.array([self._known[state, job] for job in jobs])
 
-    def lone(self, state: State, jobs: Sequence[Job], bench: Bench) -> LoneJoint:
+    def lone(
+        self, state: State, jobs: Sequence[Job], bench: Bench, settings: StatementSettings
+    ) -> LoneJoint:
         """Return the lone joint of the jobs of a joint, about a state."""
-        key = state, tuple(jobs)
+        key = state, tuple(jobs), settings
         if key not in self._lone:
-            self._lone[key] = LoneJoint(jobs, bench, state)
+            self._lone[key] = LoneJoint(jobs, bench, state, settings)
         return self._lone[key]
 
     def simulate(self, wanted: Sequence[tuple[State, Sequence[Job]]]) -> None:
@@ -245,14 +240,18 @@ class _Columns(JointTables):
 class LoneJoint:
     """How the readings of a joint answer to each statement, about one state."""
 
-    def __init__(self, jobs: Sequence[Job], bench: Bench, state: State) -> None:
+    def __init__(
+        self, jobs: Sequence[Job], bench: Bench, state: State, settings: StatementSettings
+    ) -> None:
         """Simulate the lone joint.
 
         Args:
             jobs: of one joint.
             bench: of the nominal arm.
             state: about which.
+            settings: values that are simulated.
         """
+        self._settings = settings
         self.state, joint, b = state, jobs[0].configuration.joint, bench
         j, poses = joint - 1, [job.configuration.index[1] for job in jobs]
         link = [float(b.link[j, k]) for k in poses]
@@ -271,10 +270,12 @@ class LoneJoint:
         tau = columns.readings(population)
         sizes = np.cumsum([1] + [len(k) for k in self.knots.values()])
         self.tables = {n: tau[a:z] for n, a, z in zip(DYNAMIC, sizes[:-1], sizes[1:], strict=True)}
-        scaled = [(f * key[0], *key[1:]) for f in np.exp(LEVELS).tolist() for key in keys]
+        low, high = settings.friction_level
+        levels = np.log(np.geomspace(low, high, settings.level_knots))
+        scaled = [(f * key[0], *key[1:]) for f in np.exp(levels).tolist() for key in keys]
         flat = _Columns(joint, b, scaled).readings([self._parameters(here)])
-        self.tables["friction_level"] = flat.reshape(len(LEVELS), -1)
-        self.knots["friction_level"] = LEVELS
+        self.tables["friction_level"] = flat.reshape(len(levels), -1)
+        self.knots["friction_level"] = levels
 
     def anchored(self, known: Mapping[State, Array]) -> LoneJoint:
         """Return predictions corrected by what the whole arm does, at its states and between.
@@ -316,12 +317,12 @@ class LoneJoint:
         self, name: str, here: Mapping[str, float], bench: Bench, j: int, link: float
     ) -> Array:
         """Return the logarithms of the values that are simulated: those that do not chatter."""
-        low, high = DYNAMIC[name]
-        x = np.linspace(np.log(low), np.log(high), KNOTS)
+        low, high = getattr(self._settings, name)
+        x = np.linspace(np.log(low), np.log(high), self._settings.knots)
         if name == "low_pass":
             return x
         value = {n: self.nominal[n] * (np.exp(x) if n == name else here[n]) for n in FIELD}
-        one = np.ones(KNOTS)
+        one = np.ones(len(x))
         inertia = value["rotor_inertia"] * one + (0.0 if bench.friction.elastic[j] else link)
         zeta = float(bench.friction.bristle_damping_ratio[j]) * one
         sigma1 = bristle_damping(value["presliding"] * one, zeta, inertia, 1e-3)
@@ -337,11 +338,12 @@ class LoneJoint:
 
     def level_shift(self, x: Array) -> Array:
         """Return (m, rows) change of the readings [N·m] for log factors x (m, rows) on friction."""
-        at, table = np.interp(x, LEVELS, np.arange(len(LEVELS))), self.tables["friction_level"]
-        i = np.minimum(at.astype(int), len(LEVELS) - 2)
+        levels, table = self.knots["friction_level"], self.tables["friction_level"]
+        at = np.interp(x, levels, np.arange(len(levels)))
+        i = np.minimum(at.astype(int), len(levels) - 2)
         t, column = at - i, np.arange(x.shape[1])
         tau = (1 - t) * table[i, column] + t * table[i + 1, column]
-        return np.asarray(tau - table[len(LEVELS) // 2])
+        return np.asarray(tau - table[len(levels) // 2])
 
 
 def _between(table: Array, at: Array) -> Array:

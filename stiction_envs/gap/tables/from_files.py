@@ -15,6 +15,7 @@ from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.tables.cells import Cell
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.save import TableResult
+from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.measured.tables import our_name
@@ -119,6 +120,7 @@ def diagnose_files(
     provenance: dict[str, Any],
     nthread: int = 0,
     progress: Callable[[str, float], None] | None = None,
+    settings: TableSettings | None = None,
 ) -> TableResult:
     """Say what a simulation gets wrong about torque tables.
 
@@ -131,6 +133,7 @@ def diagnose_files(
         provenance: of the run.
         nthread: threads, 0 for all processors.
         progress: called with a stage and 0.
+        settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
         StictionError: tables that cannot be read or are of another arm, or a nominal arm without
@@ -145,7 +148,13 @@ def diagnose_files(
     friction = friction_of(arm, nominal.friction)
     say = progress or (lambda *_: None)
     found = diagnose_tables(
-        base, cells, arm, friction, nthread=nthread, progress=lambda text: say(text, 0.0)
+        base,
+        cells,
+        arm,
+        friction,
+        nthread=nthread,
+        progress=lambda text: say(text, 0.0),
+        settings=settings,
     )
     return TableResult(
         diagnosis=found,

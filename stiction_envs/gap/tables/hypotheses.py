@@ -25,6 +25,7 @@ from stiction_envs.gap.tables.evidence import (
 )
 from stiction_envs.gap.tables.model import Bench
 from stiction_envs.gap.tables.noise import levelled, losses, noise_of
+from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.measured import BaseTable
 
 Array = NDArray[np.float64]
@@ -34,17 +35,6 @@ LEVEL = ("friction_level", "base_drift")
 """Statements that scale friction: on both days, on the day of the dithered torques."""
 ADDED = ("torque_offset", "gravity_error")
 """Statements that add a torque."""
-FACTOR = (0.5, 2.0)
-"""Range of a friction level over the nominal one [-]."""
-MOST_ADDED = 0.8
-"""Largest added torque and asymmetry over friction [-]."""
-MOST_GRAVITY_ERROR = 0.5
-"""Largest error of the gravity model [-]; assumed: beyond it is another arm."""
-COARSE, FINE = 61, 41
-"""Values of the unknown that are tried: over its range, and about the best."""
-LEAST_GAIN = 8.0
-"""Held-out gain from which a statement stands against noise [nats]: 4 sd, for some hundred
-statements that are tried."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +75,23 @@ class Fit:
 class Model:
     """Nominal arm, the hypotheses taken on so far, and the readings."""
 
-    def __init__(self, readings: Readings, whole: WholeArm, base: BaseTable) -> None:
+    def __init__(
+        self,
+        readings: Readings,
+        whole: WholeArm,
+        base: BaseTable,
+        settings: TableSettings | None = None,
+    ) -> None:
         """Simulate the nominal arm.
 
         Args:
             readings: N of them.
             whole: the arm.
             base: base torques.
+            settings: constants of the method; None for those of ``settings.toml``.
         """
         self.readings, self.whole = readings, whole
+        self.settings = settings or table_settings()
         bench = Bench.of(whole.arm, base, whole.friction)
         self.bench = bench.replace(interface=whole.interface, protocol=whole.protocol)
         self.loads = whole.poses.signed
@@ -128,7 +126,7 @@ class Model:
 
     def set_noise(self) -> None:
         """Find the noise again, from the residual of the present state."""
-        self.noise = noise_of(self.readings, self.residual())
+        self.noise = noise_of(self.readings, self.residual(), self.settings.noise)
 
     def copy(self) -> Model:
         """Return a model that can be changed on its own; simulations are shared."""
@@ -144,7 +142,9 @@ class Model:
         if key not in self._lone:
             jobs = self.readings.jobs(joint)
             known = {s: self.whole.torques(s, jobs) for s in seen}
-            self._lone[key] = self.whole.lone(state, jobs, self.bench).anchored(known)
+            self._lone[key] = self.whole.lone(
+                state, jobs, self.bench, self.settings.statements
+            ).anchored(known)
         return self._lone[key]
 
     def hypotheses(self) -> Iterator[Hypothesis]:
@@ -168,22 +168,23 @@ class Model:
         """Return the x at which a hypothesis says nothing new."""
         if h.name not in DYNAMIC:
             return 0.0
-        low, high = DYNAMIC[h.name]
+        low, high = getattr(self.settings.statements, h.name)
         value = getattr(self.states[h.joints[0]], h.name)
         return float(np.log(np.clip(value, low, high)))
 
     def span(self, h: Hypothesis) -> tuple[float, float]:
         """Return the range of x."""
+        s = self.settings.statements
         if h.name in DYNAMIC:
             knots = [self.lone(j).knots[h.name] for j in h.joints]
             return max(float(k[0]) for k in knots), min(float(k[-1]) for k in knots)
         if h.name in LEVEL:
-            return float(np.log(FACTOR[0])), float(np.log(FACTOR[1]))
+            return float(np.log(s.friction_level[0])), float(np.log(s.friction_level[1]))
         rows = self.readings.of(h.where)
-        most = MOST_ADDED * float(self.unit[rows].min())
+        most = s.most_added * float(self.unit[rows].min())
         if h.name == "gravity_error":
             load = float(np.abs(self.loads[h.joints[0] - 1]).max())
-            most = min(most / max(load, 1e-9), MOST_GRAVITY_ERROR)
+            most = min(most / max(load, 1e-9), s.most_gravity_error)
         return -most, most
 
     def predict(
@@ -262,8 +263,8 @@ class Model:
         r = self.readings
         _, level = np.unique(r.level[rows], return_inverse=True)
         shift = r.sign[rows] / self.noise[rows]
-        left, cost = levelled(z, slope, shift, level, r.base[rows], used)
-        each = losses(left, r.base[rows])
+        left, cost = levelled(z, slope, shift, level, r.base[rows], used, self.settings.noise)
+        each = losses(left, r.base[rows], self.settings.noise)
         return each @ used.astype(float) + cost, cost, each
 
     def left_over(self) -> Array:
@@ -271,7 +272,8 @@ class Model:
         r = self.readings
         rows, every = np.arange(len(r.all)), np.ones(len(r.all), dtype=bool)
         z, slope = self.scaled(rows, self.values, None, np.zeros(1))
-        return levelled(z, slope, r.sign / self.noise, r.level, r.base, every)[0][0]
+        noise = self.settings.noise
+        return levelled(z, slope, r.sign / self.noise, r.level, r.base, every, noise)[0][0]
 
     def held_now(self, joints: tuple[int, ...]) -> float:
         """Return the held-out loss of some joints, only friction levels held out [nats]."""
@@ -327,9 +329,9 @@ class Model:
             enough: held-out trials are skipped if even with all readings used less is gained than
                 this against saying nothing [nats].
         """
-        rows = self.readings.of_joints(h.joints)
+        rows, s = self.readings.of_joints(h.joints), self.settings.statements
         low, high = self.span(h)
-        coarse = np.linspace(low, high, COARSE)
+        coarse = np.linspace(low, high, s.coarse)
         # saying nothing is always among what is tried
         coarse = np.unique(np.append(coarse, np.clip(self.neutral(h), low, high)))
         every = np.ones(len(rows), dtype=bool)
@@ -340,8 +342,8 @@ class Model:
         if total[nothing] - total[best] < enough:
             return Fit(hypothesis=h, x=float(coarse[best]), low=low, high=high, on_bound=False,
                        loss=float(total[best]), held=np.inf, left_out={})  # fmt: skip
-        step = (high - low) / (COARSE - 1)
-        near = coarse[best] + np.linspace(-2 * step, 2 * step, FINE)
+        step = (high - low) / (s.coarse - 1)
+        near = coarse[best] + np.linspace(-2 * step, 2 * step, s.fine)
         x = np.unique(np.concatenate([coarse, near[(near >= low) & (near <= high)]]))
         z, slope = self.scaled(rows, self.values, h, x)
         total, cost, _ = self._profile(rows, z, slope, every)

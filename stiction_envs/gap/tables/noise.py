@@ -17,29 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.tables.evidence import Readings
+from stiction_envs.gap.tables.settings import ReadingNoiseSettings, table_settings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-FREEDOM = 4.0
-"""Degrees of freedom of Student's t for dithered torques [-]; assumed."""
-HUBER = 4.0
-"""Where the loss of a base torque turns linear [sd]; assumed."""
-LEVEL_SD = 0.03
-"""How far a calibrated friction level may be off [-]; assumed: three times what four iterations of
-2 % scatter leave."""
-OFFSET_SD = 0.01
-"""How far a calibrated offset may be off, over friction [-]; assumed: what four iterations of 2 %
-scatter leave."""
-BASE_SD = 0.01
-"""Least noise of a base torque over friction [-]; assumed: what four iterations of 2 % scatter
-leave. A single base torque has no neighbours to tell its noise from."""
-LEAST_SD = 0.004
-"""Least noise of a reading over friction [-]: what one ramp per cell without scatter differs from
-the mean over dither phases and poses (joint 7, 80 Hz); measured by simulation."""
 
 
-def noise_of(readings: Readings, residual: Array) -> Array:
+def noise_of(
+    readings: Readings, residual: Array, settings: ReadingNoiseSettings | None = None
+) -> Array:
     """Return (N,) standard deviation of a reading, per joint, from what no effect can explain.
 
     An effect moves all four configurations of a joint alike, or all blocks of a configuration.
@@ -50,7 +37,9 @@ def noise_of(readings: Readings, residual: Array) -> Array:
     Args:
         readings: N of them.
         residual: (N,) over friction [-].
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    s = settings or table_settings().noise
     rng = np.random.default_rng(0)
     found: dict[int, float] = {}
     for joint in readings.joints:
@@ -88,8 +77,8 @@ def noise_of(readings: Readings, residual: Array) -> Array:
         pooled = float(np.median(list(found.values())))
         for joint in readings.joints:
             mixed = np.sqrt((2 * found.get(joint, pooled) ** 2 + pooled**2) / 3)
-            out[readings.of_joints([joint])] = max(float(mixed), LEAST_SD)
-        out[readings.base] = np.maximum(out[readings.base], BASE_SD)
+            out[readings.of_joints([joint])] = max(float(mixed), s.least_sd)
+        out[readings.base] = np.maximum(out[readings.base], s.base_sd)
     return out
 
 
@@ -113,20 +102,28 @@ def _size(values: Array) -> float:
     return float(np.sqrt((np.clip(values, -edge, edge) ** 2).mean()))
 
 
-def losses(z: Array, base: Mask) -> Array:
+def losses(z: Array, base: Mask, settings: ReadingNoiseSettings) -> Array:
     """Return minus log likelihood of residuals over noise, up to a constant [nats].
 
     Args:
         z: (..., N).
         base: (N,) which are base torques.
+        settings: constants of the method.
     """
-    a = np.abs(z)
-    student = (FREEDOM + 1) / 2 * np.log1p(z * z / FREEDOM)
-    return np.where(base, np.where(a < HUBER, z * z / 2, HUBER * (a - HUBER / 2)), student)
+    a, freedom, huber = np.abs(z), settings.freedom, settings.huber
+    student = (freedom + 1) / 2 * np.log1p(z * z / freedom)
+    return np.where(base, np.where(a < huber, z * z / 2, huber * (a - huber / 2)), student)
 
 
 def levelled(
-    z: Array, slope: Array, shift: Array, level: Index, base: Mask, used: Mask, rounds: int = 8
+    z: Array,
+    slope: Array,
+    shift: Array,
+    level: Index,
+    base: Mask,
+    used: Mask,
+    settings: ReadingNoiseSettings | None = None,
+    rounds: int = 8,
 ) -> tuple[Array, Array]:
     """Return residuals (m, N) after friction levels and offsets are adjusted, and that cost (m,).
 
@@ -137,23 +134,26 @@ def levelled(
         level: (N,) which level and offset a reading has, from 0.
         base: (N,) which are base torques.
         used: (N,) which readings the adjustment may look at.
+        settings: constants of the method; None for those of ``settings.toml``.
         rounds: of iteratively reweighted least squares.
     """
+    s = settings or table_settings().noise
+    freedom, huber = s.freedom, s.huber
     which = (level[:, None] == np.arange(int(level.max()) + 1)).astype(float)  # (N, levels)
     left, cost = z, np.zeros(len(z))
     for _ in range(rounds):
         a = np.abs(left)
-        weight = np.where(base, HUBER / np.maximum(a, HUBER), (FREEDOM + 1) / (FREEDOM + a * a))
+        weight = np.where(base, huber / np.maximum(a, huber), (freedom + 1) / (freedom + a * a))
         weight = weight * used
         # two unknowns per level: normal equations with the priors on their diagonal
-        aa = (weight * slope**2) @ which + LEVEL_SD**-2
-        bb = (weight * shift**2) @ which + OFFSET_SD**-2
+        aa = (weight * slope**2) @ which + s.level_sd**-2
+        bb = (weight * shift**2) @ which + s.offset_sd**-2
         ab = (weight * slope * shift) @ which
         za, zb = (weight * z * slope) @ which, (weight * z * shift) @ which
         determinant = aa * bb - ab * ab
         relative = (bb * za - ab * zb) / determinant
         offset = (aa * zb - ab * za) / determinant
         left = z - (relative @ which.T) * slope - (offset @ which.T) * shift
-        cost = (relative**2).sum(axis=1) / (2 * LEVEL_SD**2)
-        cost = cost + (offset**2).sum(axis=1) / (2 * OFFSET_SD**2)
+        cost = (relative**2).sum(axis=1) / (2 * s.level_sd**2)
+        cost = cost + (offset**2).sum(axis=1) / (2 * s.offset_sd**2)
     return left, cost

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.tables import diagnosis as table_causes
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.evidence import Readings, WholeArm
-from stiction_envs.gap.tables.noise import levelled, noise_of
+from stiction_envs.gap.tables.noise import levelled, losses, noise_of
 from stiction_envs.gap.tables.sentences import TOLD_APART, VERDICTS
+from stiction_envs.gap.tables.settings import table_settings
 from stiction_envs.robots import load_arm
 from stiction_envs.testing.hidden_tables import Truth, nominal, protocol, tables
 
@@ -31,9 +31,9 @@ def diagnose():
     arm = load_arm("panda")
     whole = WholeArm(arm, nominal(), protocol=protocol())
 
-    def run(tables):
+    def run(tables, settings=None):
         base, cells = tables
-        return diagnose_tables(base, cells, arm, whole=whole)
+        return diagnose_tables(base, cells, arm, whole=whole, settings=settings)
 
     return run
 
@@ -194,9 +194,8 @@ def test_two_causes_on_two_joints(diagnose):
     assert sum(c.gain_percent for c in found.causes) == pytest.approx(found.gain_percent, abs=2.0)
 
 
-def test_what_no_cause_explains_is_not_explained(diagnose, monkeypatch):
+def test_what_no_cause_explains_is_not_explained(diagnose):
     """One block 15 % off, at the frequency where dither does least."""
-    monkeypatch.setattr(table_causes, "ANCHORS", {})
     base, cells = tables([7], seed=1)
     cells = [
         dataclasses.replace(c, row=dataclasses.replace(c.row, tau_sje_nm=1.15 * c.row.tau_sje_nm))
@@ -204,7 +203,8 @@ def test_what_no_cause_explains_is_not_explained(diagnose, monkeypatch):
         else c
         for c in cells
     ]
-    found = diagnose((base, cells))
+    none = dict.fromkeys(("low_pass", "rotor_inertia", "presliding", "friction_level"), ())
+    found = diagnose((base, cells), {"anchors": none})
     assert found.verdict == "cannot tell"
     assert found.causes == ()
     assert "joint 7" in found.reason
@@ -226,6 +226,28 @@ def test_too_few_settings_say_nothing(diagnose):
     assert found.verdict == "cannot tell"
     assert "2 frequencies and scales" in found.reason
     json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_a_changed_constant_is_felt(diagnose):
+    hidden = tables(JOINTS, Truth(joint=5, day=1.12), seed=1)
+    assert diagnose(hidden, {"verdict.least_gain": 1e6}).causes == ()
+    narrow = diagnose(hidden, {"statements.friction_level": [0.95, 1.05]})
+    first = narrow.causes[0].parameters["factor"]
+    assert first.value == pytest.approx(1.05)
+    assert first.on_bound
+    with pytest.raises(StictionError, match=r"verdict\.gain: no such setting: expected one of lea"):
+        diagnose(hidden, {"verdict.gain": 1.0})
+
+
+def test_constants_of_noise_are_felt():
+    z, base = np.array([0.5, 3.0, 9.0]), np.array([True, True, False])
+    s = table_settings().noise
+    usual = losses(z, base, s)
+    strict = losses(z, base, dataclasses.replace(s, huber=1.0))
+    assert strict[[0, 2]] == pytest.approx(usual[[0, 2]])
+    assert (usual[1], strict[1]) == pytest.approx((4.5, 2.5))
+    normal = losses(z, base, dataclasses.replace(s, freedom=1e9))
+    assert (usual[2], normal[2]) == pytest.approx((2.5 * np.log1p(81 / 4), 40.5), rel=1e-3)
 
 
 def test_tables_of_another_arm_are_refused():
