@@ -27,12 +27,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.blind_logs import FIRST, SENSITIVITY, VISIBLE, Job, Row, judge, plan
+from benchmarks.blind_logs import NOTHING, PAIRS, SENSITIVITY, VISIBLE, Job, Row, judge, plan
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import Cause, TorqueShift, registered
 from stiction_envs.gap.diagnosis import diagnose
 from stiction_envs.gap.settings import SelectionSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.testing.hidden_effects import EFFECTS
 
 THRESHOLDS = (
     *(f"selection.{f.name}" for f in dataclasses.fields(SelectionSettings)),
@@ -143,6 +144,8 @@ def study(rounds: int, work: Path, minutes: float, processes: int) -> list[Row]:
     rows: list[Row] = [json.loads(line) for line in lines if line.endswith("}")]
     have = {_key(r): r for r in rows}
     jobs = [job for job in plan(rounds) if job.unclear < 0]
+    # what is rare first, so that a study that is stopped says something of it too
+    jobs.sort(key=lambda job: len(job.causes) == 1)
     todo = []
     for job in jobs:
         first = have.get((job.seed, job.causes, DEFAULT))
@@ -175,15 +178,18 @@ def section(rows: list[Row], rounds: int) -> str:
     cases = [k[:2] for k in by if k[2] == DEFAULT]
     cases = [c for c in cases if all((*c, x) in by for x in names)]
     sets = {x: [by[*c, x] for c in cases] for x in names}
-    seeds = ", ".join(f"{FIRST + k} to {FIRST + k + n - 1}" for k, n in _seeds(rounds))
-    seconds = float(np.median([r["seconds"] for r in by.values()]))
+    jobs = [job for job in plan(rounds) if job.unclear < 0]
+    unseen = sum(not counts(r) for r in rows if r["changed"] == DEFAULT)
+    many = "round" if rounds == 1 else f"{rounds} rounds"
     lines = [
         SENSITIVITY,
         "## What each threshold is worth",
         "",
-        f"Made by `python -m benchmarks.blind_sensitivity --rounds {rounds}`: {len(cases)} of the "
-        f"cases that are counted above, of seeds {seeds}, each diagnosed {len(names)} times "
-        f"({seconds:.1f} s each, median): with the defaults, and with one setting of "
+        f"Made by `python -m benchmarks.blind_sensitivity --rounds {rounds}`: the first {many} of "
+        f"the study ({len(EFFECTS)} causes, {NOTHING} times nothing, {PAIRS} pairs in "
+        f"each), seeds {_seeds(jobs)}. Of {len(jobs)} cases {unseen} hide what nobody can see, "
+        f"{len(jobs) - unseen - len(cases)} were not run. The other {len(cases)} were diagnosed "
+        f"{len(names)} times each: with the defaults, and with one setting of "
         "`gap/settings.toml` halved or doubled (whole numbers rounded). The last column counts the "
         "cases in which a cause is named that the defaults do not name, or the other way round. A "
         "setting that changes nothing here may still matter elsewhere: the cases are few.",
@@ -205,11 +211,15 @@ def section(rows: list[Row], rounds: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _seeds(rounds: int) -> list[tuple[int, int]]:
-    """Return first seed less `FIRST` and number of seeds, of each kind of case that counts."""
-    seeds = sorted({job.seed - FIRST for job in plan(rounds) if job.unclear < 0})
-    starts = [s for s in seeds if s - 1 not in seeds]
-    return [(s, next(n for n in range(1, 1000) if s + n not in seeds)) for s in starts]
+def _seeds(jobs: list[Job]) -> str:
+    """Return the seeds of cases, runs of them as first and last."""
+    seeds = sorted({job.seed for job in jobs})
+    runs = [
+        (s, next(x for x in range(s, s + len(seeds)) if x + 1 not in seeds))
+        for s in seeds
+        if s - 1 not in seeds
+    ]
+    return ", ".join(f"{a} to {b}" if b > a else str(a) for a, b in runs)
 
 
 def _table_cells(rows: list[Row]) -> str:
