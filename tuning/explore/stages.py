@@ -89,9 +89,12 @@ class Stages:
             write_pareto(folder.path / "pareto.csv", searched)
         if final:
             write_amplitudes(folder.path / "final.csv", final)
+        if len(tables) > 1:
+            write_amplitudes(folder.path / "sje_table.csv", tables["search sje"])
         if self.compensation is not None:
             write_compensation(folder.path / "compensation.csv", self.compensation)
-        self.others[GRID] = self.grid()
+        if "search sje" in tables:
+            self.others[GRID] = self.grid()
         verified = self.verify({**tables, **self.others})
         found = Found(
             robot=self.sje.sticking.arm.name,
@@ -297,7 +300,8 @@ class Stages:
         out = Verified(
             breakaway=verify_breakaway(
                 self.sje.replace(seed=self.seed + 1),
-                tables,
+                # a ramp takes long: where only paths were searched, the table found is enough
+                tables if "search sje" in tables else self.tables,
                 record=self.record("verify-sje"),
                 progress=report,
                 **arguments,
