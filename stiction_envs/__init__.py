@@ -7,6 +7,7 @@
     arm = st.load_model("runs/why/model.toml")
     base = st.SingleJointExperiment(arm).base_torques()
     final = st.tune("panda", table="base.csv", out="runs/panda").final
+    better = st.search("panda", objective="both", out="runs/search").final
 
 Names are imported when they are first asked for; the environments are registered at once.
 """
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from stiction_envs.identification.identify import identify
     from stiction_envs.measured.checks.files import check
     from stiction_envs.robots import load_arm
+    from tuning.explore.search import search
     from tuning.tune import tune
 
 _HOME = {
@@ -43,6 +45,7 @@ _HOME = {
     "identify": "stiction_envs.identification.identify",
     "load_arm": "stiction_envs.robots",
     "load_model": "stiction_envs.gap.extended_model",
+    "search": "tuning.explore.search",
     "tune": "tuning.tune",
 }
 """Where each name lives."""
@@ -60,6 +63,7 @@ __all__ = [
     "identify",
     "load_arm",
     "load_model",
+    "search",
     "tune",
 ]
 
