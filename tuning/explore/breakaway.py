@@ -71,7 +71,7 @@ class BreakawayObjective:
         Raises:
             ExperimentError: a joint that sticks without dither.
         """
-        self.bounds, self.iterations, self._progress = bounds, iterations, progress
+        self.bounds, self.iterations, self.progress = bounds, iterations, progress
         self.pareto = pareto
         arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
         self.experiments = [
@@ -106,7 +106,7 @@ class BreakawayObjective:
         jobs = {row: [_job(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
         wanted = list(dict.fromkeys(job for group in jobs.values() for job in group))
         found: list[Mapping[Job, Measurement]] = [
-            {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self._progress)}
+            {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self.progress)}
             for e in self.experiments
         ]
         out = {}
