@@ -119,6 +119,12 @@ class RobotSettings:
     """Amplitudes at each, besides the one that meets the limit of displacement."""
     iterations: int
     """Simulated repeats of a configuration for a prediction."""
+    same: float
+    """A told setting is an asked one if frequency and amplitude are within this, relative [-]."""
+    most_ratio: float
+    """A told torque above this many base torques is no measurement in N·m [-]."""
+    base_factor: float
+    """Nor is a told base torque this many times above or below the simulated one [-]."""
     noise: float
     """Standard deviation of one cell measured again, over the base torque [-]."""
     tolerance: float
@@ -141,6 +147,8 @@ class RobotSettings:
     """Change of the logarithm of the displacement over which that error changes [-]."""
     setting: float
     """Standard deviation of the error that one setting has alone [-]."""
+    firmness: float
+    """Readings that these numbers are worth against those of the robot itself."""
 
     def __post_init__(self) -> None:
         names = ("offset", "configuration", "shape", "setting", "seed")

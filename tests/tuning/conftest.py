@@ -11,13 +11,19 @@ from stiction_envs.robots import Arm, load_arm
 from tests.robots.own_arms import chain
 
 
+def small(folder: Path) -> tuple[Arm, Protocol]:
+    """Return the arm, its file in a folder, and the protocol."""
+    path = folder / "small.xml"
+    path.write_text(chain(2))
+    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
+    return load_arm(path), protocol
+
+
 @pytest.fixture
 def small_arm(tmp_path: Path) -> Arm:
-    path = tmp_path / "small.xml"
-    path.write_text(chain(2))
-    return load_arm(path)
+    return small(tmp_path)[0]
 
 
 @pytest.fixture
-def fast() -> Protocol:
-    return load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
+def fast(tmp_path: Path) -> Protocol:
+    return small(tmp_path)[1]

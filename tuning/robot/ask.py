@@ -20,15 +20,18 @@ Array = NDArray[np.float64]
 
 
 def best_measured(belief: Belief, readings: Readings) -> int | None:
-    """Return the setting that is believed lowest of those measured in all four configurations."""
-    measured = np.flatnonzero(readings.measured(len(belief.mean)))
+    """Return the setting that is believed lowest of those measured in all four configurations.
+
+    None where no eligible one was.
+    """
+    measured = np.flatnonzero(readings.measured(len(belief.mean)) & belief.eligible)
     return int(measured[belief.mean[measured].argmin()]) if len(measured) else None
 
 
-def open_settings(readings: Readings, settings: int) -> NDArray[np.bool_]:
+def open_settings(readings: Readings, eligible: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return (S,) whether a setting may be asked for: not measured in full, nothing failed."""
-    done = readings.done(settings).all(axis=1)
-    return np.asarray(~done & ~readings.failed(settings))
+    done = readings.done(len(eligible)).all(axis=1)
+    return np.asarray(eligible & ~done & ~readings.failed(len(eligible)))
 
 
 def expected_improvement(belief: Belief, best: int | None) -> Array:
@@ -57,7 +60,7 @@ def next_settings(
     s = settings or tuning_settings().robot
     chosen: list[int] = []
     while len(chosen) < count:
-        free = open_settings(readings, len(candidates))
+        free = open_settings(readings, candidates.eligible)
         if not free.any():
             break
         belief = believe(candidates, readings, s)
@@ -80,7 +83,7 @@ def chance_of_better(
     full, 0 where nothing is left to try. Stop asking when it is under 1 − ``confidence``.
     """
     s = settings or tuning_settings().robot
-    free = np.flatnonzero(open_settings(readings, len(belief.mean)))
+    free = np.flatnonzero(open_settings(readings, belief.eligible))
     best = best_measured(belief, readings)
     if not len(free) or best is None:
         return float(len(free) > 0)

@@ -48,6 +48,19 @@ def discrepancy_kernel(s: RobotSettings) -> Kernel:
     )
 
 
+def surprise(process: GaussianProcessRegressor, s: RobotSettings) -> float:
+    """Return how many times wider the belief is, for readings further off than it expected; ≥ 1.
+
+    The posterior of a Student-t process, (ν + dᵀ K⁻¹ d)/(ν + M) for M readings (Shah, Wilson &
+    Ghahramani, AISTATS 2014, lemma 3), where that is wider: a robot unlike those that the kernel's
+    numbers are from is not believed to be known.
+    """
+    if not hasattr(process, "alpha_"):
+        return 1.0
+    d = process.y_train_
+    return max(1.0, float((s.firmness + d @ process.alpha_) / (s.firmness + len(d))))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Belief:
     """Distribution of |τ|/|τ_base| of every setting of a joint, normal."""
@@ -60,6 +73,8 @@ class Belief:
     """(S, 4) [-]."""
     cell_sd: Array
     """(S, 4) standard deviation, measuring noise not included [-]."""
+    eligible: NDArray[np.bool_]
+    """(S,) as of the candidates."""
 
     @property
     def sd(self) -> Array:
@@ -93,6 +108,7 @@ def believe(
     if len(at):
         process.fit(x[at], readings.ratio[readings.valid] - m[at])
     correction, covariance = process.predict(x, return_cov=True)
+    covariance = covariance * surprise(process, s)
     cells = (len(candidates), CONFIGURATIONS)
     mean = (m + correction).reshape(cells)
     blocks = covariance.reshape(*cells, *cells)
@@ -101,4 +117,5 @@ def believe(
         covariance=blocks.mean(axis=(1, 3)),
         cell_mean=mean,
         cell_sd=np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(cells),
+        eligible=candidates.eligible,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -33,9 +33,14 @@ class Candidates:
     """(S, 4) |τ|/|τ_base| in simulation, the mean of the belief before anything is measured [-]."""
     displacement: Array
     """(S, 4) root mean square oscillation before breakaway, in simulation [rad]."""
+    eligible: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, dtype=bool))
+    """(S,) may be asked for and chosen; the others (they shake too much) are only learnt from. Left
+    out: all may."""
 
     def __post_init__(self) -> None:
         s = len(self.frequency_hz)
+        if not len(self.eligible):
+            object.__setattr__(self, "eligible", np.ones(s, dtype=bool))
         shapes = {"amplitude_nm": (s, 4), "predicted": (s, 4), "displacement": (s, 4)}
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:

@@ -31,6 +31,12 @@ def repeated(values: np.ndarray) -> np.ndarray:
     return np.repeat(values[:, None], 4, axis=1)
 
 
+def made(mean: np.ndarray, covariance: np.ndarray) -> Belief:
+    cells = np.zeros((len(mean), 4))
+    every = np.ones(len(mean), dtype=bool)
+    return Belief(mean=mean, covariance=covariance, cell_mean=cells, cell_sd=cells, eligible=every)
+
+
 def test_the_simulations_best_comes_first():
     assert next_settings(joint(PREDICTED), NOTHING) == [4]
 
@@ -66,16 +72,25 @@ def test_a_failed_setting_is_neither_asked_again_nor_chosen():
 
 def test_a_half_measured_setting_is_still_open():
     readings = Readings.of([(0, 0, 0.8), (0, 1, 0.8)])
-    assert open_settings(readings, 5)[0]
+    assert open_settings(readings, np.ones(5, dtype=bool))[0]
     assert best_measured(believe(joint(PREDICTED), readings), readings) is None
+
+
+def test_what_is_not_eligible_is_only_learnt_from():
+    eligible = np.array([True, True, True, True, False])
+    c = dataclasses.replace(joint(PREDICTED), eligible=eligible)
+    readings = read(repeated(PREDICTED - 0.2), [0, 4])
+    belief = believe(c, readings)
+    assert best_measured(belief, readings) == 0
+    assert 4 not in next_settings(c, NOTHING, 5)
+    assert belief.mean[1] < PREDICTED[1] - 0.1
 
 
 def test_expected_improvement_by_hand():
     """Of N(0.02, 0.03²): μ Φ(μ/σ) + σ φ(μ/σ); of one that is certain, what it is better by."""
     covariance = np.diag([0.0, 0.03**2, 0.0])
-    cells = np.zeros((3, 4))
     mean = np.array([0.9, 0.88, 0.85])
-    belief = Belief(mean=mean, covariance=covariance, cell_mean=cells, cell_sd=cells)
+    belief = made(mean, covariance)
     gain = expected_improvement(belief, 0)
     normal = np.random.default_rng(0).normal(0.02, 0.03, 400_000)
     assert gain[1] == pytest.approx(np.maximum(normal, 0).mean(), rel=0.01)
@@ -86,8 +101,7 @@ def test_expected_improvement_by_hand():
 def test_chance_of_better_by_hand():
     """One untried setting, advantage N(0, 0.031²): better by 0.031 with 16 %."""
     covariance = np.diag([0.0, 0.031**2])
-    cells = np.zeros((2, 4))
-    belief = Belief(mean=np.full(2, 0.9), covariance=covariance, cell_mean=cells, cell_sd=cells)
+    belief = made(np.full(2, 0.9), covariance)
     readings = read(repeated(np.full(2, 0.9)), [0])
     assert chance_of_better(belief, readings) == pytest.approx(0.1587, abs=0.02)
     assert not may_stop(belief, readings)

@@ -33,9 +33,9 @@ def test_readings_without_noise_are_believed():
 
 def test_one_reading_by_hand():
     """Gain k/(k + σ²) of one cell's discrepancy (Rasmussen & Williams 2.25)."""
-    belief = believe(joint(PREDICTED), Readings.of([(2, 1, 0.65)]))
+    belief = believe(joint(PREDICTED), Readings.of([(2, 1, 0.80)]))
     k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
-    expected = 0.85 - 0.2 * k / (k + S.noise**2)
+    expected = 0.85 - 0.05 * k / (k + S.noise**2)
     assert belief.cell_mean[2, 1] == pytest.approx(expected)
     assert belief.cell_sd[2, 1] == pytest.approx(np.sqrt(k - k**2 / (k + S.noise**2)))
 
@@ -99,3 +99,13 @@ def test_candidates_are_checked():
         dataclasses.replace(good, displacement=np.ones((4, 4)))
     with pytest.raises(StictionError, match="finite predictions"):
         dataclasses.replace(good, predicted=np.full((5, 4), np.nan))
+
+
+def test_a_robot_unlike_the_simulation_is_not_believed_to_be_known():
+    """The widths of a Student-t process: (ν + dᵀ K⁻¹ d)/(ν + M), here of one reading by hand."""
+    k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
+    usual = believe(joint(PREDICTED), Readings.of([(2, 1, 0.85)]))
+    strange = believe(joint(PREDICTED), Readings.of([(2, 1, 0.35)]))
+    wider = (S.firmness + 0.5**2 / (k + S.noise**2)) / (S.firmness + 1)
+    assert wider > 2
+    np.testing.assert_allclose(strange.covariance, wider * usual.covariance, rtol=1e-9)

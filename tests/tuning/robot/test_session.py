@@ -1,0 +1,228 @@
+"""The whole way on an arm of two joints: ask, measure on another robot than simulated, tell."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import read_amplitudes
+from tests.tuning.conftest import small
+from tuning.record import Record
+from tuning.robot.memory import told_trials
+from tuning.robot.session import Session, ask, tell
+
+SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
+COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
+BASE_NM = 0.8
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    """A folder in which was asked once, and the options of its session."""
+    folder = tmp_path_factory.mktemp("asked")
+    arm, protocol = small(folder)
+    options = {"protocol": protocol, "settings": SETTINGS, "nthread": 1}
+    state = ask(arm, out=folder / "out", **options)
+    return arm, folder / "out", options, state
+
+
+@pytest.fixture
+def session(asked, tmp_path):
+    """The arm, and options with a copy of that folder."""
+    arm, folder, options, state = asked
+    shutil.copytree(folder, tmp_path / "out")
+    return arm, {**options, "out": tmp_path / "out"}, state
+
+
+def fill(out, name="told.csv", *, left=lambda joint, f: 0.9):
+    """Answer measure.csv as a robot whose dither leaves ``left`` of the base torque."""
+    rows = list(csv.DictReader((out / "measure.csv").open()))
+    for row in rows:
+        f, dithered = float(row["frequency_hz"]), float(row["amplitude_nm"]) > 0
+        sign = 1 if row["direction"] == "+" else -1
+        row["tau_nm"] = sign * BASE_NM * (left(int(row["joint"]), f) if dithered else 1.0)
+    return write(out.parent / name, rows)
+
+
+def write(path, rows):
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS.split(","), extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def contents(out):
+    names = ("ask.csv", "measure.csv", "final.csv", "report.md", "belief.png")
+    return {name: (out / name).read_bytes() for name in names if (out / name).exists()}
+
+
+def trials(arm, options):
+    one = Session(arm, **options)
+    with one.folder:
+        return told_trials(one.open()[0])
+
+
+def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
+    arm, options, state = session
+    rows = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
+    assert [r.joint for r in rows] == [1, 2]
+    for row, j in zip(rows, state.joints, strict=True):
+        assert row == j.row(int(j.candidates.predicted.mean(axis=1).argmin()))
+    form = list(csv.DictReader((options["out"] / "measure.csv").open()))
+    assert len(form) == 2 * 4 * 2, "base torques and one setting, four cells each"
+    assert {r["tau_nm"] for r in form} == {""}
+    with pytest.raises(StictionError, match="every tau_nm is empty"):
+        tell(arm, options["out"] / "measure.csv", **options)
+
+
+def test_several_settings_have_a_column(session):
+    arm, options, _ = session
+    state = ask(arm, 3, **options)
+    rows = list(csv.DictReader((options["out"] / "ask.csv").open()))
+    assert [(r["joint"], r["setting"]) for r in rows] == [(j, k) for j in "12" for k in "123"]
+    assert len({tuple(r.values()) for r in rows}) == 6
+    assert len(state.to_json()["ask"]) == 6
+
+
+def test_it_finds_the_robots_best_and_stops(session):
+    """A robot that the simulation's best frequency frees less, and all others more."""
+    arm, options, state = session
+    out = options["out"]
+    first = {j.candidates.joint: j.row(j.asked[0]).frequency_hz for j in state.joints}
+
+    def left(joint, f):
+        return 0.99 if f == first[joint] else 0.90
+
+    told = 0
+    while (out / "ask.csv").exists():
+        told += 1
+        assert told < 9, "it never stopped"
+        tell(arm, fill(out, f"{told}.csv", left=left), **options)
+        state = ask(arm, **options)
+    assert not (out / "measure.csv").exists()
+    rows = read_amplitudes(out / "final.csv", n_joints=2)
+    assert [left(r.joint, r.frequency_hz) for r in rows] == [0.90, 0.90]
+    assert all(x["stop"] for x in state.to_json()["joints"])
+    for x in state.to_json()["joints"]:
+        assert x["believed_reduction"] == pytest.approx(0.10, abs=x["half_interval"])
+    assert "**Stop: no joint is worth another measurement.**" in (out / "report.md").read_text()
+
+
+def test_the_same_table_told_twice_counts_once(session):
+    arm, options, _ = session
+    table = fill(options["out"])
+    assert tell(arm, table, **options).told == 4, "base torques and a setting of two joints"
+    before = contents(options["out"])
+    assert tell(arm, table, **options).told == 0
+    assert contents(options["out"]) == before
+    assert len(trials(arm, options)) == 4
+
+
+def test_killed_while_telling_it_goes_on_to_the_same_files(session, tmp_path, monkeypatch):
+    arm, options, _ = session
+    torn = {**options, "out": tmp_path / "torn"}
+    shutil.copytree(options["out"], torn["out"])
+    table = fill(options["out"])
+    tell(arm, table, **options)
+    add, count = Record.add, [0]
+
+    def killed(self, trial):
+        count[0] += 1
+        if count[0] == 3:
+            raise KeyboardInterrupt
+        add(self, trial)
+
+    monkeypatch.setattr(Record, "add", killed)
+    with pytest.raises(KeyboardInterrupt):
+        tell(arm, table, **torn)
+    monkeypatch.undo()
+    assert tell(arm, table, **torn).told == 2
+    assert contents(torn["out"]) == contents(options["out"])
+    assert trials(arm, torn) == trials(arm, options)
+
+
+def test_a_setting_that_was_not_asked_for_counts_too(session):
+    arm, options, state = session
+    c = state.joints[0].candidates
+    f = 0.5 * float(c.frequency_hz.min() + c.frequency_hz.max())
+    a = 0.5 * float(c.amplitude_nm.max())
+    name = trials_robot(options)
+    rows = [
+        dict(zip(COLUMNS.split(","), (name, 1, load, d, f, a, s * 0.3), strict=True))
+        for load in ("load", "no_load")
+        for d, s in (("+", 1), ("-", -1))
+    ]
+    found = tell(arm, write(options["out"].parent / "extra.csv", rows), **options)
+    j = found.joints[0]
+    assert len(j.candidates) == len(c) + 1
+    assert j.readings.measured(len(c) + 1)[-1]
+    assert j.row(len(c)).frequency_hz == f
+    # typed with three digits it is the same setting
+    rounded = [{**r, "frequency_hz": f"{f:.4g}", "amplitude_nm": f"{a:.4g}"} for r in rows]
+    found = tell(arm, write(options["out"].parent / "rounded.csv", rounded), **options)
+    assert len(found.joints[0].candidates) == len(c) + 1
+    assert len(found.joints[0].readings) == 8
+
+
+def trials_robot(options):
+    return next(csv.DictReader((options["out"] / "measure.csv").open()))["robot"]
+
+
+def test_a_stuck_joint_is_not_asked_for_that_again(session):
+    arm, options, _ = session
+    rows = list(csv.DictReader(fill(options["out"]).open()))
+    rows = [r | ({"tau_nm": "nan"} if float(r["amplitude_nm"]) else {}) for r in rows]
+    before = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
+    tell(arm, write(options["out"].parent / "stuck.csv", rows), **options)
+    ask(arm, **options)
+    after = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
+    assert not set(before) & set(after)
+
+
+def test_a_missing_cell_is_asked_for_again(session):
+    arm, options, _ = session
+    rows = list(csv.DictReader(fill(options["out"]).open()))
+    kept = [
+        r
+        for r in rows
+        if float(r["amplitude_nm"]) == 0 or (r["load"], r["direction"]) != ("load", "-")
+    ]
+    tell(arm, write(options["out"].parent / "some.csv", kept), **options)
+    state = ask(arm, 8, **options)
+    form = list(csv.DictReader((options["out"] / "measure.csv").open()))
+    first = {r["amplitude_nm"] for r in rows if float(r["amplitude_nm"])}
+    again = [r for r in form if r["amplitude_nm"] in first]
+    assert {(r["load"], r["direction"]) for r in again} == {("load", "-")}
+    assert state.missing == ()
+
+
+def test_a_bad_table_changes_nothing(session):
+    arm, options, _ = session
+    name = trials_robot(options)
+    before = contents(options["out"])
+    for row in ("other,1,load,+,20,0.5,0.7", f"{name},1,load,+,20,0.5,700"):
+        bad = options["out"].parent / "bad.csv"
+        bad.write_text(f"{COLUMNS}\n{row}\n")
+        with pytest.raises(StictionError):
+            tell(arm, bad, **options)
+    assert contents(options["out"]) == before
+    assert trials(arm, options) == []
+
+
+def test_another_robots_study_is_refused(session, tmp_path):
+    _, options, _ = session
+    url = f"sqlite:///{options['out'] / 'study.db'}"
+    with pytest.raises(StictionError, match=r"study .*: is of robot small: expected panda"):
+        ask("panda", out=tmp_path / "panda", storage=url, study="small-robot")
+    assert not (tmp_path / "panda").exists()
+
+
+def test_force_does_not_wipe_what_was_told(session):
+    arm, options, _ = session
+    tell(arm, fill(options["out"]), **options)
+    ask(arm, force=True, **options)
+    assert len(trials(arm, options)) == 4
