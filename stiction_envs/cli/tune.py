@@ -19,8 +19,10 @@ COMPENSATIONS = ("none", "feedforward", "push")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
-    *("search", "gates", "compensation", "without_dither"),
+    *("search", "gates", "compensation", "without_dither", "ask", "tell"),
 )
+WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
+"""Of the search's options, those that tuning beside a robot has."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -139,12 +141,30 @@ def _add_search_options(parser: Any) -> None:
         metavar="TABLE.csv",
         help="amplitude tables to compare with, measured in the same plant",
     )
+    group.add_argument(
+        "--ask",
+        nargs="?",
+        type=common.whole(1),
+        const=1,
+        metavar="N",
+        help="beside a real robot: write the next N settings per joint to measure (ask.csv; "
+        "default: 1; --out: runs/ask-ROBOT)",
+    )
+    group.add_argument(
+        "--tell",
+        type=Path,
+        metavar="TABLE.csv",
+        help="take what was measured (measure.csv filled in, or any SJE table); then --ask, if it "
+        "is there too",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
+    if args.ask is not None or args.tell is not None:
+        return _beside_a_robot(args, arm)
     if args.protocol == "search":
         return _search(args, arm)
     folder = common.output_folder(
@@ -177,6 +197,10 @@ def _check_options(args: argparse.Namespace) -> None:
     for name in other:
         if getattr(args, name) not in (None, False):
             raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
+    if args.ask is not None or args.tell is not None:
+        for name in SEARCH_ONLY:
+            if name not in WITH_A_ROBOT and getattr(args, name) is not None:
+                raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
 
 
 def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
@@ -214,8 +238,39 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
     return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
+def _beside_a_robot(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+    from stiction_envs.reporting.output_folder import default_folder
+    from tuning.robot.session import ask, tell
+
+    out = args.out or default_folder("ask", arm.name)
+    with Progress() as progress:
+        options = {
+            "bounds": args.bounds,
+            "limit": args.limit,
+            "out": out,
+            "force": args.force,
+            "seed": args.seed,
+            "storage": args.storage,
+            "study": args.study,
+            "friction": args.friction,
+            "nthread": args.threads,
+            "progress": progress.set,
+        }
+        told = {}
+        if args.tell is not None:
+            state = tell(arm, args.tell, **options)
+            told = {"told": state.told}
+        if args.ask is not None:
+            state = ask(arm, args.ask, **options)
+    return {"command": "tune", "out": str(out), **state.to_json(), **told}
+
+
 def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
+    if "ask" in result:
+        from tuning.robot.page import describe as describe_robot
+
+        return f"{describe_robot(result)}\nwritten to {result['out']}"
     from tuning.tune import describe
 
     return f"{describe(result)}\nwritten to {result['out']}"
