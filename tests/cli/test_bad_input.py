@@ -6,6 +6,7 @@ from stiction_envs.robots import load_arm
 from tests.robots.own_arms import chain
 
 HEADER = "joint,frequency_hz,amplitude_nm\n"
+TOLD = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm\n"
 LIMIT = load_arm("panda").limits.torque[6]
 
 FILES = {
@@ -33,6 +34,11 @@ FILES = {
     "base_twice.csv": "robot,joint,load,direction,tau_base_Nm\n" + 2 * "panda,1,load,+,0.5\n",
     "base_sign.csv": "robot,joint,load,direction,tau_base_Nm\npanda,1,load,+,-0.5\n",
     "base_robot.csv": "robot,joint,load,direction,tau_base_Nm\nur5,1,load,+,0.5\n",
+    "told_other.csv": f"{TOLD}iiwa7,1,load,+,15,0.5,0.7\n",
+    "told_units.csv": f"{TOLD}panda,1,load,+,15,0.5,700\n",
+    "told_rad.csv": f"{TOLD}panda,1,load,+,94.2,0.5,0.5\n",
+    "told_nan.csv": f"{TOLD}panda,1,load,+,nan,0.5,0.5\n",
+    "told_joint.csv": f"{TOLD}panda,8,load,+,15,0.5,0.5\n",
     "one.xml": chain(1),
     "ten.xml": chain(10),
     "two.xml": chain(2),
@@ -46,6 +52,7 @@ FILES = {
 }
 
 SJE, TUNE = ["sje", "panda"], ["tune", "panda"]
+ASK = [*TUNE, "--protocol", "search"]
 CALIBRATE, EXPORT = ["calibrate", "panda"], ["export", "panda"]
 
 BAD = {
@@ -81,6 +88,17 @@ BAD = {
     "tune_frequency": ([*TUNE, "--frequencies", 15, 1001], "at most 1000 Hz"),
     "tune_frequency_0": ([*TUNE, "--frequencies", 0], "above 0"),
     "tune_frequency_twice": ([*TUNE, "--frequencies", 15, 15], "once"),
+    "ask_0": ([*ASK, "--ask", 0], "whole numbers from 1"),
+    "ask_thesis": ([*TUNE, "--ask"], "--ask: not with --protocol thesis"),
+    "ask_sampler": ([*ASK, "--ask", "--sampler", "gp"], "--sampler: not with --ask or --tell"),
+    "tell_nothing": ([*ASK, "--tell", "nothing.csv"], "expected a readable CSV file"),
+    "tell_amplitudes": ([*ASK, "--tell", "{good.csv}"], "missing column 'robot'"),
+    "tell_other_robot": ([*ASK, "--tell", "{told_other.csv}"], "robot is 'iiwa7': expected panda"),
+    "tell_millinewton": ([*ASK, "--tell", "{told_units.csv}"], "tau_nm is 700: expected up to"),
+    "tell_rad_per_s": ([*ASK, "--tell", "{told_rad.csv}"], "expected 15 to 80 Hz"),
+    "tell_nan": ([*ASK, "--tell", "{told_nan.csv}"], "frequency_hz is 'nan'"),
+    "tell_joint_8": ([*ASK, "--tell", "{told_joint.csv}"], "from 1 to 7"),
+    "ask_storage": ([*ASK, "--ask", "--storage", "mysql://me:secret@x"], "storage"),
     "tune_scale": ([*TUNE, "--scales", -1], "above 0"),
     # tables
     **{

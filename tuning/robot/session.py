@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,7 @@ def ask(robot: Robot, count: int = 1, **options: Any) -> State:
     if count < 1:
         raise StictionError(f"settings to ask for: {count}: expected 1 or more")
     session = Session(robot, **options)
+    session.reach()
     with session.folder:
         record, predicted = session.open()
         state = state_of(session.experiment, record, predicted, session.settings.robot, count)
@@ -90,6 +92,7 @@ def tell(robot: Robot, table: str | Path, **options: Any) -> State:
         for c in (j.configuration,)
     }
     check_told(rows, session.bounds, rough, session.settings.robot)
+    session.reach()
     with session.folder:
         record, predicted = session.open()
         predicted = session.with_told(record, predicted, rows)
@@ -167,6 +170,7 @@ class Session:
         }
         path = default_folder("ask", arm.name) if out is None else Path(out)
         self.folder = _folder(path, self._provenance(bounds, limit, storage, seed), force)
+        self._outside = storage is not None
         self._storage = storage or f"sqlite:///{(path / STUDY).resolve()}"
         self._study, self._progress = study or f"{arm.name}-robot", progress
 
@@ -177,10 +181,20 @@ class Session:
         made = {**self.about, "storage": storage is not None}
         return provenance("tune", made, seed=seed, inputs=files)
 
-    def open(self) -> tuple[Record, Predicted]:
-        """Open the study; simulate what the robot may be asked for, once."""
+    @cached_property
+    def record(self) -> Record:
+        """The study."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        record = Record(self._storage, self._study, about=self.about)
+        return Record(self._storage, self._study, about=self.about)
+
+    def reach(self) -> None:
+        """Open a study outside of the folder before the folder is made: it may not be there."""
+        if self._outside:
+            _ = self.record
+
+    def open(self) -> tuple[Record, Predicted]:
+        """Return study and predictions; simulate what the robot may be asked for, once."""
+        record = self.record
         predicted = predictions(record)
         if predicted is None:
             predicted = self._predict()
