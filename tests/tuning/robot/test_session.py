@@ -226,3 +226,19 @@ def test_force_does_not_wipe_what_was_told(session):
     tell(arm, fill(options["out"]), **options)
     ask(arm, force=True, **options)
     assert len(trials(arm, options)) == 4
+
+
+def test_torques_are_held_against_the_base_torques_of_their_day(session):
+    """Friction that has risen by a quarter overnight is no news about the dither."""
+    arm, options, _ = session
+    today = list(csv.DictReader(fill(options["out"]).open()))
+    tell(arm, options["out"].parent / "told.csv", **options)
+    later = [r | {"tau_nm": 1.25 * float(r["tau_nm"])} for r in today]
+    found = tell(arm, write(options["out"].parent / "later.csv", later), **options)
+    for j in found.joints:
+        assert len(j.readings) == 8
+        assert j.readings.ratio == pytest.approx(0.9)
+    # without any of that day: the mean of all days
+    dithered = [r for r in today if float(r["amplitude_nm"])]
+    found = tell(arm, write(options["out"].parent / "third.csv", dithered), **options)
+    assert found.joints[0].readings.ratio[-1] == pytest.approx(0.9 * 0.8 / 0.9)
