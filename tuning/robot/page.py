@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
@@ -248,6 +249,7 @@ def draw(state: State, path: Path) -> None:
         for s in j.asked:
             axes.axvline(place[s], color="0.4", lw=0.8, ls="--")
         axes.set_title(f"joint {j.candidates.joint}", fontsize=10)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("settings, best in simulation first", fontsize=8)
         axes.set_ylabel("reduction [%]", fontsize=8)
         axes.grid(alpha=0.3)
