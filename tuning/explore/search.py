@@ -134,22 +134,23 @@ def search(
             force=force,
             resumable=True,
         )
+    stages = Stages(
+        sje,
+        where,
+        tables.others,
+        limits,
+        options,
+        s,
+        storage or f"sqlite:///{(folder.path / 'study.db').resolve()}",
+        study or arm.name,
+        about,
+        progress,
+    )
+    if storage is not None:
+        stages.reach()
     try:
         with folder:
-            url = storage or f"sqlite:///{(folder.path / 'study.db').resolve()}"
-            job = Stages(
-                sje,
-                where,
-                tables.others,
-                limits,
-                options,
-                s,
-                url,
-                study or arm.name,
-                about,
-                progress,
-            )
-            return job.run(folder)
+            return stages.run(folder)
     except StictionError as error:
         if folder.resumed or folder.wrote:  # it had begun to work
             raise ExperimentError(str(error)) from error

@@ -121,6 +121,15 @@ class Stages:
             about={**self.about, "stage": name},
         )
 
+    def reach(self) -> None:
+        """Open the first study before anything is simulated or written: it may not be there.
+
+        Raises:
+            StictionError: a storage that cannot be opened, or a study of something else.
+        """
+        first = "gte" if self.options.objective == "gte" else "sje-joint1"
+        self.record(first, 1 + self.options.pareto)
+
     def _filled(self, stage: str, searches: list[Search], evaluate: Any) -> None:
         progress = self._progress
         fill(
