@@ -103,6 +103,17 @@ def test_friction_from_a_folder(cli, inputs, name):
     np.testing.assert_allclose(said, 2 * p.stiction.mean(axis=1))
 
 
+@pytest.mark.parametrize("robot", ["panda", "iiwa7"])
+def test_elastic_gears_are_named(cli, robot):
+    ran = cli("export", robot, "--out", "a")
+    said = [
+        "with elastic gear" in x
+        for x in ran.out.splitlines()
+        if x.startswith("joint") and x[5].isdigit()
+    ]
+    np.testing.assert_array_equal(said, np.isfinite(load_friction(robot).joint_stiffness))
+
+
 def test_comment_says_what_is_left_out(cli, work):
     cli("export", "panda", "--out", "a")
     text = (work / "a" / "model.xml").read_text("utf-8")

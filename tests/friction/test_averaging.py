@@ -226,6 +226,17 @@ def test_shaken_level_is_between_static_and_kinetic():
     assert (np.diff(level) <= 0).all()
 
 
+def test_shaken_level_is_the_mean_rate_of_relaxation():
+    """Law checked: mean|v| / mean(|v|/g(v)) over a period of v = V cos ωt, around V = v_s."""
+    speeds = np.array([[0.001, 0.002], [0.003, 0.008]])
+    v = np.abs(speeds[..., None] * np.cos(2 * np.pi * (np.arange(9973) + 0.25) / 9973))
+    level = 0.8 + 0.2 * np.exp(-((v / 0.003) ** 2))
+    by_hand = v.mean(axis=-1) / (v / level).mean(axis=-1)
+    found = av.shaken_level(1.0, 0.8, 0.003, speeds)
+    np.testing.assert_allclose(found, by_hand, rtol=1e-5)
+    np.testing.assert_array_equal(found[1, 0], av.shaken_level(1.0, 0.8, 0.003, 0.003))
+
+
 SHAKEN = {"bristle_stiffness": 1500.0, "ramp_rate": 0.07}
 
 

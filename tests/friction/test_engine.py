@@ -326,6 +326,18 @@ def test_link_torque_goes_through_the_spring():
     assert 0.2 / 1000.0 < -plant.motor_position[0, A] < 2 * 0.6 / 1000.0
 
 
+def test_the_spring_is_linear():
+    """Twice the twist, twice the torque, however far: K q and D q̇, no higher powers."""
+    model = sticking(joint_stiffness=[5e3, np.inf])
+    data = mujoco.MjData(model.model)
+    damping = 2 * 0.15 * np.sqrt(5e3 * 0.05)
+    for twist, speed in ((0.01, 0.0), (1.0, 0.0), (0.0, 0.1), (0.0, 10.0)):
+        data.qpos[model.spring[A]], data.qvel[model.spring[A]] = twist, speed
+        mujoco.mj_forward(model.model, data)
+        expected = -5e3 * twist - damping * speed
+        assert data.qfrc_passive[model.spring[A]] == pytest.approx(expected, rel=1e-9)
+
+
 # ---- the documented trap -------------------------------------------------------------------
 
 

@@ -120,6 +120,13 @@ def test_defaults_and_spreading():
     assert p.asymmetric
     assert not p.elastic.any()
     assert p.warm_up_time.tolist() == [1200.0, 1200.0]
+    assert p.bristle_damping_ratio.tolist() == [0.4, 0.4]
+    assert p.joint_damping_ratio.tolist() == [0.15, 0.15]
+    for name in (
+        *("load_coefficient", "ripple_amplitude", "warm_up_friction", "warm_up_viscous"),
+        *("offset", "gravity_error"),
+    ):
+        assert not getattr(p, name).any(), name
 
 
 # ---- errors --------------------------------------------------------------------------------
@@ -148,6 +155,11 @@ def with_entry(name: str, entry: object) -> dict:
         (with_entry("bristle_stiffness", {"value": 0.0, "source": "t"}), "bristle_stiffness"),
         (with_entry("viscous", {"value": -0.01, "source": "t"}), "viscous: -0.01"),
         (with_entry("warm_up_friction", {"value": -1.0, "source": "t"}), "warm_up_friction"),
+        (with_entry("warm_up_viscous", {"value": -1.0, "source": "t"}), "warm_up_viscous"),
+        (with_entry("load_low", {"value": -0.5, "source": "t"}), "load_low: -0.5"),
+        (with_entry("load_high", {"value": -0.5, "source": "t"}), "load_high: -0.5"),
+        (with_entry("rotor_inertia", {"value": -0.5, "source": "t"}), "rotor_inertia: -0.5"),
+        (with_entry("ripple_amplitude", {"value": -0.5, "source": "t"}), "ripple_amplitude: -0.5"),
         ({k: v for k, v in shipped_table("panda").items() if k != "stiction"}, "stiction. is miss"),
     ],
 )  # fmt: skip
@@ -197,6 +209,11 @@ def test_check_stability_bounds():
         check_stability(
             np.array([1000.0, 1000.0]), np.array([10.0, 20.0]), np.array([0.01, 0.01]), 1e-3
         )
+    soft, light = np.array([9.0, 2.9, 2.8]), np.array([1.0, 1e-3, 1e-4])
+    with pytest.raises(StictionError, match=r"joint 2: bristle damping 2.9 "):
+        check_stability(np.full(3, 1000.0), soft, np.ones(3), 1e-3)
+    with pytest.raises(StictionError, match=r"joint 2: h.damping .* inertia 0.001 "):
+        check_stability(np.full(3, 1000.0), np.full(3, 10.0), light, 1e-3)
 
 
 def test_model_too_stiff_for_its_step_is_refused():
