@@ -7,17 +7,15 @@
 
 Needs the extra ``mutation`` (cosmic-ray, whose operators make the mutants). A fixed random sample
 of each room's mutants is drawn once and kept in DIR, with copies of the tree to run in; each result
-is a line of ``results.jsonl``. Tests run in the order of `tests_of`, so that the first failure
-comes soon; a mutant that takes four times the processor time of its tests counts as killed.
+is a line of ``results.jsonl``. Tests that are likely to fail come first (`meet`); a
+mutant that takes four times the processor time of its tests counts as killed.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import json
 import os
-import random
 import re
 import resource
 import shutil
@@ -27,186 +25,32 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
-GAP = ("candidates", "estimates", "normal_equations", "selection")
-ROOMS: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {
-    # mutants, sources, tests
-    "friction": (
-        100,
-        ("stiction_envs/friction/*.py",),
-        (
-            "tests/friction",
-            "tests/test_plant.py",
-            "tests/test_plant_determinism.py",
-            "tests/cli/test_export.py",
-            "tests/experiments/test_conformance.py",
-            "tests/experiments/sje",
-        ),
-    ),
-    "control": (
-        100,
-        ("stiction_envs/control/*.py",),
-        (
-            "tests/control",
-            "tests/experiments/gte",
-            "tests/envs/test_gte.py",
-            "tests/cli/test_gte.py",
-        ),
-    ),
-    "gap": (
-        120,
-        tuple(f"stiction_envs/gap/{name}.py" for name in GAP),
-        ("tests/gap", "tests/cli/test_diagnose.py"),
-    ),
-}
-SEED = 12
-OPERATORS = (
-    *("AddNot", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr"),
-    *("ReplaceOrWithAnd", "ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
-    *("NumberReplacer", "ZeroIterationForLoop"),
-    *(f"ReplaceUnaryOperator_{x}" for x in ("USub_UAdd", "Delete_Not", "Delete_Invert")),
-    *(
-        f"ReplaceComparisonOperator_{x}"
-        for x in (
-            *("Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is", "Lt_LtE", "Lt_GtE"),
-            *("LtE_Lt", "LtE_Gt", "Gt_GtE", "Gt_LtE", "GtE_Gt", "GtE_Lt"),
-        )
-    ),
-    *(
-        f"ReplaceBinaryOperator_{x}"
-        for x in (
-            *("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "FloorDiv_Mul"),
-            *("Mod_Mul", "BitAnd_BitOr", "BitOr_BitAnd"),
-        )
-    ),
-)
-"""Of cosmic-ray's, those that make sense of numbers: any test notices a shifted float."""
+from benchmarks._mutation_sample import ROOMS, ROOT, SEED, Mutant, digest, drawn
+from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.templates import render
+
 TIMES_NORMAL = 4
+START_S = 30.0
+"""Processor time to import and compile everything [s]."""
 VERDICTS = Path(__file__).with_suffix(".toml")
 """What we think of each mutant that lived, by its name."""
-PAGE = """\
-# What the tests notice
-
-Small faults were put into the code one at a time, at random (seed 12), and each met the tests of
-its room: `python -m benchmarks.mutation --work DIR`. *Before*: the tests as they were, the quick
-ones alone or the slow ones too; *after*: the quick ones (`make test`) with those written for what
-had lived.
-
-| room | mutants | quick, before | quick and slow, before | quick, after |
-|---|---|---|---|---|
-{scores}
-
-## What the quick tests first let live
-
-| where | was | became | and then | verdict |
-|---|---|---|---|---|
-{survivors}
-"""
+TEMPLATE = Path(__file__).parent / "templates" / "mutation.md.j2"
 
 
-@dataclass(frozen=True)
-class Mutant:
-    """One fault: which file, which line, how it read and how it reads, the whole mutated text."""
-
-    room: str
-    file: str
-    line: int
-    operator: str
-    was: str
-    is_now: str
-    text: str
-
-    @property
-    def name(self) -> str:
-        return f"{self.file}:{self.line} `{self.was}` → `{self.is_now}`"
-
-
-def operators() -> dict[str, Any]:
-    """Return instances of `OPERATORS`, and one that removes a statement's work."""
-    from cosmic_ray.operators.operator import Operator
-    from cosmic_ray.plugins import get_operator
-    from parso.python.tree import Keyword
-
-    class RemoveStatement(Operator):
-        """``return x`` becomes ``return None``; a raise, call or write into something, ``pass``.
-
-        The first assignment to a plain name stays: without it any test ends in a NameError.
-        """
-
-        def mutation_positions(self, node):
-            kind = node.type
-            written = kind == "expr_stmt" and (
-                node.children[0].type != "name" or (node.children[1].type == "operator"
-                and node.children[1].value not in ("=", ":"))
-            )  # fmt: skip
-            called = kind in ("atom_expr", "power") and node.parent.type == "simple_stmt"
-            if written or called or kind == "raise_stmt" or kind == "return_stmt":
-                yield node.start_pos, node.end_pos
-
-        def mutate(self, node, index):
-            new = "return None" if node.type == "return_stmt" else "pass"
-            return Keyword(new, node.start_pos, node.get_first_leaf().prefix)
-
-        @classmethod
-        def examples(cls):
-            return ()
-
-    made = {name: get_operator(f"core/{name}")() for name in OPERATORS}
-    return {**made, "RemoveStatement": RemoveStatement()}
-
-
-def without_annotations(code: str) -> str:
-    """Return a module's syntax tree as text; what only a type checker reads is left out."""
-    tree = ast.parse(code)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef):
-            node.returns = None
-        elif isinstance(node, ast.arg):
-            node.annotation = None
-        elif isinstance(node, ast.AnnAssign):
-            node.annotation = ast.Constant(None)
-        elif isinstance(node, ast.arguments):  # a bare * that became / asks for nothing else
-            node.args, node.posonlyargs = node.posonlyargs + node.args, []
-            node.args, node.kwonlyargs = node.args + node.kwonlyargs, []
-            node.defaults, node.kw_defaults = node.defaults + node.kw_defaults, []
-    return ast.dump(tree)
-
-
-def sample(room: str) -> list[Mutant]:
-    """Return a room's mutants, drawn from all of them; what is none is passed over."""
-    from cosmic_ray.ast import ast_nodes, get_ast
-    from cosmic_ray.mutating import mutate_code
-
-    size, patterns, _ = ROOMS[room]
-    sources = {p: p.read_text("utf-8") for pattern in patterns for p in ROOT.glob(pattern)}
-    places = [
-        (path, name, operator, occurrence, start[0])
-        for path in sorted(sources)
-        for name, operator in operators().items()
-        for occurrence, (start, _) in enumerate(
-            x for n in ast_nodes(get_ast(sources[path])) for x in operator.mutation_positions(n)
-        )
-    ]
-    random.Random(SEED).shuffle(places)
-    out: list[Mutant] = []
-    for path, name, operator, occurrence, line in places:
-        text = mutate_code(sources[path], operator, occurrence)
-        try:
-            if without_annotations(text) == without_annotations(sources[path]):
-                continue
-        except SyntaxError:
-            continue
-        was, now = (t.splitlines()[line - 1].strip() for t in (sources[path], text))
-        out.append(Mutant(room, str(path.relative_to(ROOT)), line, name, was, now, text))
-        if len(out) == size:
-            break
-    return sorted(out, key=lambda m: (m.file, m.line, m.operator, m.is_now))
+def sample(room: str, work: Path) -> list[Mutant]:
+    """Return a room's mutants as they were drawn, or draw them."""
+    kept = work / f"sample-{room}.json"
+    if not kept.exists():
+        mutants = {"sources": digest(room), "mutants": [vars(m) for m in drawn(room)]}
+        kept.write_text(json.dumps(mutants, indent=1), "utf-8")
+    return [Mutant(**row) for row in json.loads(kept.read_text("utf-8"))["mutants"]]
 
 
 @dataclass(frozen=True)
@@ -226,6 +70,7 @@ class Tree:
         self.cache = folder.with_name(f"{folder.name}-numba")
         self.fresh = folder.with_name(f"{folder.name}-numba-fresh")
         shutil.rmtree(folder, ignore_errors=True)
+        self.cache.mkdir(parents=True, exist_ok=True)
         listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
         names = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         for name in names.splitlines():
@@ -233,24 +78,17 @@ class Tree:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
 
-    def pytest(self, *arguments: str, cpu_s: float = 3600.0, mutated: str = "") -> Run:
+    def pytest(self, *arguments: str, cpu_s: float = 3600.0, cache: Path | None = None) -> Run:
         """Run tests, stopped past ``cpu_s`` of processor time: a busy machine fails none.
 
-        Byte code of a ``mutated`` file is not kept. Where functions are compiled, its folder's are
-        compiled anew, since numba does not see that what they call has changed.
+        With a ``cache`` of compiled functions that is not the tree's, no byte code is kept either.
         """
-        cache = self.cache
-        if mutated and "@compiled" in (self.folder / mutated).read_text("utf-8"):
-            shutil.rmtree(self.fresh, ignore_errors=True)
-            room = shutil.ignore_patterns(f"{Path(mutated).parent.name}_*")
-            shutil.copytree(self.cache, self.fresh, ignore=room)
-            cache = self.fresh
         environment = {
             **os.environ,
             **{f"{x}_NUM_THREADS": "1" for x in ("OMP", "OPENBLAS", "NUMBA")},
             "PYTHONPATH": str(self.folder),
-            "NUMBA_CACHE_DIR": str(cache),
-            "PYTHONDONTWRITEBYTECODE": "1" if mutated else "",
+            "NUMBA_CACHE_DIR": str(cache or self.cache),
+            "PYTHONDONTWRITEBYTECODE": "1" if cache else "",
         }
         limit = (int(cpu_s), int(cpu_s) + 5)
         with tempfile.TemporaryFile("w+") as log:
@@ -267,14 +105,27 @@ class Tree:
             log.seek(0)
             return Run(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, log.read())
 
-    def mutate(self, mutant: Mutant, arguments: list[str], cpu_s: float) -> Run:
-        """Run tests with one fault in the tree; afterwards it is as before, to the time stamp."""
+    def mutate(self, mutant: Mutant, stages: list[tuple[list[str], float]]) -> Run:
+        """Run lists of tests, each in its processor time, with one fault, until one fails.
+
+        Afterwards the tree is as before, to the time stamp. Where functions are compiled, the
+        folder's are compiled anew, since numba does not see that what they call has changed.
+        """
         path = self.folder / mutant.file
+        listed = self.folder.with_suffix(".tests")
+        shutil.rmtree(self.fresh, ignore_errors=True)
+        compiled = f"{path.parent.name}_*" if "@compiled" in mutant.text else ""
+        shutil.copytree(self.cache, self.fresh, ignore=shutil.ignore_patterns(compiled))
         stamp = path.stat()
         sound = path.read_bytes()
         path.write_text(mutant.text, "utf-8")
         try:
-            return self.pytest("-x", *arguments, cpu_s=cpu_s, mutated=mutant.file)
+            for asked, cpu_s in stages:
+                listed.write_text("\n".join(asked), "utf-8")
+                run = self.pytest("-x", f"@{listed}", cpu_s=cpu_s, cache=self.fresh)
+                if run.status:
+                    break
+            return run
         finally:
             path.write_bytes(sound)
             os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
@@ -311,16 +162,22 @@ def tests_of(room: str, which: str, tree: Tree) -> tuple[dict[str, float], float
     return out
 
 
-def meet(mutant: Mutant, tests: dict[str, float], cpu_s: float, tree: Tree) -> dict[str, Any]:
-    """Return what became of a mutant: its own module's tests are asked first, then all."""
+def meet(
+    mutant: Mutant, tests: dict[str, float], cpu_s: float, tree: Tree, killers: list[str]
+) -> dict[str, Any]:
+    """Return what became of a mutant.
+
+    Asked first: ``killers``, which found faults of its file, and its module's tests or, without
+    any, its folder's. Those may take less time before they count as endless.
+    """
     own = [name for name in tests if f"/test_{Path(mutant.file).stem}.py::" in name]
-    listed = tree.folder.with_suffix(".tests")
+    room = [name for name in tests if name.startswith(f"tests/{Path(mutant.file).parent.name}/")]
+    first = list(dict.fromkeys(n for n in (*killers, *(own or room)) if n in tests))
+    rest = sorted((n for n in tests if n not in set(first)), key=lambda n: n not in room)
+    short = sum(tests[n] for n in first) + START_S
+    stages = [(first, short), (rest, cpu_s)]
     began = time.monotonic()
-    for asked in filter(None, (own, list(tests))):
-        listed.write_text("\n".join(asked), "utf-8")
-        run = tree.mutate(mutant, [f"@{listed}"], TIMES_NORMAL * cpu_s)
-        if run.status:
-            break
+    run = tree.mutate(mutant, [(asked, TIMES_NORMAL * s) for asked, s in stages if asked])
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.log, re.M)
     outcome = {0: "survived", -signal.SIGXCPU: "timeout", -signal.SIGKILL: "timeout"}
     return {
@@ -350,7 +207,7 @@ def lives(known: dict[tuple[str, str], dict[str, Any]], mutant: Mutant, suite: s
 def due(room: str, suite: str, work: Path) -> list[Mutant]:
     """Return the mutants that a suite has yet to meet; for ``again``, all that are alive."""
     known = results(work)
-    out = sample(room)
+    out = sample(room, work)
     if suite == "quick":
         return [m for m in out if lives(known, m, "quick") is None]
     alive = [m for m in out if lives(known, m, "quick")]
@@ -364,6 +221,8 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
     todo = due(room, suite, work)
     if not todo:
         return
+    of = json.loads((work / f"sample-{room}.json").read_text("utf-8"))["sources"]
+    assert of == digest(room), f"{room}: sources have changed since the sample was drawn"
     tests, cpu_s = tests_of(room, suite, trees[0])
     free: SimpleQueue[Tree] = SimpleQueue()
     for tree in trees:
@@ -372,9 +231,13 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
     sound = trees[-1].pytest("-x", f"@{listed}")  # unbroken, they pass in this order too
     assert sound.status == 0, sound.log[-3000:]
 
+    found: dict[str, Counter[str]] = {m.file: Counter() for m in todo}
+
     def one(mutant: Mutant) -> None:
         tree = free.get()
-        row = {"suite": suite, **meet(mutant, tests, cpu_s, tree)}
+        killers = [name for name, _ in found[mutant.file].most_common()]
+        row = {"suite": suite, **meet(mutant, tests, cpu_s, tree, killers)}
+        found[mutant.file].update([row["by"]])
         free.put(tree)
         with (work / "results.jsonl").open("a", encoding="utf-8") as out:
             out.write(json.dumps(row, ensure_ascii=False) + "\n")
@@ -388,22 +251,42 @@ def report(rooms: list[str], work: Path) -> str:
     """Return the page: scores by room, and every mutant that the quick tests first let live."""
     known = results(work)
     verdicts = tomllib.loads(VERDICTS.read_text("utf-8")) if VERDICTS.exists() else {}
-    lines, listed = [], []
+    scores, survivors, total = [], [], Counter[str]()
     for room in rooms:
-        met = [m for m in sample(room) if lives(known, m, "quick") is not None]
+        met = [m for m in sample(room, work) if lives(known, m, "quick") is not None]
         alive = [m for m in met if lives(known, m, "quick")]
-        slow = [m for m in alive if lives(known, m, "slow") is False]
-        again = [m for m in alive if lives(known, m, "again") is False]
-        n = len(met)
-        counts = (n - len(alive), n - len(alive) + len(slow), n - len(alive) + len(again))
-        shares = " | ".join(f"{k} ({100 * k / max(n, 1):.0f} %)" for k in counts)
-        lines.append(f"| `{room}` | {n} | {shares} |")
+        ends = {m: fate(known, m) for m in alive}
+        now = Counter(ends.values())
+        equal = sum(verdicts.get(m.name, "").startswith("equivalent") for m in alive)
+        quick = len(met) - len(alive)
+        total += Counter(met=len(met), quick=quick, again=now["killed now"], equal=equal)
+        scores.append(score(f"`{room}`", len(met), quick, now["killed now"], equal))
         for m in alive:
-            now = "killed now" if m in again else "killed by slow tests" if m in slow else "lives"
-            why = verdicts.get(m.name, "")
-            was, is_now = (text.replace("|", "\\|") for text in (m.was, m.is_now))
-            listed.append(f"| `{m.file}:{m.line}` | `{was}` | `{is_now}` | {now} | {why} |")
-    return PAGE.format(scores="\n".join(lines), survivors="\n".join(listed))
+            where = f"`{m.file.removeprefix('stiction_envs/')}:{m.line}`"
+            was, is_now = (f"`{text}`".replace("|", "\\|") for text in (m.was, m.is_now))
+            survivors.append([where, was, is_now, ends[m], verdicts.get(m.name, "")])
+    scores.append(score("all", *(total[k] for k in ("met", "quick", "again", "equal"))))
+    columns = ["room", "mutants", "killed before", "killed now", "equivalent", "now, of the rest"]
+    return render(
+        TEMPLATE,
+        seed=SEED,
+        mutants=total["met"],
+        scores=table_text(columns, scores),
+        survivors=table_text(["where", "was", "became", "and now", "verdict"], survivors),
+    )
+
+
+def fate(known: dict[tuple[str, str], dict[str, Any]], mutant: Mutant) -> str:
+    """Return what became of a mutant that the quick tests first let live."""
+    if lives(known, mutant, "again") is False:
+        return "killed now"
+    return "killed by slow tests" if lives(known, mutant, "slow") is False else "lives"
+
+
+def score(name: str, met: int, quick: int, again: int, equal: int) -> list[str]:
+    """Return a row of the page: mutants, those killed before and now, those that are none."""
+    shares = (f"{k} ({100 * k / max(met, 1):.0f} %)" for k in (quick, quick + again))
+    return [name, str(met), *shares, str(equal), f"{100 * (quick + again) / (met - equal):.0f} %"]
 
 
 def main(argv: list[str] | None = None) -> None:
