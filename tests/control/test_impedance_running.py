@@ -227,6 +227,9 @@ def test_defaults_are_the_tomls_and_the_thesiss():
     assert (s.torque_rate, s.rate_hz) == (1.0, 1000.0)
     assert s.filter_step("pose_filter") == 1.0
     assert (s.damping_design, s.projector, s.coriolis) == ("diagonal", "dynamic", False)
+    # controllers share them
+    with pytest.raises(ValueError, match="read-only"):
+        s.damping_ratio[0] = 0.5
 
 
 def test_calls_that_cannot_work_are_refused():

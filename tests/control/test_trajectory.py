@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
+
 import numpy as np
 import pytest
 
@@ -392,3 +394,10 @@ def test_twist_is_the_references_velocity(synchronised):
         np.testing.assert_allclose(s.twist(t), moved / (2 * h), atol=1e-6)
     assert not s.twist(-1.0).any()
     assert not s.twist(1e3).any()
+
+
+def test_limits_cannot_change_under_a_movement():
+    """What is worked out from them once would no longer be theirs."""
+    limits = MotionLimits()
+    with pytest.raises(FrozenInstanceError):
+        limits.translational_speed = 2.0  # type: ignore[misc]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -65,6 +66,11 @@ def sliding(q: np.ndarray) -> np.ndarray:
 def data_of(arm: Arm, log: JointLog) -> Data:
     """Return a log against the rigid arm."""
     return assemble(arm, prepare([log]))
+
+
+def with_torque(data: Data, torque: np.ndarray) -> Data:
+    """Return data in which the arm asks for a torque (T, n) more [N·m]."""
+    return replace(data, recording=replace(data.recording, tau=data.tau + torque))
 
 
 def panda(**options) -> Arm:

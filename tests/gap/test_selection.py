@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.refit import settle
-from stiction_envs.gap.selection import Chooser, gain, pruned
-from tests.gap.small_logs import data_of, hidden, panda, sliding
+from stiction_envs.gap.selection import Chooser, Gain, Offer, _slope, gain, means_nothing, pruned
+from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 
 DRY = Candidate("coulomb_friction", 3, ())
+VISCOUS = Candidate("viscous_friction", 3, ())
 OFFSET = Candidate("torque_offset", 5, ())
+BY_NAME = {c.name: c for c in CAUSES}
+FEW = ("coulomb_friction", "viscous_friction", "torque_offset")
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +25,15 @@ def library() -> RegressorLibrary:
     level, offset = np.zeros(7), np.zeros(7)
     level[3], offset[5] = 1.0, 0.5
     log = hidden(panda(), lambda q, dq, ddq: sliding(q) * level + offset)
-    few = [c for c in CAUSES if c.name in ("coulomb_friction", "viscous_friction", "torque_offset")]
-    return RegressorLibrary(data_of(panda(), log), few)
+    return RegressorLibrary(data_of(panda(), log), [BY_NAME[x] for x in FEW])
+
+
+def with_causes(library: RegressorLibrary, *names: str, **torques: float) -> RegressorLibrary:
+    """Return a library of causes, with so much of some on joint 4 beside what is hidden already."""
+    more = np.zeros_like(library.data.q)
+    for name, size in torques.items():
+        more[:, 3] += size * BY_NAME[name].columns(library.data, 3, ())[:, 0]
+    return RegressorLibrary(with_torque(library.data, more), [BY_NAME[x] for x in names])
 
 
 def test_what_is_hidden_is_chosen(library: RegressorLibrary) -> None:
@@ -51,3 +62,111 @@ def test_gains_of_terms_on_different_joints_add_up(library: RegressorLibrary) ->
 
 def test_without_a_delay_nothing_is_settled(library: RegressorLibrary) -> None:
     assert settle(library, [DRY, OFFSET]) == [DRY, OFFSET]
+
+
+def test_progress_counts_terms(library: RegressorLibrary) -> None:
+    steps: list[int] = []
+    Chooser(library, steps.append).choose()
+    assert steps == [1, 2]
+
+
+# ---- what is significant -------------------------------------------------------------------
+
+
+def test_a_gain_must_be_there_on_a_joint_and_as_a_whole() -> None:
+    def judged(less: float, joint: bool, whole: bool) -> bool:
+        return Gain(np.full((1, 4), less), np.array([joint]), whole).significant
+
+    assert judged(1.0, True, True)
+    assert not judged(-1.0, True, True)
+    assert not judged(1.0, False, True)
+    assert not judged(1.0, True, False)
+
+
+def test_with_equal_blocks_the_slope_is_students_t() -> None:
+    """Law checked: t of the mean of pᵀe over its standard error, in any unit; none without p."""
+    rng = np.random.default_rng(0)
+    came = rng.normal(1.0, 0.5, 12)
+    for size in (1e-3, 1.0, 1e3):
+        found = _slope(size * came, np.full(12, size))
+        assert found == pytest.approx(ttest_1samp(came, 0.0).statistic)
+    assert _slope(np.zeros(12), np.zeros(12)) <= 0.0
+    assert _slope(np.ones(1), np.ones(1)) <= 0.0
+
+
+def test_an_offset_is_seen_beside_any_exact_torque_but_not_beside_rough_friction(library) -> None:
+    """0.1 N·m beside 3 N·m: the law of viscous friction is exact, that of dry friction is not."""
+    offset = Candidate("torque_offset", 3, ())
+    exact = with_causes(library, *FEW, viscous_friction=10.0, torque_offset=0.1)
+    rough = with_causes(library, *FEW, coulomb_friction=5.0, torque_offset=0.1)
+    assert gain(exact, [VISCOUS, DRY, offset], [offset]).significant
+    assert not gain(rough, [DRY, offset], [offset]).significant
+    assert gain(rough, [DRY, offset], [DRY]).significant
+
+
+def test_what_is_on_its_bound_means_nothing(library: RegressorLibrary) -> None:
+    backwards = with_causes(library, *FEW, coulomb_friction=-2.0)
+    assert means_nothing(backwards, [DRY, OFFSET], [DRY])
+    assert not means_nothing(backwards, [DRY, OFFSET], [OFFSET])
+    assert not means_nothing(library, [DRY, OFFSET], [DRY, OFFSET])
+
+
+def test_what_cannot_be_alone_goes_with_what_it_needs(library: RegressorLibrary) -> None:
+    """Asymmetry of a joint without friction is none, however significant."""
+    asymmetry = Candidate("direction_asymmetry", 3, ())
+    both = {"coulomb_friction": -1.0, "direction_asymmetry": 0.5}
+    only = with_causes(library, *FEW, "direction_asymmetry", **both)
+    only.refine([asymmetry])  # by hand: a joint that never rests cannot show it
+    assert gain(only, [asymmetry], [asymmetry]).significant
+    assert pruned(only, [asymmetry]) == []
+    with_friction = with_causes(library, *FEW, "direction_asymmetry", direction_asymmetry=0.5)
+    with_friction.refine([asymmetry])
+    assert pruned(with_friction, [DRY, asymmetry]) == [DRY, asymmetry]
+
+
+# ---- which of what is significant ----------------------------------------------------------
+
+
+def offer(added: list[Candidate], less: np.ndarray) -> Offer:
+    return Offer(added, Gain(less, np.ones(len(less), dtype=bool), True))
+
+
+def test_the_simplest_of_what_is_as_good(library: RegressorLibrary) -> None:
+    """1 % less is as good; 5 % only where it is within two errors from block to block."""
+    chooser, blocks = Chooser(library), 12
+    even, uneven = np.full((2, blocks), 1.0), np.full((2, blocks), 1.0)
+    uneven[0, 0], uneven[0, 1] = 12.0, -10.0
+    # the gains on two joints differ, which says nothing of blocks
+    even[0], even[1] = 1.5, 0.5
+    best = offer([DRY, VISCOUS], even)
+
+    def chosen(lost: float, shape: np.ndarray) -> Offer | None:
+        other = offer([DRY], even - lost * even.sum() * shape / shape.sum())
+        worse = offer([VISCOUS], 0.999 * other.found.less)
+        found = chooser._simplest([worse, best, other])
+        assert found in (best, other)
+        return found
+
+    joint = np.zeros((2, blocks))
+    joint[0] = 1.0
+    assert chosen(0.009, even) is not best
+    assert chosen(0.03, even) is best
+    assert chosen(0.03, joint) is best
+    assert chosen(0.03, uneven) is not best
+    assert chosen(0.06, uneven) is best
+    assert chooser._simplest([]) is None
+
+
+def test_the_whole_arm_is_held_against_the_sum_over_joints(library: RegressorLibrary) -> None:
+    """A cause of single joints comes first where all its joints together gain more."""
+    less = np.ones((7, 12)) / 84
+    arm = offer([Candidate("payload", ARM, ())], 100.0 * less)
+    friction = [offer([Candidate("coulomb_friction", j, ())], 50.5 * less) for j in range(2)]
+    # counted by the cause itself, not by what it needs
+    fading = offer([DRY, Candidate("stribeck_friction", 3, (0.1,))], 99.0 * less)
+    chooser = Chooser(library)
+    assert chooser._leading([arm, *friction, fading]) == friction
+    assert chooser._leading([arm, friction[0], fading]) == [arm, friction[0], fading]
+    assert chooser._leading([*friction, fading]) == [*friction, fading]
+    other = offer([Candidate("coulomb_friction", 1, ())], 49.8 * less)
+    assert chooser._leading([arm, friction[0], other]) == [friction[0], other]

@@ -1,0 +1,157 @@
+"""Columns of all causes: what they are given, how their rows weigh, what they sum up to."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary, certain
+from stiction_envs.gap.causes import CAUSES, Cause, Parameter
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.gap.signals.dataset import Data
+from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
+
+DRY, VISCOUS = (Candidate(f"{name}_friction", 3, ()) for name in ("coulomb", "viscous"))
+OFFSET, PAYLOAD = Candidate("torque_offset", 5, ()), Candidate("payload", ARM, ())
+LINEAR = ("coulomb_friction", "viscous_friction", "torque_offset")
+
+
+def causes(*names: str) -> list[Cause]:
+    return [c for c in CAUSES if c.name in names]
+
+
+class Asked(Cause):
+    """Remembers the residuals that its nonlinear parameters are chosen by."""
+
+    name, what, what_to_record, parameters = "asked", "", "", ()
+
+    def __init__(self) -> None:
+        self.residuals: dict[int, np.ndarray] = {}
+
+    def shapes(self, data, joint, residual):
+        self.residuals[joint] = residual
+        return []
+
+    def columns(self, data, joint, shape):
+        raise NotImplementedError
+
+    def values(self, coefficients, shape):
+        raise NotImplementedError
+
+
+class Twist(Cause):
+    """A cause of one joint that all joints' torques show, each by another share."""
+
+    name, what, what_to_record = "twist", "", ""
+    parameters = (Parameter("twist_nm", "N·m"),)
+    coupled = True
+
+    def spread(self, data, joint, shape):
+        share = np.roll(np.arange(1.0, data.n + 1), joint)
+        return data.q[:, [joint], None] * share[:, None]
+
+    def columns(self, data, joint, shape):
+        raise NotImplementedError
+
+    def values(self, coefficients, shape):
+        return {"twist_nm": float(coefficients[0])}
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    """Dry friction of 1 N·m in joint 4, an offset of 0.5 N·m in joint 6, noise of 0.01 N·m."""
+    level, offset = np.zeros(7), np.zeros(7)
+    level[3], offset[5] = 1.0, 0.5
+    return data_of(panda(), hidden(panda(), lambda q, dq, ddq: sliding(q) * level + offset))
+
+
+@pytest.fixture(scope="module")
+def library(data: Data) -> RegressorLibrary:
+    return RegressorLibrary(data, causes(*LINEAR, "payload"))
+
+
+def test_rest_off_the_level_of_friction_counts_little() -> None:
+    """A joint that rests weighs little where its direction is open, unless it rests always."""
+    s = gap_settings()
+    t = np.arange(1000) / 100
+
+    def weights(moves: np.ndarray, direction: float) -> np.ndarray:
+        path = np.cumsum(np.where(moves, 0.5, 0.0)) / 100
+        data = SimpleNamespace(
+            settings=s,
+            reversal_path=path[:, None],
+            runs=lambda: [slice(0, len(t))],
+            dt=0.01,
+            direction=lambda _: np.full(len(t), direction),
+        )
+        return certain(data, 0)
+
+    half, hardly = weights(t < 5, 0.5), weights(t < 0.5, 0.5)
+    np.testing.assert_array_equal(half[t < 4.9], 1.0)
+    np.testing.assert_array_equal(half[t > 5.1], s.candidates.uncertain)
+    np.testing.assert_array_equal(hardly, 1.0)
+    np.testing.assert_array_equal(weights(t < 5, 0.95), 1.0)
+
+
+def test_nonlinear_causes_see_what_linear_ones_leave(data: Data) -> None:
+    asked = Asked()
+    RegressorLibrary(data, [*causes(*LINEAR), asked])
+    for joint in (3, 5):
+        seen, all_of_it = (np.std(x) for x in (asked.residuals[joint], data.residual[:, joint]))
+        assert seen < (0.2 * all_of_it if joint == 3 else 1.1 * all_of_it)
+        assert abs(asked.residuals[joint].mean()) < 0.02
+
+
+def test_what_no_cause_explains_weighs_less(data: Data) -> None:
+    """Bumps of 20 N·m count little, though friction is larger; ordinary rows count in full."""
+    torque = np.zeros_like(data.q)
+    hit = np.arange(len(data.t)) % 1000 < 10
+    (dry,) = causes("coulomb_friction")
+    torque[:, 3] = 20.0 * hit + 30.0 * dry.columns(data, 3, ())[:, 0]
+    weight = RegressorLibrary(with_torque(data, torque), causes(*LINEAR)).weight[:, 3]
+    assert weight.max() == 1.0
+    assert weight[hit].max() < 0.1
+    assert weight[~hit].mean() > 0.9
+
+
+def test_errors_are_in_units_of_the_noise(library: RegressorLibrary) -> None:
+    """With everything that is hidden in the model, one per row and joint; a payload is none."""
+    left = library.grams.errors(library.model_columns([DRY, OFFSET]))
+    rows = np.array([g.count.sum() for g in library.grams.joints])
+    assert np.all((left / rows > 0.3) & (left / rows < 2.0))
+    assert library.grams.errors(library.model_columns([OFFSET]))[3] > 100 * left[3]
+
+
+@pytest.mark.parametrize("terms", [[DRY, OFFSET], [OFFSET, PAYLOAD, DRY, VISCOUS]])
+def test_models_are_fits_to_their_columns(library: RegressorLibrary, terms) -> None:
+    """Law checked: what the fit leaves of the residual, row by row, is what the sums say."""
+    model = library.model_columns(terms)
+    c = library.grams.fit(model)
+    inside = library.data.block >= 0
+    for joint, errors in enumerate(library.grams.errors(model)):
+        e = (library.residual[:, joint] - library.torque(terms, c, joint))[inside]
+        weight = library.weight[inside, joint] / library.data.noise[joint] ** 2
+        assert errors == pytest.approx((weight * e * e).sum(), rel=1e-5)
+    np.testing.assert_array_equal(
+        library.own(terms, [DRY]), [t is DRY for t in terms for _ in range(1 + 9 * (t is PAYLOAD))]
+    )
+
+
+def test_who_is_acted_on(library: RegressorLibrary) -> None:
+    assert library.affected_joints(DRY) == [3]
+    assert library.affected_joints(PAYLOAD) == list(range(7))
+
+
+def test_a_coupled_cause_has_one_coefficient_in_all_torques(data: Data) -> None:
+    twist, terms = Twist(), [Candidate("twist", j, ()) for j in (1, 2)]
+    torque = np.einsum("tnk->tn", 0.3 * twist.spread(data, 1, ()) - twist.spread(data, 2, ()))
+    library = RegressorLibrary(with_torque(data, torque), [*causes(*LINEAR), twist])
+    assert library.affected_joints(terms[0]) == list(range(7))
+    c = library.grams.fit(library.model_columns([*terms, DRY, OFFSET]))
+    np.testing.assert_allclose(c[:2], [0.3, -1.0], atol=0.01)
+    for j in range(7):
+        np.testing.assert_allclose(
+            library.torque(terms, np.array([0.3, -1.0]), j), torque[:, j], atol=1e-12
+        )
