@@ -204,16 +204,20 @@ def lives(known: dict[tuple[str, str], dict[str, Any]], mutant: Mutant, suite: s
     return None if row is None else row["outcome"] == "survived"
 
 
+def killed(known: dict[tuple[str, str], dict[str, Any]], mutant: Mutant) -> bool:
+    """Whether quick tests kill a mutant, those of before or those of now."""
+    return any(lives(known, mutant, suite) is False for suite in ("quick", "again"))
+
+
 def due(room: str, suite: str, work: Path) -> list[Mutant]:
-    """Return the mutants that a suite has yet to meet; for ``again``, all that are alive."""
+    """Return the mutants that a suite has yet to meet; for ``again``, all not known as killed."""
     known = results(work)
     out = sample(room, work)
-    if suite == "quick":
-        return [m for m in out if lives(known, m, "quick") is None]
-    alive = [m for m in out if lives(known, m, "quick")]
+    if suite == "again":
+        return [m for m in out if not killed(known, m)]
     if suite == "slow":
-        return [m for m in alive if lives(known, m, "slow") is None]
-    return [m for m in alive if lives(known, m, "again") is not False]
+        out = [m for m in out if lives(known, m, "quick")]
+    return [m for m in out if lives(known, m, suite) is None]
 
 
 def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
@@ -227,9 +231,10 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
     free: SimpleQueue[Tree] = SimpleQueue()
     for tree in trees:
         free.put(tree)
-    (listed := trees[-1].folder.with_suffix(".tests")).write_text("\n".join(tests), "utf-8")
-    sound = trees[-1].pytest("-x", f"@{listed}")  # unbroken, they pass in this order too
-    assert sound.status == 0, sound.log[-3000:]
+    for tree in trees[1:]:  # unbroken, they pass in this order too; fills the tree's cache
+        (listed := tree.folder.with_suffix(".tests")).write_text("\n".join(tests), "utf-8")
+        sound = tree.pytest("-x", f"@{listed}")
+        assert sound.status == 0, sound.log[-3000:]
 
     found: dict[str, Counter[str]] = {m.file: Counter() for m in todo}
 
