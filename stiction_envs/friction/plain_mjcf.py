@@ -138,7 +138,8 @@ def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
             ]
         ),
     )
-    if bias[RIPPLE] != 0:
+    # periods and phase count without an amplitude too: the model must be the same number by number
+    if bias[RIPPLE : RIPPLE + 3].any():
         element.set("cogging", numbers(bias[RIPPLE : RIPPLE + 3]))
     if np.isfinite(limit):
         element.set("ctrlrange", numbers([-limit, limit]))
@@ -158,7 +159,9 @@ def _check(text: str, sticking: StickingModel) -> None:
 
 
 def differences(again: mujoco.MjModel, sticking: StickingModel) -> dict[str, float]:
-    """Return the largest difference of every physical field, relative to the field's largest.
+    """Return the largest relative difference of the numbers of every physical field.
+
+    Numbers under a thousandth of their field's largest are held against that thousandth.
 
     Args:
         again: the model read back; it has the torque actuators only.
