@@ -162,22 +162,33 @@ def tests_of(room: str, which: str, tree: Tree) -> tuple[dict[str, float], float
     return out
 
 
+def verdicts() -> dict[str, str]:
+    """Return what was written of mutants, by their names."""
+    return tomllib.loads(VERDICTS.read_text("utf-8")) if VERDICTS.exists() else {}
+
+
+def equivalent(mutant: Mutant) -> bool:
+    """Whether a mutant was judged to change no result."""
+    return verdicts().get(mutant.name, "").startswith("equivalent")
+
+
 def meet(
     mutant: Mutant, tests: dict[str, float], cpu_s: float, tree: Tree, killers: list[str]
 ) -> dict[str, Any]:
     """Return what became of a mutant.
 
     Asked first: ``killers``, which found faults of its file, and its module's tests or, without
-    any, its folder's. Those may take less time before they count as endless.
+    any, its folder's. Those may take less time before they count as endless. A mutant that was
+    judged to be equivalent meets no others.
     """
     own = [name for name in tests if f"/test_{Path(mutant.file).stem}.py::" in name]
     room = [name for name in tests if name.startswith(f"tests/{Path(mutant.file).parent.name}/")]
     first = list(dict.fromkeys(n for n in (*killers, *(own or room)) if n in tests))
     rest = sorted((n for n in tests if n not in set(first)), key=lambda n: n not in room)
     short = sum(tests[n] for n in first) + START_S
-    stages = [(first, short), (rest, cpu_s)]
+    stages = [(first, short), (rest, 0.0 if equivalent(mutant) else cpu_s)]
     began = time.monotonic()
-    run = tree.mutate(mutant, [(asked, TIMES_NORMAL * s) for asked, s in stages if asked])
+    run = tree.mutate(mutant, [(asked, TIMES_NORMAL * s) for asked, s in stages if asked and s])
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.log, re.M)
     outcome = {0: "survived", -signal.SIGXCPU: "timeout", -signal.SIGKILL: "timeout"}
     return {
@@ -237,6 +248,8 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
         assert sound.status == 0, sound.log[-3000:]
 
     found: dict[str, Counter[str]] = {m.file: Counter() for m in todo}
+    for known in results(work).values():
+        found.get(known["mutant"].split(":")[0], Counter()).update([known["by"]])
 
     def one(mutant: Mutant) -> None:
         tree = free.get()
@@ -253,45 +266,58 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
 
 
 def report(rooms: list[str], work: Path) -> str:
-    """Return the page: scores by room, and every mutant that the quick tests first let live."""
-    known = results(work)
-    verdicts = tomllib.loads(VERDICTS.read_text("utf-8")) if VERDICTS.exists() else {}
-    scores, survivors, total = [], [], Counter[str]()
+    """Return the page: scores by room, and every mutant that some quick suite let live."""
+    known, said = results(work), verdicts()
+    scores, listed, total = [], [], Counter[str]()
     for room in rooms:
-        met = [m for m in sample(room, work) if lives(known, m, "quick") is not None]
-        alive = [m for m in met if lives(known, m, "quick")]
-        ends = {m: fate(known, m) for m in alive}
-        now = Counter(ends.values())
-        equal = sum(verdicts.get(m.name, "").startswith("equivalent") for m in alive)
-        quick = len(met) - len(alive)
-        total += Counter(met=len(met), quick=quick, again=now["killed now"], equal=equal)
-        scores.append(score(f"`{room}`", len(met), quick, now["killed now"], equal))
-        for m in alive:
-            where = f"`{m.file.removeprefix('stiction_envs/')}:{m.line}`"
-            was, is_now = (f"`{text}`".replace("|", "\\|") for text in (m.was, m.is_now))
-            survivors.append([where, was, is_now, ends[m], verdicts.get(m.name, "")])
-    scores.append(score("all", *(total[k] for k in ("met", "quick", "again", "equal"))))
-    columns = ["room", "mutants", "killed before", "killed now", "equivalent", "now, of the rest"]
+        counts, mutants = Counter[str](), sample(room, work)
+        for m in mutants:
+            before, now = lives(known, m, "quick"), lives(known, m, "again")
+            ran, ended = before is not None or now is not None, killed(known, m)
+            counts += Counter(
+                run=ran,
+                before=before is not None,
+                killed_before=before is False,
+                killed=ended,
+                equivalent=ran and not ended and equivalent(m),
+            )
+            if before or now:
+                slow = lives(known, m, "slow") is False
+                fate = "killed now" if ended else "killed by slow tests" if slow else "lives"
+                where = f"`{m.file.removeprefix('stiction_envs/')}:{m.line}`"
+                was, is_now = (f"`{text}`".replace("|", "\\|") for text in (m.was, m.is_now))
+                listed.append([where, was, is_now, fate, said.get(m.name, "")])
+        scores.append(score(f"`{room}`", counts))
+        total += counts
+    scores.append(score("all", total))
     return render(
         TEMPLATE,
         seed=SEED,
-        mutants=total["met"],
-        scores=table_text(columns, scores),
-        survivors=table_text(["where", "was", "became", "and now", "verdict"], survivors),
+        run=total["run"],
+        before=total["before"],
+        drawn=sum(len(sample(room, work)) for room in rooms),
+        scores=table_text(COLUMNS, scores),
+        survivors=table_text(["where", "was", "became", "and now", "verdict"], listed),
     )
 
 
-def fate(known: dict[tuple[str, str], dict[str, Any]], mutant: Mutant) -> str:
-    """Return what became of a mutant that the quick tests first let live."""
-    if lives(known, mutant, "again") is False:
-        return "killed now"
-    return "killed by slow tests" if lives(known, mutant, "slow") is False else "lives"
+COLUMNS = ["room", "run", "killed by the earlier tests", "killed now", "equivalent", "of the rest"]
 
 
-def score(name: str, met: int, quick: int, again: int, equal: int) -> list[str]:
+def score(name: str, n: Counter[str]) -> list[str]:
     """Return a row of the page: mutants, those killed before and now, those that are none."""
-    shares = (f"{k} ({100 * k / max(met, 1):.0f} %)" for k in (quick, quick + again))
-    return [name, str(met), *shares, str(equal), f"{100 * (quick + again) / (met - equal):.0f} %"]
+
+    def share(part: int, whole: int) -> str:
+        return f"{part} of {whole} ({100 * part / whole:.0f} %)" if whole else "not run"
+
+    return [
+        name,
+        str(n["run"]),
+        share(n["killed_before"], n["before"]),
+        share(n["killed"], n["run"]),
+        str(n["equivalent"]),
+        share(n["killed"], n["run"] - n["equivalent"]),
+    ]
 
 
 def main(argv: list[str] | None = None) -> None:

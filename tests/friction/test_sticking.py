@@ -8,6 +8,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, load_friction
 from stiction_envs.friction.sticking import (
+    arm_of,
     friction_file,
     model_sha256,
     sticking_model,
@@ -28,6 +29,7 @@ def test_a_robot_has_its_own_friction_and_others_the_generic_one():
 def test_a_model_keeps_its_friction_and_its_step_unless_told():
     model = sticking(timestep=5e-4)
     assert sticking_model(model) is model
+    assert arm_of(model) is model.arm
     assert sticking_model(model, timestep=2.5e-4).timestep == 2.5e-4
     other = sticking_model(model, friction(stiction=0.9))
     assert other.timestep == 5e-4

@@ -34,6 +34,16 @@ def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
         assert np.isclose(out[0, b], (W[~rest] * e * e).sum(), rtol=1e-5)
 
 
+def test_blocks_count_as_often_as_is_said() -> None:
+    """A block that counts twice and one that counts for nothing; then all of them once again."""
+    grams, weight = stack(), np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    for often in (weight, np.ones(6), None):
+        root = np.sqrt(W * (1.0 if often is None else often[BLOCK]))[:, None]
+        expected = np.linalg.lstsq(X * root, R * root[:, 0], rcond=None)[0]
+        for _ in range(2):
+            assert np.allclose(grams.fit(FREE, often), expected, atol=1e-6)
+
+
 def test_rows_between_blocks_count_for_nothing() -> None:
     block = BLOCK.copy()
     block[250:350] = -1
