@@ -35,9 +35,9 @@ def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
 
 
 def test_blocks_count_as_often_as_is_said() -> None:
-    """A block that counts twice and one that counts for nothing; then all of them once again."""
+    """One block counts twice and one for nothing, which does not last."""
     grams, weight = stack(), np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    for often in (weight, np.ones(6), None):
+    for often in (np.ones(6), weight, None):
         root = np.sqrt(W * (1.0 if often is None else often[BLOCK]))[:, None]
         expected = np.linalg.lstsq(X * root, R * root[:, 0], rcond=None)[0]
         for _ in range(2):

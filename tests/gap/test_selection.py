@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.causes import CAUSES, Cause, Parameter
 from stiction_envs.gap.refit import settle
 from stiction_envs.gap.selection import Chooser, Gain, Offer, _slope, gain, means_nothing, pruned
+from tests.friction.gyro import gyro
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 
 DRY = Candidate("coulomb_friction", 3, ())
@@ -170,3 +171,63 @@ def test_the_whole_arm_is_held_against_the_sum_over_joints(library: RegressorLib
     assert chooser._leading([*friction, fading]) == [*friction, fading]
     other = offer([Candidate("coulomb_friction", 1, ())], 49.8 * less)
     assert chooser._leading([arm, friction[0], other]) == [friction[0], other]
+
+
+# ---- term by term, with causes made for it -------------------------------------------------
+
+
+class Made(Cause):
+    """A cause of two joints, or of one, with columns that a test gives: (T, n)."""
+
+    what = what_to_record = ""
+    parameters = (Parameter("size", "N·m"),)
+
+    def __init__(self, name: str, torque: np.ndarray, *, arm_wide: bool = False) -> None:
+        self.name, self.arm_wide, self.torque = name, arm_wide, torque  # type: ignore[misc]
+
+    def columns(self, data, joint, shape):
+        return self.torque[:, [joint]]
+
+    def values(self, coefficients, shape):
+        return {"size": float(coefficients[0])}
+
+
+@pytest.mark.parametrize("true", ["local", "whole"])
+def test_what_was_significant_is_judged_anew_once_something_is_found(true) -> None:
+    """Two causes that resemble each other, of a joint and of the arm: the true one alone comes."""
+    data = data_of(gyro(), hidden(gyro()))
+    local = Made("local", np.sin(2 * data.q))
+    whole = Made("whole", data.q * [1.0, 0.02], arm_wide=True)
+    torque = {"local": local.torque * [1.0, 0.0], "whole": whole.torque}[true]
+    library = RegressorLibrary(with_torque(data, torque), [local, whole])
+    other = {"local": Candidate("whole", ARM, ()), "whole": Candidate("local", 0, ())}[true]
+    assert gain(library, [other], [other]).significant
+    steps: list[int] = []
+    chosen = Chooser(library, steps.append).choose()
+    assert chosen == [Candidate(true, 0 if true == "local" else ARM, ())]
+    assert steps == [1]
+
+
+@pytest.mark.parametrize(("size", "found"), [(1.5, False), (2.5, True)])
+def test_pairs_are_tried_where_twice_the_noise_is_left(size, found) -> None:
+    """Two columns that say something by their difference only."""
+    data = data_of(gyro(), hidden(gyro()))
+    x, y = (np.sin(2 * np.pi * f * data.t)[:, None] * [1.0, 0.0] for f in (0.37, 1.13))
+    one, two = Made("one", x + 0.01 * y), Made("two", x)
+    torque = np.sqrt(2) * np.sqrt(size**2 - 1) * data.noise[0] * y
+    library = RegressorLibrary(with_torque(data, torque), [one, two])
+    pair = [Candidate("one", 0, ()), Candidate("two", 0, ())]
+    assert gain(library, pair, pair).significant
+    assert not any(gain(library, [x], [x]).significant for x in pair)
+    assert set(Chooser(library).choose()) == (set(pair) if found else set())
+
+
+@pytest.mark.parametrize("start", [[], [DRY]])
+def test_what_a_cause_needs_comes_with_it_once(library: RegressorLibrary, start) -> None:
+    more = np.zeros_like(library.data.q)
+    more[:, 3] = 2.0 * BY_NAME["stribeck_friction"].columns(library.data, 3, (0.1,))[:, 0]
+    causes = [BY_NAME[x] for x in (*FEW, "stribeck_friction")]
+    fading = RegressorLibrary(with_torque(library.data, more), causes)
+    chosen = Chooser(fading, None, start).choose()
+    assert sorted(t.cause for t in chosen if t.joint == 3)[:2] == [DRY.cause, "stribeck_friction"]
+    assert len({(t.cause, t.joint) for t in chosen}) == len(chosen)
