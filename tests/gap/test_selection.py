@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
@@ -105,6 +107,19 @@ def test_an_offset_is_seen_beside_any_exact_torque_but_not_beside_rough_friction
     assert gain(rough, [DRY, offset], [DRY]).significant
 
 
+@pytest.mark.parametrize(("size", "found"), [(0.8, False), (1.5, True)])
+def test_what_is_left_within_the_noise_floor_is_not_explained(size, found) -> None:
+    """However well it would be: noise of the acceleration is in columns and residuals alike."""
+    data = data_of(panda(), hidden(panda()))
+    data = replace(data, noise=5 * data.noise)
+    torque = np.zeros_like(data.q)
+    torque[:, 5] = size * data.noise[5]
+    library = RegressorLibrary(with_torque(data, torque), [BY_NAME["torque_offset"]])
+    judged = gain(library, [OFFSET], [OFFSET])
+    assert judged.significant == found
+    assert library.grams.gained(*(library.model_columns(x) for x in ([OFFSET], [])))[5] > 0.5
+
+
 def test_what_is_on_its_bound_means_nothing(library: RegressorLibrary) -> None:
     backwards = with_causes(library, *FEW, coulomb_friction=-2.0)
     assert means_nothing(backwards, [DRY, OFFSET], [DRY])
@@ -206,6 +221,18 @@ def test_what_was_significant_is_judged_anew_once_something_is_found(true) -> No
     chosen = Chooser(library, steps.append).choose()
     assert chosen == [Candidate(true, 0 if true == "local" else ARM, ())]
     assert steps == [1]
+
+
+@pytest.mark.parametrize(("other", "found"), [(1.0, False), (1e-3, True)])
+def test_a_cause_of_the_arm_must_not_spoil_other_joints(other, found) -> None:
+    """Half of one joint's torque is taken away, and as much put on one that had none."""
+    data = data_of(gyro(), hidden(gyro()))
+    whole = Made("whole", data.q * [1.0, other], arm_wide=True)
+    library = RegressorLibrary(with_torque(data, data.q * [1.0, 0.0]), [whole])
+    judged = gain(library, [Candidate("whole", ARM, ())], [Candidate("whole", ARM, ())])
+    assert judged.total > 0
+    assert judged.significant_joints[0]
+    assert judged.as_a_whole == judged.significant == found
 
 
 @pytest.mark.parametrize(("size", "found"), [(1.5, False), (2.5, True)])
