@@ -48,9 +48,17 @@ def sample(room: str, work: Path) -> list[Mutant]:
     """Return a room's mutants as they were drawn, or draw them."""
     kept = work / f"sample-{room}.json"
     if not kept.exists():
-        mutants = {"sources": digest(room), "mutants": [vars(m) for m in drawn(room)]}
-        kept.write_text(json.dumps(mutants, indent=1), "utf-8")
+        head = ["git", "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(head, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        mutants = [vars(m) for m in drawn(room)]
+        made = {"commit": commit.strip(), "sources": digest(room), "mutants": mutants}
+        kept.write_text(json.dumps(made, indent=1), "utf-8")
     return [Mutant(**row) for row in json.loads(kept.read_text("utf-8"))["mutants"]]
+
+
+def kept_of(room: str, work: Path, what: str) -> str:
+    """Return the commit of a drawn sample, or the digest of its sources."""
+    return str(json.loads((work / f"sample-{room}.json").read_text("utf-8"))[what])
 
 
 @dataclass(frozen=True)
@@ -236,8 +244,8 @@ def run(room: str, suite: str, work: Path, trees: list[Tree]) -> None:
     todo = due(room, suite, work)
     if not todo:
         return
-    of = json.loads((work / f"sample-{room}.json").read_text("utf-8"))["sources"]
-    assert of == digest(room), f"{room}: sources have changed since the sample was drawn"
+    same = kept_of(room, work, "sources") == digest(room)
+    assert same, f"{room}: sources have changed since the sample was drawn"
     tests, cpu_s = tests_of(room, suite, trees[0])
     free: SimpleQueue[Tree] = SimpleQueue()
     for tree in trees:
@@ -293,6 +301,7 @@ def report(rooms: list[str], work: Path) -> str:
     return render(
         TEMPLATE,
         seed=SEED,
+        commits=" and ".join(sorted({kept_of(room, work, "commit") for room in rooms})),
         run=total["run"],
         before=total["before"],
         drawn=sum(len(sample(room, work)) for room in rooms),

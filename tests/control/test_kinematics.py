@@ -1,0 +1,36 @@
+"""Pose and Jacobian of the end effector against MuJoCo's own, simulation by simulation."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stiction_envs.control.kinematics import EndEffector
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.plant import Plant
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7"])
+def test_pose_and_jacobian_are_mujocos(robot):
+    """Law checked: v = J q̇ at the flange; the hand is the flange turned about its z."""
+    model = sticking_model(robot)
+    plant = Plant(model, 3, nthread=1, closed_loop=True)
+    hand = EndEffector(model, plant.batch)
+    q = model.arm.rest + np.random.default_rng(0).uniform(-0.5, 0.5, (3, model.n))
+    plant.reset(np.arange(3), q)
+    hand.read()
+    site = model.model.site(model.arm.end_effector).id
+    yaw = Rotation.from_euler("z", model.arm.hand_yaw)
+    for i in range(3):
+        data = mujoco.MjData(model.model)
+        data.qpos[model.motor] = q[i]
+        mujoco.mj_forward(model.model, data)
+        jacobian = np.zeros((6, model.model.nv))
+        mujoco.mj_jacSite(model.model, data, jacobian[:3], jacobian[3:], site)
+        np.testing.assert_allclose(hand.position[i], data.site_xpos[site], atol=1e-12)
+        np.testing.assert_allclose(hand.jacobian[i], jacobian[:, model.motor], atol=1e-12)
+        turned = Rotation.from_matrix(data.site_xmat[site].reshape(3, 3)) * yaw
+        found = Rotation.from_quat(hand.quaternion[i], scalar_first=True)
+        assert (found * turned.inv()).magnitude() < 1e-9
