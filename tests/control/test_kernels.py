@@ -1,0 +1,52 @@
+"""Compiled code against the same code in Python, where every index is checked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control import eigen, impedance, kernels, operational, rotation
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
+from stiction_envs.robots import load_arm
+from tests.control.rig import Look, poses
+
+ROWS = np.array([3, 17])
+
+
+def commands(design: str, projector: str) -> np.ndarray:
+    """(5, 2, 7) torques of two arms, with everything a controller can do [N·m]."""
+    settings = ImpedanceSettings(
+        damping_design=design,
+        projector=projector,
+        nullspace_stiffness=5.0,
+        coriolis=True,
+        pose_filter=0.5,
+        torque_rate=3.0,
+    )
+    look = Look(*(part[ROWS] for part in poses()[:6]))
+    control = CartesianImpedance(settings, 2, load_arm("panda").limits)
+    control.reset(None, look.position, look.quaternion, look.q)
+    control.update_model(None, look.jacobian, look.mass)
+    control.set_reference(look.position + 0.05, np.roll(look.quaternion, 1, axis=0))
+    control.set_nullspace(look.q + 0.1)
+    control.set_wrench(np.full((2, 6), 0.3))
+    extra = np.random.default_rng(5).normal(size=(3, 2, 7))
+    out = []
+    for _ in range(5):
+        more = {"gravity_correction": extra[1], "dither": extra[2]}
+        out.append(control.torque(*look[:5], extra[0], **more))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("projector", ["dynamic", "pseudoinverse"])
+@pytest.mark.parametrize("design", ["mass", "diagonal"])
+def test_compiled_code_stays_within_its_arrays(design, projector, monkeypatch):
+    """numba reads and writes past their ends without a word; Python raises."""
+    compiled = commands(design, projector)
+    for module in (eigen, impedance, kernels, operational, rotation):
+        for name, function in list(vars(module).items()):
+            if hasattr(function, "py_func"):
+                monkeypatch.setattr(module, name, function.py_func)
+    with np.errstate(all="ignore"):  # compiled code does not warn
+        np.testing.assert_allclose(commands(design, projector), compiled, rtol=1e-9, atol=1e-9)
+    assert np.abs(np.diff(compiled, axis=0)).max() > 0.1
