@@ -97,7 +97,6 @@ def naive_loop(seconds=3.0):
 
 def protocol_seconds(threads):
     """Wall time of 28 configurations x 13 settings x 4 iterations, and the steps done."""
-    from tuning.labbook import LabBook
     from tuning.rules import frequencies_of
     from tuning.settings import tuning_settings
     from tuning.thesis import ThesisTuner
@@ -108,18 +107,18 @@ def protocol_seconds(threads):
         tuner = ThesisTuner(
             experiment,
             Path(folder),
-            LabBook(Path(folder) / "labbook.jsonl", {"benchmark": 1}),
+            {"benchmark": 1},
             frequencies=frequencies_of("panda"),
             scales=tuning_settings().thesis.scales,
             iterations=4,
             storage=None,
             study="benchmark",
-            settings=tuning_settings().thesis,
+            settings=tuning_settings(),
             progress=lambda stage, d, total: done.__setitem__(stage, d),
         )
         start = time.perf_counter()
         tuner.run_base()
-        tuner.prefetch()
+        tuner.run_grid()
         wall = time.perf_counter() - start
     return wall, 1000 * sum(done.values())
 

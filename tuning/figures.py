@@ -144,6 +144,8 @@ def iterations(tuner: ThesisTuner, verified: Verified) -> list[tuple[int, str, s
             cs = [c for c in configurations(tuner.experiment.n, [joint]) if c.load == load]
             files = {k: f"plots/joint{joint}_{load}_{k}.png" for k in ("base", "final")}
             for name, found in (("base", tuner.base), ("final", final)):
+                if (tuner.out / files[name]).exists():  # drawn before an interruption
+                    continue
                 plots.plot_sje(
                     [found[c] for c in cs if found[c].traces],
                     tuner.out / files[name],

@@ -1,4 +1,4 @@
-"""The lab book: one line per finished measurement, so that nothing is measured twice.
+"""The lab book of `reproduce`: a line per finished measurement, so that none is made twice.
 
 JSON lines, appended and flushed one by one. The first line says which experiment this is; a torn
 last line (the power went out) is dropped. Floats are written so that they read back exactly.
@@ -13,14 +13,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
-
-TRACE_POINTS = 150
-"""Most points kept of a trace, for plots."""
+from tuning.measurements import as_data, from_data
 
 
 class LabBook:
@@ -66,16 +62,7 @@ class LabBook:
 
     def _page(self, entry: dict[str, Any]) -> None:
         job = Job(Configuration(*entry["configuration"]), **entry["dither"])
-        self._pages[entry["series"], job] = Measurement(
-            job=job,
-            tau=np.array(entry["tau"], dtype=float),
-            start=np.array(entry["start"]),
-            start_torque=np.array(entry["start_torque"]),
-            shaken_speed=np.array(entry["shaken_speed"]),
-            deviation=entry["deviation"],
-            traces=tuple(np.array(t, dtype=np.float32) for t in entry["traces"]),
-            trace_dt=entry["trace_dt"],
-        )
+        self._pages[entry["series"], job] = from_data(job, entry)
 
     def _append(self, entry: dict[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:
@@ -85,8 +72,6 @@ class LabBook:
 
     def write(self, series: str, m: Measurement) -> None:
         """Add a measurement; its traces are thinned, for plots only."""
-        longest = max(len(t) for t in m.traces)
-        stride = max(1, -(-longest // TRACE_POINTS))
         c, job = m.job.configuration, m.job
         dither = {
             "frequency_hz": job.frequency_hz,
@@ -99,13 +84,7 @@ class LabBook:
             "series": series,
             "configuration": [c.joint, c.load, c.direction],
             "dither": dither,
-            "tau": m.tau.tolist(),
-            "start": m.start.tolist(),
-            "start_torque": m.start_torque.tolist(),
-            "shaken_speed": m.shaken_speed.tolist(),
-            "deviation": m.deviation,
-            "traces": [[round(float(x), 6) for x in t[stride - 1 :: stride]] for t in m.traces],
-            "trace_dt": m.trace_dt * stride,
+            **as_data(m),
         }
         self._append(entry)
         # what a resumed run would read, so that both give the same report

@@ -5,7 +5,7 @@ The words are in ``templates/``; here are the numbers and tables that go into th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +176,12 @@ def _reductions(
     }
 
 
+def _draw(path: Path, draw: Callable[[Path], None]) -> None:
+    """Draw a picture, unless it was drawn before an interruption: the folder holds one run's."""
+    if not path.exists():
+        draw(path)
+
+
 def write_report(
     tuner: ThesisTuner,
     choices: list[Choice],
@@ -190,11 +196,14 @@ def write_report(
     reductions = _reductions(tuner, choices, verified["final"])
     mean = float(np.mean(list(reductions.values())))
     numbers = list(dict.fromkeys(r.table for r in rows))
-    figures.frequency(tuner, rows, tuner.out / "frequency.png")
-    figures.verification(tuner, verified, rows, tuner.out / "verification.png")
+    _draw(tuner.out / "frequency.png", lambda path: figures.frequency(tuner, rows, path))
+    _draw(
+        tuner.out / "verification.png",
+        lambda path: figures.verification(tuner, verified, rows, path),
+    )
     worst = float("nan")
     if measured is not None:
-        figures.base(tuner, measured, tuner.out / "base.png")
+        _draw(tuner.out / "base.png", lambda path: figures.base(tuner, measured, path))
         found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
     write_page(

@@ -19,6 +19,8 @@ class ThesisSettings:
     """Amplitude over base torque [-]."""
     most_scale: float
     """Largest scale that is taken from a user [-]."""
+    batch: int
+    """Cells of every joint's grid that are measured together: what an interruption may cost."""
     cap_half_widths: float
     """A candidate above this many friction half-widths of the joint's freest pose is dropped [-].
 

@@ -4,17 +4,23 @@
       -> intermediate (scale x base of each configuration) -> final (largest of the four)
       -> verification, measured anew with another seed
 
-Every measurement is written to the lab book when it is made: interrupt it anywhere, start it
-again, and it goes on.
+Every measurement is kept in an Optuna study, the only record: one of the base torques, one per
+joint of the grid, one of the verification. A trial is a setting of a joint, its value the mean of
+|τ|/|τ_base| (of |τ| [N·m] in the first) over the joint's four configurations, and the measurements
+are its user attributes.
+Interrupt it anywhere, start it again, and it goes on; on a database that machines share, several
+do it together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from optuna.distributions import CategoricalDistribution
 
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -26,14 +32,19 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.experiments.sje.rows import sje_rows
 from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_sje
-from tuning.labbook import LabBook
+from tuning.measurements import as_data, from_data
+from tuning.record import Outcome, Parameters, Record, Search
 from tuning.rules import Choice, final_amplitude
-from tuning.search import Cell, GridStudy, run_grids
-from tuning.settings import ThesisSettings
+from tuning.samplers import sampler
+from tuning.settings import SharedSettings, TuningSettings
+from tuning.shared import fill
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
-TUNE, VERIFY = "tune", "verify"
+Cell = tuple[float, float]
+"""Frequency [Hz] and scale [-]."""
+Jobs = Callable[[int, Parameters], list[Job]]
+"""Jobs of a setting of the search of a number, one per configuration of its joint."""
 
 
 class ThesisTuner:
@@ -43,7 +54,7 @@ class ThesisTuner:
         self,
         experiment: SingleJointExperiment,
         out: Path,
-        book: LabBook,
+        about: Mapping[str, Any],
         *,
         frequencies: tuple[float, ...],
         scales: tuple[float, ...],
@@ -51,41 +62,83 @@ class ThesisTuner:
         storage: str | None,
         study: str,
         progress: Progress | None,
-        settings: ThesisSettings,
+        settings: TuningSettings,
     ) -> None:
-        self.settings = settings
-        self.experiment, self.out, self.book = experiment, out, book
+        self.settings, self._shared = settings.thesis, settings.shared
+        self.experiment, self.out, self._about = experiment, out, about
         self.frequencies, self.scales = frequencies, scales
         self.iterations = iterations
         self.storage = storage or f"sqlite:///{(out / 'optuna.db').resolve()}"
         self.study, self._progress = study, progress
         self.base: dict[Configuration, Measurement] = {}
         self.cells: dict[Job, Measurement] = {}
+        self._ratios: list[dict[Cell, float]] = []
 
-    def _measure(self, stage: str, series: str, jobs: list[Job]) -> dict[Job, Measurement]:
-        experiment = self.experiment
-        if series == VERIFY:
-            experiment = experiment.replace(seed=experiment.seed + 1)
-        repeats = self.iterations or int(experiment.protocol.iterations)
-        missing = [j for j in jobs if self.book.get(series, j) is None]
-        rate = experiment.protocol.ramp_rate
-        total = sum(experiment.expected(j) / rate + 1.4 for j in missing) * repeats
-        done = 0.0
+    def _search(self, name: str, space: dict[str, CategoricalDistribution], batch: int) -> Search:
+        """Return the search of a whole grid, each cell once, in an order of the seed's."""
+        return Search(
+            record=study_of(name, self.storage, self.study, self._about, self._shared),
+            space=space,
+            sampler=sampler("grid", space, seed=self.experiment.seed, startup=0),
+            evaluations=int(np.prod([len(d.choices) for d in space.values()])),
+            batch=batch,
+        )
 
-        def report(seconds: float) -> None:
+    def _measure(
+        self, stage: str, searches: Sequence[Search], jobs: Jobs, experiment: SingleJointExperiment
+    ) -> dict[Job, Measurement]:
+        """Fill the studies of a stage; return the measurements of all their trials."""
+        n = sum(s.evaluations for s in searches)
+        seconds = done = 0.0
+
+        def report(more: float) -> None:
             nonlocal done
-            done += seconds
+            done += more
             if self._progress is not None:
-                self._progress(stage, min(done, total), total)
+                self._progress(stage, min(done, seconds), seconds)
 
-        return self.book.measure(
-            series, experiment, jobs, iterations=self.iterations, progress=report
+        def evaluate(wanted: list[tuple[int, Parameters]]) -> list[Outcome]:
+            nonlocal seconds
+            groups = [jobs(k, setting) for k, setting in wanted]
+            distinct = list(dict.fromkeys(j for group in groups for j in group))
+            if not seconds:  # of what is left, going by these
+                left = n - sum(len(s.record.trials) for s in searches)
+                part = experiment.expected_seconds(distinct, self.iterations)
+                seconds = part * left / len(wanted)
+            run = experiment.run(distinct, iterations=self.iterations, progress=report)
+            measured = {m.job: m for m in run}
+            return [self._outcome([measured[j] for j in group]) for group in groups]
+
+        fill(searches, evaluate)
+        return {
+            job: from_data(job, t.user_attrs[_key(job.configuration)])
+            for k, s in enumerate(searches)
+            for t in s.record.trials
+            for job in jobs(k, t.params)
+        }
+
+    def _outcome(self, measured: list[Measurement]) -> Outcome:
+        """Return what is kept of a setting: nothing could be measured where a joint stuck."""
+        base = self.base
+        torques = [
+            abs(m.mean / base[m.job.configuration].mean if base else m.mean) for m in measured
+        ]
+        value = float(np.mean(torques))
+        return Outcome(
+            values=(value,) if np.isfinite(value) else None,
+            measures={_key(m.job.configuration): as_data(m) for m in measured},
         )
 
     def run_base(self) -> None:
         """Measure the base torques of all configurations."""
-        jobs = self.experiment.jobs()
-        self.base = {j.configuration: m for j, m in self._measure("base", TUNE, jobs).items()}
+        n = self.experiment.n
+        joints = {"joint": CategoricalDistribution(range(1, n + 1))}
+
+        def jobs(_: int, setting: Parameters) -> list[Job]:
+            return [Job(c) for c in configurations(n, [setting["joint"]])]
+
+        found = self._measure("base", [self._search("base", joints, n)], jobs, self.experiment)
+        self.base = {j.configuration: found[j] for j in self.experiment.jobs()}
         stuck = [c for c, m in self.base.items() if not np.isfinite(m.mean)]
         if stuck:
             c = stuck[0]
@@ -99,56 +152,41 @@ class ThesisTuner:
         """Return the job of a configuration at a frequency [Hz], A = scale × |base|."""
         return Job(c, frequency, scale * abs(self.base[c].mean))
 
-    def prefetch(self) -> None:
-        """Measure every cell of the grid in one batch; the studies then find it in the book.
+    def run_grid(self) -> None:
+        """Measure every cell, all joints' together: frequencies at every scale, and at 1.0.
 
-        Which cells are wanted is known once the bases are, and one batch has one slow tail.
+        All frequencies are measured at every scale, as Tables 4.7 and 4.8 show most of them.
         """
-        cs = configurations(self.experiment.n)
-        scales = sorted({1.0, *self.scales})
-        self._measure(
-            "grid", TUNE, [self.job(c, f, s) for c in cs for f in self.frequencies for s in scales]
-        )
-
-    def _grids(self, stage: str, scales: tuple[float, ...]) -> list[dict[Cell, float]]:
         n = self.experiment.n
-        grid = {"frequency_hz": self.frequencies, "scale": scales}
-        studies = [
-            GridStudy(
-                f"{self.study}-{stage}-joint{j}",
-                self.storage,
-                grid,
-                self.experiment.seed,
-                fingerprint=self.book.fingerprint,
-            )
-            for j in range(1, n + 1)
+        cells = {
+            "frequency_hz": CategoricalDistribution(self.frequencies),
+            "scale": CategoricalDistribution(sorted({1.0, *self.scales})),
+        }
+        joints = range(1, n + 1)
+        searches = [self._search(f"joint{j}", cells, self.settings.batch) for j in joints]
+
+        def jobs(k: int, cell: Parameters) -> list[Job]:
+            return [
+                self.job(c, cell["frequency_hz"], cell["scale"]) for c in configurations(n, [k + 1])
+            ]
+
+        self.cells = self._measure("grid", searches, jobs, self.experiment)
+        self._ratios = [
+            {
+                (t.params["frequency_hz"], t.params["scale"]): t.values[0]
+                for t in s.record.trials
+                if t.values is not None
+            }
+            for s in searches
         ]
 
-        def evaluate(wanted: list[tuple[int, Cell]]) -> dict[tuple[int, Cell], float]:
-            jobs = {
-                (i, cell): [self.job(c, *cell) for c in configurations(n, [i + 1])]
-                for i, cell in wanted
-            }
-            measured = self._measure(stage, TUNE, [j for group in jobs.values() for j in group])
-            return {
-                key: float(
-                    np.mean(
-                        [abs(measured[j].mean / self.base[j.configuration].mean) for j in group]
-                    )
-                )
-                for key, group in jobs.items()
-            }
-
-        return run_grids(studies, evaluate)
-
     def run_frequencies(self) -> list[float]:
-        """Try the frequencies at scale 1.0; return the best of each joint [Hz]."""
-        values = self._grids("frequency", (1.0,))
-        self._collect("frequency.csv", (1.0,))
+        """Compare the frequencies at scale 1.0; return the best of each joint [Hz]."""
+        self._write_cells("frequency.csv", (1.0,))
         best = []
-        for v in values:
-            real = {cell: value for cell, value in v.items() if cell[0] in self.eligible}
-            best.append(min(real, key=lambda c: (real[c], c))[0] if real else self.eligible[-1])
+        for ratios in self._ratios:
+            real = {f: v for (f, x), v in ratios.items() if x == 1.0 and f in self.eligible}
+            best.append(min(real, key=lambda f: (real[f], f)) if real else self.eligible[-1])
         return best
 
     @property
@@ -162,29 +200,23 @@ class ThesisTuner:
         return tuple(f for f in self.frequencies if f < half) or self.frequencies
 
     def run_scales(self, best: list[float]) -> list[tuple[float, float]]:
-        """Try the scales; return (best scale, its mean |τ|/|τ_base|) at each best frequency.
-
-        All frequencies are measured at every scale, as Tables 4.7 and 4.8 show most of them.
-        """
-        values = self._grids("scale", self.scales)
-        self._collect("scale.csv", self.scales)
+        """Compare the scales; return (best scale, its mean |τ|/|τ_base|) at each best frequency."""
+        self._write_cells("scale.csv", self.scales)
         out = []
-        for v, f in zip(values, best, strict=True):
-            mine = {cell[1]: value for cell, value in v.items() if cell[0] == f}
-            scale = min(mine, key=lambda s: (mine[s], s)) if mine else 1.0
+        for ratios, f in zip(self._ratios, best, strict=True):
+            mine = {x: v for (g, x), v in ratios.items() if g == f and x in self.scales}
+            scale = min(mine, key=lambda x: (mine[x], x)) if mine else 1.0
             out.append((scale, mine.get(scale, np.inf)))
         return out
 
-    def _collect(self, name: str, scales: tuple[float, ...]) -> None:
+    def _write_cells(self, name: str, scales: tuple[float, ...]) -> None:
         jobs = [
             self.job(c, f, s)
             for c in configurations(self.experiment.n)
             for f in self.frequencies
             for s in scales
         ]
-        found = {j: m for j in jobs if (m := self.book.get(TUNE, j)) is not None}
-        self.cells |= found
-        self._write(name, list(found.values()))
+        self._write(name, [self.cells[j] for j in dict.fromkeys(jobs)])
 
     def choose(self, best: list[float], scales: list[tuple[float, float]]) -> list[Choice]:
         """Return the final choice of every joint."""
@@ -223,18 +255,36 @@ class ThesisTuner:
 
     def verify(self, choices: list[Choice]) -> dict[str, dict[Job, Measurement]]:
         """Measure the intermediate and the final amplitudes anew, with another seed."""
-        inter, final = [], []
-        for choice in choices:
-            for c in configurations(self.experiment.n, [choice.joint]):
+        n = self.experiment.n
+
+        def jobs(_: int, setting: Parameters) -> list[Job]:
+            choice = choices[setting["joint"] - 1]
+            final = choice.frequency_hz if choice.amplitude_nm else 0.0
+            out = []
+            for c in configurations(n, [choice.joint]):
                 _, load, direction = c.index
                 a = float(choice.intermediate[load, direction])
-                inter.append(Job(c, choice.frequency_hz, a))
-                frequency = choice.frequency_hz if choice.amplitude_nm else 0.0
-                final.append(Job(c, frequency, choice.amplitude_nm))
-        found = self._measure("verification", VERIFY, inter + final)
+                inter = setting["table"] == "intermediate"
+                out.append(
+                    Job(c, choice.frequency_hz, a) if inter else Job(c, final, choice.amplitude_nm)
+                )
+            return out
+
+        tables = ("intermediate", "final")
+        space = {
+            "joint": CategoricalDistribution(range(1, n + 1)),
+            "table": CategoricalDistribution(tables),
+        }
+        search = self._search("verification", space, 2 * n)
+        unseen = self.experiment.replace(seed=self.experiment.seed + 1)
+        found = self._measure("verification", [search], jobs, unseen)
         out = {
-            "intermediate": {j: found[j] for j in inter},
-            "final": {j: found[j] for j in final},
+            table: {
+                job: found[job]
+                for choice in choices
+                for job in jobs(0, {"joint": choice.joint, "table": table})
+            }
+            for table in tables
         }
         self._write("intermediate.csv", list(out["intermediate"].values()))
         self._write("verification.csv", list(out["final"].values()))
@@ -250,3 +300,20 @@ class ThesisTuner:
         """Write final.csv."""
         rows = [AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices]
         write_amplitudes(self.out / "final.csv", rows)
+
+
+def study_of(
+    stage: str, storage: str, study: str, about: Mapping[str, Any], settings: SharedSettings
+) -> Record:
+    """Open the study of a stage: base, joint1 to jointn, or verification.
+
+    Raises:
+        StictionError: a storage that cannot be opened, or a study of another run.
+    """
+    about = {**about, "stage": stage}
+    return Record(storage, f"{study}-{stage}", about=about, settings=settings)
+
+
+def _key(c: Configuration) -> str:
+    """Return the user attribute of a trial that holds what a configuration gave."""
+    return f"{c.load}{c.direction}"

@@ -36,11 +36,10 @@ from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
 from stiction_envs.version import __version__
-from tuning.labbook import LabBook
 from tuning.report import write_report
 from tuning.rules import frequencies_of
-from tuning.settings import ThesisSettings, TuningSettings, tuning_settings
-from tuning.thesis import Progress, ThesisTuner
+from tuning.settings import TuningSettings, tuning_settings
+from tuning.thesis import Progress, ThesisTuner, study_of
 
 
 def _fingerprint(
@@ -150,7 +149,7 @@ def tune(
         table: measured base torques, or their file; the friction is calibrated to them first.
             None tunes with the friction as it is.
         out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
-            verification.csv, report.md, plots, friction.toml, labbook.jsonl, optuna.db. None for
+            verification.csv, report.md, plots, friction.toml, optuna.db. None for
             ``runs/tune-ROBOT``.
         force: whether the files of another run in it are replaced.
         frequencies: [Hz]; None for the thesis's of that robot.
@@ -178,7 +177,8 @@ def tune(
         robot, friction=friction, protocol=protocol, scatter=scatter, seed=seed, nthread=nthread
     )
     arm = experiment.sticking.arm
-    s = override(tuning_settings(), settings).thesis
+    chosen = override(tuning_settings(), settings)
+    s = chosen.thesis
     tried = frequencies_of(arm.name, s) if frequencies is None else tuple(frequencies)
     sizes = tuple(s.scales if scales is None else scales)
     warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
@@ -204,15 +204,21 @@ def tune(
             force=force,
             resumable=True,
         )
+    defining = _fingerprint(experiment, iterations, extra)
+    about = {
+        **defining,
+        "robot": arm.name,
+        "protocol": "thesis",
+        "experiment": defining["protocol"],
+    }
+    if storage is not None:  # what is wrong with it is said before anything is written
+        study_of("base", storage, study or arm.name, about, chosen.shared)
     try:
         with folder:
-            book = LabBook(
-                folder.path / "labbook.jsonl", _fingerprint(experiment, iterations, extra)
-            )
             return run_protocol(
                 experiment,
                 folder,
-                book,
+                about,
                 table=table,
                 frequencies=tried,
                 scales=sizes,
@@ -221,7 +227,7 @@ def tune(
                 study=study,
                 warned=warned,
                 progress=progress,
-                settings=s,
+                settings=chosen,
             )
     except StictionError as error:
         if folder.resumed or folder.wrote:  # it had begun to work
@@ -232,7 +238,7 @@ def tune(
 def run_protocol(
     experiment: SingleJointExperiment,
     folder: OutputFolder,
-    book: LabBook,
+    about: Mapping[str, Any],
     *,
     table: BaseTable | None,
     frequencies: tuple[float, ...],
@@ -242,7 +248,7 @@ def run_protocol(
     study: str | None,
     warned: list[str],
     progress: Progress | None,
-    settings: ThesisSettings,
+    settings: TuningSettings,
 ) -> Tuning:
     """Run the protocol in a folder that has been made; the arguments are those of `tune`."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -252,7 +258,7 @@ def run_protocol(
     tuner = ThesisTuner(
         experiment,
         folder.path,
-        book,
+        about,
         frequencies=frequencies,
         scales=scales,
         iterations=iterations,
@@ -262,7 +268,7 @@ def run_protocol(
         settings=settings,
     )
     tuner.run_base()
-    tuner.prefetch()
+    tuner.run_grid()
     best = tuner.run_frequencies()
     choices = tuner.choose(best, tuner.run_scales(best))
     tuner.write_final(choices)

@@ -118,7 +118,7 @@ def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
     assert "RuntimeError: power went out" in ran.err
     monkeypatch.setattr(tuner, "run_protocol", lambda e, folder, b, **_: finished(folder))
     assert cli("tune", two, *TUNE, "--seed", 2, "--out", "t", "--force").code == 0
-    assert {p.name for p in (work / "t").iterdir()} == {"provenance.json", "labbook.jsonl"}
+    assert {p.name for p in (work / "t").iterdir()} == {"provenance.json"}
 
 
 def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two):

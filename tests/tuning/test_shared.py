@@ -13,11 +13,13 @@ import pytest
 from optuna.trial import TrialState, create_trial
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.protocol import load_protocol
 from tests.tuning.postgres import Server
 from tests.tuning.searches import ABOUT, IMPATIENT, SPACE, evaluate, search, work
 from tuning import record, shared
 from tuning.samplers import grid
 from tuning.storage import open_storage
+from tuning.tune import tune
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -398,3 +400,43 @@ def test_a_database_that_stays_away_ends_the_worker(server, database):
         server.start()
     shared.run([search(database, "random", evaluations=4, settings=IMPATIENT)], evaluate)
     check(database, 4)
+
+
+def tune_small(model, storage, out):
+    """Be one of the machines that run ``stiction tune small.xml --storage …``."""
+    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
+    settings = {"shared.poll_s": 0.2, "thesis.batch": 2}
+    tune(
+        model, out=out, protocol=protocol, frequencies=(40.0, 15.0), storage=storage,
+        settings=settings,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_machines_run_the_thesis_protocol_together(database, small_arm, tmp_path):
+    """Both end with every file, and those are the files of one that was alone."""
+    model = str(tmp_path / "small.xml")
+    alone = f"sqlite:///{tmp_path}/alone.db"
+    jobs = [(alone, "alone"), (database, "a"), (database, "b")]
+    workers = [
+        CONTEXT.Process(target=tune_small, args=(model, place, tmp_path / name))
+        for place, name in jobs
+    ]
+    for process in workers:
+        process.start()
+    for process in workers:
+        process.join(300)
+        assert process.exitcode == 0
+    for name in ("base", "frequency", "scale", "intermediate", "final", "verification"):
+        texts = {(tmp_path / job / f"{name}.csv").read_text() for _, job in jobs}
+        assert len(texts) == 1, name
+    found = {
+        study: optuna.load_study(study_name=study, storage=open_storage(database)).get_trials()
+        for study in optuna.get_all_study_names(open_storage(database))
+    }
+    assert {k: sum(t.state == TrialState.COMPLETE for t in v) for k, v in found.items()} == {
+        "small-base": 2,
+        "small-joint1": 6,
+        "small-joint2": 6,
+        "small-verification": 4,
+    }

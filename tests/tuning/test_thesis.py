@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 
 import numpy as np
+import optuna
 import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
+from tuning import figures
 from tuning.rules import final_amplitude, frequencies_of
 from tuning.settings import tuning_settings
 from tuning.tune import tune
@@ -28,6 +31,16 @@ def run(arm, protocol, out, progress=None, **options):
 def contents(out):
     names = [f"{f}.csv" for f in FILES] + ["report.md", "frequency.png", "verification.png"]
     return {name: (out / name).read_bytes() for name in names}
+
+
+def studies(out):
+    """Return what the studies of a run hold, all but times."""
+    place = f"sqlite:///{out / 'optuna.db'}"
+    found = {}
+    for name in optuna.get_all_study_names(place):
+        trials = optuna.load_study(study_name=name, storage=place).get_trials()
+        found[name] = [(t.number, t.params, t.values, t.user_attrs) for t in trials]
+    return found
 
 
 class Interrupt:
@@ -53,16 +66,76 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_p
         out = tmp_path / f"torn{share}"
         with pytest.raises(KeyboardInterrupt):
             run(small_arm, fast, out, progress=Interrupt(int(share * len(calls))))
-        with (out / "labbook.jsonl").open("a") as file:
-            file.write('{"series": "tune", "torn')  # the power went out while writing
         run(small_arm, fast, out)
         assert contents(out) == contents(whole)
-        lines = [json.loads(x) for x in (out / "labbook.jsonl").read_text().splitlines()[1:]]
-        keys = [json.dumps([x["series"], x["configuration"], x["dither"]]) for x in lines]
-        assert len(keys) == len(set(keys)), "something was measured twice"
+        assert studies(out) == studies(whole)
     calls.clear()
     run(small_arm, fast, whole, progress=lambda *a: calls.append(a))
     assert calls == [], "a finished run measured again"
+    assert {name: len(trials) for name, trials in studies(whole).items()} == {
+        "small-base": 2,
+        "small-joint1": 6,
+        "small-joint2": 6,
+        "small-verification": 4,
+    }
+
+
+@pytest.mark.slow
+def test_the_studies_are_the_record(small_arm, fast, tmp_path):
+    """Tables follow from the trials alone: a value that is changed there is found in them."""
+    out = tmp_path / "out"
+    run(small_arm, fast, out)
+    before = contents(out)
+    with sqlite3.connect(out / "optuna.db") as database:
+        query = "UPDATE trial_user_attributes SET value_json = ? WHERE trial_user_attribute_id = ?"
+        rows = database.execute(
+            "SELECT trial_user_attribute_id, value_json FROM trial_user_attributes "
+            "WHERE key = 'load+'"
+        ).fetchall()
+        for place, text in rows:
+            data = json.loads(text)
+            data["tau"] = [1.5 * x for x in data["tau"]]
+            database.execute(query, (json.dumps(data), place))
+    (out / "frequency.png").unlink()
+    run(small_arm, fast, out)
+    after = contents(out)
+    # 1.5 times the base asks for other amplitudes in the grid, which are not those measured
+    assert all(before[f"{name}.csv"] != after[f"{name}.csv"] for name in ("base", "scale"))
+
+
+def test_what_was_drawn_is_not_drawn_again(small_arm, fast, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(small_arm, fast, out)
+    before = contents(out)
+    drawn = []
+    draw = figures.save_full
+    monkeypatch.setattr(figures, "save_full", lambda f, path: drawn.append(path) or draw(f, path))
+    (out / "verification.png").unlink()
+    (out / "report.md").unlink()
+    run(small_arm, fast, out)
+    assert [path.name for path in drawn] == ["verification.png"]
+    assert contents(out) == before
+
+
+@pytest.mark.parametrize(
+    "storage", ["postgresql://tuner:s3cret@127.0.0.1:1/x", "sqlite:////nowhere/x.db", "x.txt"]
+)
+def test_a_storage_that_cannot_be_opened_leaves_no_folder(small_arm, fast, tmp_path, storage):
+    with pytest.raises(StictionError, match="storage") as caught:
+        run(small_arm, fast, tmp_path / "out", storage=storage, table=None)
+    assert "s3cret" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_journal_holds_the_studies_too(small_arm, fast, tmp_path):
+    place = str(tmp_path / "study.journal")
+    found = run(small_arm, fast, tmp_path / "a", storage=place)
+    assert not (tmp_path / "a" / "optuna.db").exists()
+    again = run(small_arm, fast, tmp_path / "b", storage=place)
+    assert again.final == found.final
+    with pytest.raises(StictionError, match="was made with other friction, bounds or options"):
+        run(small_arm, fast, tmp_path / "c", storage=place, seed=1)
+    assert not (tmp_path / "c").exists()
 
 
 def test_the_tables_are_consistent(small_arm, fast, tmp_path):
