@@ -121,14 +121,15 @@ class Record:
 
     @property
     def trials(self) -> list[FrozenTrial]:
-        """Trials whose outcome is known, in the order of their numbers.
+        """Trials whose outcome is known, in the order in which their settings came up.
 
-        Where machines share the study, numbers that are missing are trials whose worker died; their
-        settings were tried again.
+        That is the order of their numbers; but where machines share the study, a trial whose worker
+        died is replaced by the one that tried its setting again, under another number.
         """
         known = self.study.get_trials(deepcopy=False)
         again = retried(known)
-        return [t for t in known if has_outcome(t) and t.number not in again]
+        found = [t for t in known if has_outcome(t) and t.number not in again]
+        return sorted(found, key=lambda t: t.system_attrs.get("failed_trial", t.number))
 
     def add(self, trial: FrozenTrial) -> None:
         """Write down a finished trial, whole or not at all."""

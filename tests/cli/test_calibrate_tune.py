@@ -129,6 +129,24 @@ def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two):
     assert list(work.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("storage", "message"),
+    [
+        ("postgresql+psycopg://tuner:s3cret@127.0.0.1:1/x", "tuner:***@127.0.0.1:1/x: cannot be"),
+        ("postgresql://tuner:s3@cret@host/x", "more than one @ in the URL"),
+        ("sqlite:////nowhere/x.db", "unable to open database file"),
+        ("study.txt", "expected a URL, or a file that ends in .journal"),
+    ],
+)
+def test_tune_with_a_storage_that_cannot_be_opened(cli, work, two, storage, message):
+    ran = cli("tune", two, *TUNE, "--out", "t", "--storage", storage)
+    assert ran.code == 2
+    assert len(ran.lines) == 1
+    assert message in ran.lines[0]
+    assert "cret" not in ran.err
+    assert list(work.iterdir()) == []
+
+
 def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
     """Bad input that shows only once work has begun is exit code 1, and what was done stays."""
 

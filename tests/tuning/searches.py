@@ -14,10 +14,12 @@ from optuna.distributions import FloatDistribution
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 
+from stiction_envs.experiments.sje.protocol import load_protocol
 from tuning import shared
 from tuning.record import Outcome, Record, Search, run
 from tuning.samplers import SAMPLERS, sampler
 from tuning.settings import SharedSettings
+from tuning.tune import tune
 
 
 @event.listens_for(Engine, "connect")
@@ -123,3 +125,16 @@ def note(log, *what):
     """Append a line, whole or not at all."""
     with Path(log).open("a") as file:
         file.write("\t".join(map(str, what)) + "\n")
+
+
+def tune_small(model, storage, out):
+    """Be a process that runs ``stiction tune small.xml``, quickly."""
+    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
+    tune(
+        model,
+        out=out,
+        protocol=protocol,
+        frequencies=(40.0, 15.0),
+        storage=storage,
+        settings={"shared.poll_s": 0.2, "thesis.batch": 2},
+    )

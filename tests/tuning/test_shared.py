@@ -6,6 +6,7 @@ import itertools
 import multiprocessing
 import random
 import time
+import warnings
 
 import optuna
 import psycopg
@@ -13,13 +14,11 @@ import pytest
 from optuna.trial import TrialState, create_trial
 
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.sje.protocol import load_protocol
 from tests.tuning.postgres import Server
-from tests.tuning.searches import ABOUT, IMPATIENT, SPACE, evaluate, search, work
+from tests.tuning.searches import ABOUT, IMPATIENT, SPACE, evaluate, search, tune_small, work
 from tuning import record, shared
 from tuning.samplers import grid
 from tuning.storage import open_storage
-from tuning.tune import tune
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -71,6 +70,8 @@ def start(url, log, count=1, **options):
 def finish(processes):
     for process in processes:
         process.join(120)
+        if process.exitcode is None:
+            process.kill()
         assert process.exitcode == 0
 
 
@@ -196,7 +197,8 @@ def test_a_setting_that_nobody_queued_again_is(alone):
     s.record.study.tell(dead, state=TrialState.FAIL)
     shared.run([s], evaluate)
     assert len(s.record.trials) == 3
-    assert s.record.trials[-1].params == dead.params
+    assert s.record.trials[0].params == dead.params, "in its place, though it came last"
+    assert [t.number for t in s.record.trials] == [3, 1, 2]
 
 
 def test_what_cannot_be_measured_counts(alone):
@@ -317,6 +319,18 @@ def test_a_worker_that_is_killed_loses_only_its_running_batch(database, tmp_path
 
 
 @pytest.mark.slow
+def test_a_trial_that_never_gave_a_sign_of_life_is_taken_over(database, tmp_path):
+    """Its worker died between making it and its first heartbeat, which Optuna never notices."""
+    s = search(database, "random", settings=IMPATIENT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        dead = s.record.study.ask(SPACE)
+    finish(start(database, tmp_path / "log", evaluations=3, pause=0.1))
+    check(database, 3)
+    assert s.record.trials[0].params == dead.params
+
+
+@pytest.mark.slow
 def test_a_database_that_goes_away_stops_nothing(server, database, tmp_path):
     """Cut off in the middle of evaluations, for longer than a trial may be silent."""
     log = tmp_path / "log"
@@ -400,16 +414,6 @@ def test_a_database_that_stays_away_ends_the_worker(server, database):
         server.start()
     shared.run([search(database, "random", evaluations=4, settings=IMPATIENT)], evaluate)
     check(database, 4)
-
-
-def tune_small(model, storage, out):
-    """Be one of the machines that run ``stiction tune small.xml --storage …``."""
-    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
-    settings = {"shared.poll_s": 0.2, "thesis.batch": 2}
-    tune(
-        model, out=out, protocol=protocol, frequencies=(40.0, 15.0), storage=storage,
-        settings=settings,
-    )  # fmt: skip
 
 
 @pytest.mark.slow
