@@ -211,6 +211,7 @@ def tune(
         "protocol": "thesis",
         "experiment": defining["protocol"],
     }
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
     if storage is not None:  # what is wrong with it is said before anything is written
         study_of("base", storage, study or arm.name, about, chosen.shared)
     try:
@@ -251,7 +252,6 @@ def run_protocol(
     settings: TuningSettings,
 ) -> Tuning:
     """Run the protocol in a folder that has been made; the arguments are those of `tune`."""
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     arm = experiment.sticking.arm
     if table is not None:
         experiment = _calibrated(arm, experiment, table, folder.path, progress)
