@@ -13,7 +13,9 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import override
 from tests.cli.test_bad_input import BASE_TWO
+from tuning import samplers
 from tuning import tune as tuner
+from tuning.explore import bounds, options
 
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
 
@@ -170,5 +172,9 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
     assert "aliases to 50 Hz" in line
 
 
-def test_everything_named_available_is_an_option():
-    assert set(tune_command.AVAILABLE) == {"protocol", "sampler", "objective"}
+def test_names_written_out_for_help_are_the_packages_own():
+    assert tune_command.SAMPLERS == samplers.SAMPLERS
+    assert tune_command.OBJECTIVES == options.OBJECTIVES
+    assert tune_command.GATES == options.GATES
+    assert tune_command.COMPENSATIONS == options.COMPENSATIONS
+    assert {*tune_command.FREE, "gate"} == set(bounds.OPTIONS)

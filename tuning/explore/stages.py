@@ -119,6 +119,7 @@ class Stages:
             f"{self.study}-{name}",
             objectives=objectives,
             about={**self.about, "stage": name},
+            settings=self.settings.shared,
         )
 
     def reach(self) -> None:
