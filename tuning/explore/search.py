@@ -115,7 +115,7 @@ def search(
         "bounds": {k: _plain(v) for k, v in vars(where).items()},
         "limits": [dataclasses.astuple(r) for r in limits],
         "options": {**dataclasses.asdict(options), "evaluations": None},
-        "settings": dataclasses.asdict(s),
+        "settings": {name: dataclasses.asdict(getattr(s, name)) for name in ("bounds", "search")},
         "seed": seed,
     }
     folder = out

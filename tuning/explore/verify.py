@@ -211,6 +211,8 @@ def measured_once(
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """Measure ``count`` things by number, once; return what was measured of each."""
+    if not count:
+        return []
     space = {"row": CategoricalDistribution(list(range(count)))}
     one = Search(
         record=record,
