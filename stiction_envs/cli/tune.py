@@ -68,7 +68,10 @@ def add_parser(subparsers: Any) -> None:
     _add_search_options(parser)
     common.add_experiment_options(parser)
     parser.add_argument(
-        "--storage", metavar="URL", help="Optuna storage (default: a file in --out)"
+        "--storage",
+        metavar="URL",
+        help="study: sqlite:///FILE, FILE.journal, or postgresql+psycopg://USER:PASSWORD@HOST/DB, "
+        "which machines share (default: a file in --out)",
     )
     parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")
     common.add_shared_options(
