@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,10 @@ def mapped(work: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.array(read["left"]), np.array(read["shaken"]), np.array(read["limit"])
 
 
+class Reached(Exception):
+    """A search is within two points of the best: there is no need to go on."""
+
+
 class Joint:
     """One joint's map, continuous."""
 
@@ -113,25 +118,27 @@ def needed(joint: Joint, bounds, number: int, name: str, seed: int) -> int:
         batch=POPULATION if name == "cmaes" else 1,
     )
 
+    tried = 0
+
     def evaluate(asked):
+        nonlocal tried
         outcomes = joint.evaluate(asked)
+        for o in outcomes:
+            tried += 1
+            if o.constraints[0] <= 0 and o.values[0] <= joint.best + WITHIN:
+                raise Reached
         if name != "cmaes":
             return outcomes
         penalty = tuning_settings().search.penalty
         return [
-            Outcome(
-                values=(o.values[0] + penalty * max(o.constraints[0], 0.0),),
-                constraints=o.constraints,
-                measures=o.measures,
-            )
+            replace(o, values=(o.values[0] + penalty * max(o.constraints[0], 0.0),))
             for o in outcomes
         ]
 
-    run([search], evaluate)
-    for k, trial in enumerate(search.record.trials, 1):
-        good = trial.user_attrs["constraints"][0] <= 0
-        if good and trial.user_attrs["left"] <= joint.best + WITHIN:
-            return k
+    try:
+        run([search], evaluate)
+    except Reached:
+        return tried
     return most + 1
 
 
