@@ -223,7 +223,11 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
     inputs = {**common.model_files(args), "bounds": args.bounds, "limit": args.limit}
     inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
     folder = common.output_folder(args, arm.name, inputs, resumable=True)
-    with Progress() as progress:
+    with Progress("trials") as progress:
+
+        def say(stage: str, done: float, total: float) -> None:
+            progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
+
         result = search(
             arm,
             options=options,
@@ -236,7 +240,7 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
             study=args.study,
             friction=args.friction,
             nthread=args.threads,
-            progress=progress.set,
+            progress=say,
         )
     return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
