@@ -1,6 +1,6 @@
 """What the search finds beyond the thesis's grid, and what compensation does without shaking.
 
-    python -m benchmarks.search --work DIR
+    python -m benchmarks.search [--work DIR]
 
 Searches the Panda's dither for the SJE and the GTE, gated and not, and its friction compensation,
 alone and with dither; then holds everything against everything on frictions that are known, and
@@ -270,7 +270,7 @@ def figure_colours(count: int) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--work", type=Path, default=Path("runs/benchmarks/search"))
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
     folders = found(asked.work)

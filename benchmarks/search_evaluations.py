@@ -1,6 +1,6 @@
 """How many evaluations a joint until a search is within two points of the best: by sampler.
 
-    python -m benchmarks.search_evaluations --work DIR [--seeds 20]
+    python -m benchmarks.search_evaluations [--work DIR] [--seeds 20]
 
 The Panda's joints are mapped once, amplitude × frequency, in the plant (kept in DIR); searches then
 run on the map, bilinear between its points, under the limit on displacement of thesis Table 4.9.
@@ -157,7 +157,7 @@ def grid_misses(joint: Joint, bounds, number: int, base: float) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--work", type=Path, default=Path("runs/benchmarks/map"))
     parser.add_argument("--seeds", type=int, default=20)
     asked = parser.parse_args()
     asked.work.mkdir(parents=True, exist_ok=True)
