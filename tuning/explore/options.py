@@ -62,7 +62,8 @@ class Options:
             raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
         if self.gates != "none" and self.objective == "sje":
             raise StictionError("gates: expected objective gte or both: in the SJE a joint rests")
-        if self.sampler == "cmaes" and "waveform" in self.free:
+        paths = self.objective != "sje"
+        if "waveform" in self.free and "cmaes" in (self.sampler, paths and self.sampler_of("gte")):
             raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")
         if self.pareto and self.sampler not in (None, "nsga2", "tpe", "random", "grid"):
             raise StictionError(

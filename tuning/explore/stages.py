@@ -246,6 +246,7 @@ class Stages:
             places,
             iterations=s.iterations,
             joints=() if options.without_dither else range(1, self.sje.n + 1),
+            free=tuple(name for name in options.free if name != "gate"),
             gates="" if options.gates == "none" else options.gates,
             compensation="" if options.compensation == "none" else options.compensation,
             limits=self.limits,

@@ -119,6 +119,7 @@ class TrackingObjective:
         *,
         iterations: int,
         joints: Sequence[int],
+        free: tuple[str, ...] = (),
         gates: str = "",
         compensation: str = "",
         limits: Table = (),
@@ -135,6 +136,7 @@ class TrackingObjective:
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
             joints: that are dithered, from 1.
+            free: of `bounds.OPTIONS`, waveform and offset: what else is searched of each joint.
             compensation: kind that is searched, "" for none; its gains are those of the friction
                 that the controller believes in, times a factor of at most 1.5.
             gates: "" for none, "one" for one gate speed of all joints, "each" for one per joint.
@@ -147,7 +149,7 @@ class TrackingObjective:
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
-        self.compensation = compensation
+        self.compensation, self.free = compensation, free
         self._progress = progress
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
@@ -163,7 +165,7 @@ class TrackingObjective:
         """Return the parameters of a table of the whole arm."""
         out: dict[str, BaseDistribution] = {}
         for j in self.joints:
-            for name, d in self.bounds.space(j).items():
+            for name, d in self.bounds.space(j, self.free).items():
                 out[f"{name}_{j}"] = d
         gate = FloatDistribution(*self.bounds.gate_rad_s, log=True)
         if self.gates == "one":
@@ -201,7 +203,7 @@ class TrackingObjective:
         """Return the table that parameters of `space` stand for."""
         rows = []
         for j in self.joints:
-            mine = {name: parameters[f"{name}_{j}"] for name in ("frequency_hz", "amplitude")}
+            mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j, self.free)}
             gate = parameters.get(f"gate_rad_s_{j}", parameters.get("gate_rad_s", 0.0))
             rows.append(self.bounds.setting(j, {**mine, "gate_rad_s": gate}))
         return tuple(rows)
@@ -213,6 +215,10 @@ class TrackingObjective:
         for j in self.joints:
             row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
             out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
+            if "waveform" in self.free:
+                out[f"waveform_{j}"] = row.waveform
+            if "offset" in self.free:
+                out[f"offset_nm_{j}"] = row.offset_nm
             if self.gates == "each":
                 out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
         if self.gates == "one":

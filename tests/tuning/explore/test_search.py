@@ -109,6 +109,7 @@ def test_two_objectives_make_a_front(small, tmp_path):
         ({"sampler": "nsga2"}, "pareto"),
         ({"sampler": "gp", "pareto": True}, "two objectives"),
         ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
+        ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
         ({"free": ("phase",)}, "phase"),
     ],
 )

@@ -101,3 +101,13 @@ def test_gates_reach_the_table(make):
     parameters = each.parameters(thesis_final_dither(), 0.1)
     table = each.table({**parameters, "gate_rad_s_7": 0.02})
     assert [row.gate_rad_s for row in table] == [0.1, 0.02]
+
+
+def test_waveform_and_offset_reach_the_table(make):
+    free = make(free=("waveform", "offset"))
+    parameters = free.parameters(thesis_final_dither())
+    assert free.table(parameters) == make().table(make().parameters(thesis_final_dither()))
+    changed = {**parameters, "waveform_7": "square", "offset_nm_5": -0.1}
+    five, seven = free.table(changed)
+    assert (five.offset_nm, seven.offset_nm) == (-0.1, 0.0)
+    assert (five.waveform, seven.waveform) == ("sine", "square")
