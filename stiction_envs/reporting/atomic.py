@@ -28,3 +28,9 @@ def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what a killed process left half-written in a folder and below."""
+    for part in folder.rglob(".*.part"):
+        part.unlink(missing_ok=True)

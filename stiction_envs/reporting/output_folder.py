@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.atomic import remove_parts, write_text_atomic
 
 NAME = "provenance.json"
 
@@ -87,7 +87,9 @@ class OutputFolder:
     def __enter__(self) -> Self:
         self._made = not self.path.exists()
         self.path.mkdir(parents=True, exist_ok=True)
-        if not self.resumed:
+        if self.resumed:
+            remove_parts(self.path)  # of the process that was killed
+        else:
             self._remove(self._old)
         self._before = self._names()
         if not self.resumed:

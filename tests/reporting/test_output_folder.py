@@ -103,3 +103,19 @@ def test_a_file_is_not_replaced_unless_forced(tmp_path):
     for wrong in (tmp_path / "friction", tmp_path, tmp_path / "friction.csv"):
         with pytest.raises(StictionError, match=r"expected a path to a \.toml"):
             check_file(wrong, ".toml", force=True)
+
+
+def test_what_a_killed_run_left_half_written_is_gone_when_it_goes_on(tmp_path):
+    def killed():
+        with OutputFolder(tmp_path, found(), resumable=True):
+            (tmp_path / "base.csv").write_text("done")
+            (tmp_path / "plots").mkdir()
+            for name in (".scale.csv.123.part", "plots/.joint1.png.123.part"):
+                (tmp_path / name).write_text("hal")
+            raise RuntimeError
+
+    pytest.raises(RuntimeError, killed)
+    with OutputFolder(tmp_path, found(), resumable=True):
+        pass
+    assert not list(tmp_path.rglob(".*.part"))
+    assert (tmp_path / "base.csv").read_text() == "done"
