@@ -114,7 +114,8 @@ def test_what_a_killed_run_left_half_written_is_gone_when_it_goes_on(tmp_path):
                 (tmp_path / name).write_text("hal")
             raise RuntimeError
 
-    pytest.raises(RuntimeError, killed)
+    with pytest.raises(RuntimeError):
+        killed()
     with OutputFolder(tmp_path, found(), resumable=True):
         pass
     assert not list(tmp_path.rglob(".*.part"))
