@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from stiction_envs.control.compensation import read_compensation
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -33,7 +33,7 @@ from tuning.explore.frictions import scaled
 from tuning.explore.search import search
 from tuning.explore.tables import HERE as TABLES
 from tuning.explore.tracking import Tracking, TrackingObjective, Treatment
-from tuning.explore.verify import PATHS, STIFFNESSES
+from tuning.explore.verify import PATHS
 from tuning.settings import tuning_settings
 
 HERE = Path(__file__).parent
@@ -120,7 +120,7 @@ def measured(folders: dict[str, Path]):
                 experiment,
                 bounds,
                 [friction],
-                [(path, k) for k in STIFFNESSES],
+                [(path, k) for k in thesis_stiffness()],
                 iterations=4,
                 joints=range(1, 8),
             )
@@ -136,7 +136,7 @@ def hunting() -> list[list[str]]:
         experiment,
         bounds_of(SingleJointExperiment("panda")),
         [experiment.sticking.parameters],
-        [("triangle", STIFFNESSES[0])],
+        [("triangle", thesis_stiffness()[0])],
         iterations=2,
         joints=(),
     )
@@ -192,7 +192,7 @@ def summary(names: list[str], out: dict[str, dict[str, list[Tracking]]]) -> list
         f"{both(push, rest=True)} % at rest; the best constant dither {both(dither)} % and "
         f"{both(dither, rest=True)} %, Table 4.9 {both('Table 4.9')} % and "
         f"{both('Table 4.9', rest=True)} %. Vibration at rest: {shaken(push)}, {shaken(dither)} "
-        f"and {shaken('Table 4.9')} mm: the push is sharp, and hunts a little.",
+        f"and {shaken('Table 4.9')} mm.",
         f"- With friction believed 30 % too small the push leaves {wrong[0]} %, too large "
         f"{wrong[1]} %. Dither added to it brings {both(mixed)} % at "
         f"{shaken(mixed)} mm.",

@@ -50,9 +50,13 @@ class BoundsSettings:
     """Slowest and fastest gate speed [rad/s]."""
     offset_scale: float
     """Largest offset over the joint's largest base torque [-]."""
+    compensation_factor: tuple[float, float]
+    """Gains of a compensation over the friction that is believed in [-]."""
+    compensation_reach: float
+    """Its speed and width are searched from the default over this to the default times it [-]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, from_zero=("compensation_factor",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +89,8 @@ class SearchSettings:
     """Frictions under which the final table is measured anew."""
     verify_iterations: int
     """Repeats there, per friction."""
+    verify_start: float
+    """Largest change of every joint's start angle there [rad]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)

@@ -207,7 +207,9 @@ class Compensator:
 
     def look_ahead(self, jacobian: Array, twist: Array) -> None:
         """Take the reference's twist (N, 6) [m/s, rad/s] and the Jacobian (N, 6, n) there."""
-        _joint_speed(jacobian, twist, self._damping, self.wanted_speed)
+        damped = jacobian @ jacobian.transpose(0, 2, 1) + self._damping**2 * np.eye(6)
+        pulled = np.linalg.solve(damped, twist[:, :, None])
+        self.wanted_speed[:] = (jacobian.transpose(0, 2, 1) @ pulled)[:, :, 0]
 
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array, Array]:
@@ -274,35 +276,6 @@ def compensate(
                     fade = dq[i, j] * rate[1, i, j]
                     push = np.tanh(pull / stiffness * width[i, j]) * np.exp(-fade * fade)
                     torque[i, j] += gain[1, i, j] * push
-
-
-@compiled
-def _joint_speed(jacobian: Array, twist: Array, damping: float, out: Array) -> None:
-    """Write J^# ẋ (N, n) of twists (N, 6), by the Cholesky factor of J Jᵀ + λ²."""
-    n = jacobian.shape[2]
-    factor, x = np.empty((6, 6)), np.empty(6)
-    for i in range(len(jacobian)):
-        for k in range(6):
-            for m in range(k + 1):
-                total = damping * damping if k == m else 0.0
-                for j in range(n):
-                    total += jacobian[i, k, j] * jacobian[i, m, j]
-                for p in range(m):
-                    total -= factor[k, p] * factor[m, p]
-                factor[k, m] = np.sqrt(total) if k == m else total / factor[m, m]
-        for k in range(6):
-            x[k] = twist[i, k]
-            for m in range(k):
-                x[k] -= factor[k, m] * x[m]
-            x[k] /= factor[k, k]
-        for k in range(5, -1, -1):
-            for m in range(k + 1, 6):
-                x[k] -= factor[m, k] * x[m]
-            x[k] /= factor[k, k]
-        for j in range(n):
-            out[i, j] = 0.0
-            for k in range(6):
-                out[i, j] += jacobian[i, k, j] * x[k]
 
 
 def _numbers(name: str, value: Any, n: int | None) -> Array:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import multiprocessing
 import os
+import random
 import sqlite3
 import time
 import warnings
@@ -90,6 +92,53 @@ def fill_slowly(storage, out, *, names=SAMPLERS, evaluations=15, pause=0.01):
 
     run(found, slowly)
     write(found, out)
+
+
+def killed(begin, finished, tmp_path, *, times, within, seed):
+    """Kill (-9) a process at random moments and go on, ``times`` in all.
+
+    A fast machine ends before that: then the next folder is begun.
+
+    Args:
+        begin: returns target and arguments of the process that works in a folder.
+        finished: called with a folder when its process has ended by itself.
+        tmp_path: where the folders are.
+        times: kills in all.
+        within: shortest and longest life of a process [s].
+        seed: of the moments.
+    """
+    moments, kills = random.Random(seed), 0
+    while kills < times:
+        torn = tmp_path / f"torn{kills}"
+        torn.mkdir()
+        while kills < times:
+            process = start(begin, torn)
+            process.join(moments.uniform(*within))
+            if process.exitcode == 0:
+                break
+            process.kill()
+            process.join()
+            assert process.exitcode == -9
+            kills += 1
+        run_to_its_end(begin, torn)
+        finished(torn)
+
+
+def start(begin, folder):
+    """Start the process that works in a folder."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.tuning.searches"])
+    target, arguments = begin(folder)
+    process = context.Process(target=target, args=arguments)
+    process.start()
+    return process
+
+
+def run_to_its_end(begin, folder):
+    """Let the process that works in a folder end by itself."""
+    process = start(begin, folder)
+    process.join()
+    assert process.exitcode == 0
 
 
 # ---- shared by machines --------------------------------------------------------------------------

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import itertools
-import multiprocessing
-import random
 
 import optuna
 import pytest
 
 from stiction_envs.errors import StictionError
-from tests.tuning.searches import ABOUT, SPACE, evaluate, fill_slowly, outcome, search, trials
+from tests.tuning.searches import (
+    ABOUT,
+    SPACE,
+    evaluate,
+    fill_slowly,
+    killed,
+    outcome,
+    run_to_its_end,
+    search,
+    trials,
+)
 from tuning.record import Outcome, Record, run
 from tuning.samplers import SAMPLERS, grid
 
@@ -225,22 +233,15 @@ def test_a_second_process_does_not_fill_the_same_study(storage, tmp_path):
 @pytest.mark.parametrize("storage", STORAGES)
 def test_killed_at_twenty_random_moments_it_gives_the_same_files(storage, tmp_path):
     """kill −9 of a real process that fills a study per sampler; nothing is cleaned up."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.tuning.searches"])
 
-    def start(folder):
-        place = storage.format(folder)
-        process = context.Process(target=fill_slowly, args=(place, folder / "trials.csv"))
-        process.start()
-        return process
+    def begin(folder):
+        return fill_slowly, (storage.format(folder), folder / "trials.csv")
 
     whole = tmp_path / "whole"
     whole.mkdir()
+    run_to_its_end(begin, whole)
 
     def finished(folder):
-        process = start(folder)
-        process.join()
-        assert process.exitcode == 0
         same = (folder / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
         assert same, f"{folder.name}: not the table of the uninterrupted run"
         for name in SAMPLERS:
@@ -248,18 +249,4 @@ def test_killed_at_twenty_random_moments_it_gives_the_same_files(storage, tmp_pa
             assert one == two
             assert len(one) == 15
 
-    finished(whole)
-    moments, kills = random.Random(7), 0
-    while kills < 20:  # a fast machine needs several studies for that
-        torn = tmp_path / f"torn{kills}"
-        torn.mkdir()
-        while kills < 20:
-            process = start(torn)
-            process.join(moments.uniform(0.05, 0.9))
-            if process.exitcode == 0:
-                break
-            process.kill()
-            process.join()
-            assert process.exitcode == -9
-            kills += 1
-        finished(torn)
+    killed(begin, finished, tmp_path, times=20, within=(0.05, 0.9), seed=7)

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import random
 import sqlite3
 
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
-from tests.tuning.searches import tune_small
+from tests.tuning.searches import killed, run_to_its_end, tune_small
 from tuning import figures
 from tuning.rules import final_amplitude, frequencies_of
 from tuning.settings import tuning_settings
@@ -86,36 +84,26 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_p
 @pytest.mark.slow
 def test_killed_at_random_moments_it_gives_the_same_files(small_arm, tmp_path):
     """kill −9 of the real process, from the first measurement to the last plot."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.tuning.searches"])
     model = str(tmp_path / "small.xml")
 
-    def start(out):
-        process = context.Process(target=tune_small, args=(model, None, out))
-        process.start()
-        return process
+    def begin(folder):
+        return tune_small, (model, None, folder)
 
-    def finish(out):
-        process = start(out)
-        process.join()
-        assert process.exitcode == 0
-        files = {p.relative_to(out) for p in out.rglob("*")}
-        return contents(out), studies(out), files
+    def made(folder):
+        return (
+            contents(folder),
+            studies(folder),
+            {p.relative_to(folder) for p in folder.rglob("*")},
+        )
 
-    whole = finish(tmp_path / "whole")
-    moments, kills = random.Random(5), 0
-    while kills < 8:  # a fast machine needs several folders for that
-        torn = tmp_path / f"torn{kills}"
-        while kills < 8:
-            process = start(torn)
-            process.join(moments.uniform(0.1, 2.5))
-            if process.exitcode == 0:
-                break
-            process.kill()
-            process.join()
-            assert process.exitcode == -9
-            kills += 1
-        assert finish(torn) == whole
+    whole = tmp_path / "whole"
+    run_to_its_end(begin, whole)
+    expected = made(whole)
+
+    def finished(folder):
+        assert made(folder) == expected
+
+    killed(begin, finished, tmp_path, times=8, within=(0.1, 2.5), seed=5)
 
 
 @pytest.mark.slow

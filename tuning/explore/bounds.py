@@ -25,7 +25,7 @@ from stiction_envs.measured import AmplitudeRow
 from tuning.settings import BoundsSettings, tuning_settings
 
 Array = NDArray[np.float64]
-OPTIONS = ("gate", "waveform", "offset")
+OPTIONS = ("waveform", "offset")
 """What may be searched besides amplitude and frequency."""
 PER_JOINT = ("amplitude_nm", "frequency_hz", "displacement_rad", "forbidden_hz")
 WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm", "gate_rad_s")
@@ -77,8 +77,6 @@ class Bounds:
             "frequency_hz": FloatDistribution(float(low), float(high), log=True),
             "amplitude": FloatDistribution(0.0, 1.0),
         }
-        if "gate" in options:
-            out["gate_rad_s"] = FloatDistribution(*self.gate_rad_s, log=True)
         if "waveform" in options:
             out["waveform"] = CategoricalDistribution([w for w in WAVEFORMS if w != "random"])
         if "offset" in options:

@@ -118,17 +118,8 @@ def fronts(
             axis.axvline(1e3 * limits[j - 1], color="0.3", ls="--", lw=1, label="limit")
         for k, (name, joints) in enumerate(verified.breakaway.items()):
             if j in joints:
-                mean, low, high = (100 * x for x in joints[j].reduction)
-                error = None if np.isnan(low) else [[mean - low], [high - mean]]
-                axis.errorbar(
-                    1e3 * joints[j].displacement,
-                    mean,
-                    yerr=error,
-                    fmt=MARKS[k % len(MARKS)],
-                    color=COLOURS[k % len(COLOURS)],
-                    capsize=2,
-                    label=f"{name}, measured anew",
-                )
+                found = joints[j]
+                _mark(axis, k, found.displacement, found.reduction, f"{name}, measured anew")
         axis.set(title=f"joint {j}", xlabel="displacement, rms [mrad]", ylabel="reduction [%]")
         axis.grid(alpha=0.3)
     _legend(axes, len(records))
@@ -225,17 +216,8 @@ def tables(verified: Verified, path: Path) -> None:
         for column, part in enumerate(LEFT):
             axis = axes[row][column]
             for k, (name, found) in enumerate(verified.tracking.items()):
-                mean, low, high = (100 * x for x in getattr(found[where], part))
-                error = None if np.isnan(low) else [[mean - low], [high - mean]]
-                axis.errorbar(
-                    1e3 * found[where].vibration_at_rest_m,
-                    mean,
-                    yerr=error,
-                    fmt=MARKS[k % len(MARKS)],
-                    color=COLOURS[k % len(COLOURS)],
-                    capsize=2,
-                    label=name,
-                )
+                shaking = found[where].vibration_at_rest_m
+                _mark(axis, k, shaking, getattr(found[where], part), name)
             axis.set(
                 title=f"{where}: {part.replace('resting_', 'at rest, ')}",
                 xlabel="vibration at rest, rms [mm]",
@@ -248,6 +230,22 @@ def tables(verified: Verified, path: Path) -> None:
 
 def _first_value(trial: FrozenTrial) -> float:
     return float(trial.values[0])
+
+
+def _mark(
+    axis: Axes, k: int, shaking: float, share: tuple[float, float, float], label: str
+) -> None:
+    """Draw the ``k``-th table: a share with its interval [%] over what it shakes by [1e-3]."""
+    mean, low, high = (100 * x for x in share)
+    axis.errorbar(
+        1e3 * shaking,
+        mean,
+        yerr=None if np.isnan(low) else [[mean - low], [high - mean]],
+        fmt=MARKS[k % len(MARKS)],
+        color=COLOURS[k % len(COLOURS)],
+        capsize=2,
+        label=label,
+    )
 
 
 def _legend(axes: Sequence[Axes], used: int) -> None:

@@ -65,6 +65,8 @@ class Options:
         paths = self.objective != "sje"
         if "waveform" in self.free and "cmaes" in (self.sampler, paths and self.sampler_of("gte")):
             raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")
+        if self.sampler == "grid" and paths:
+            raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
         if self.pareto and self.sampler not in (None, "nsga2", "tpe", "random", "grid"):
             raise StictionError(
                 f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"

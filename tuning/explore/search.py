@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import QUANTITIES
@@ -159,8 +160,6 @@ def search(
 
 def _check_vibration(bounds: Bounds, settings: TuningSettings) -> None:
     """Raise where a dither could slip under the filter of the vibration measure."""
-    from stiction_envs.experiments.gte.protocol import load_gte_protocol
-
     edge = settings.bounds.vibration_edge * load_gte_protocol().vibration_low
     low = float(bounds.frequency_hz[:, 0].min())
     if low < edge:

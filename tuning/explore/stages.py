@@ -13,6 +13,8 @@ import optuna
 from stiction_envs.control.compensation import KINDS, Compensation
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
 from stiction_envs.reporting.output_folder import OutputFolder
@@ -23,7 +25,7 @@ from tuning.explore.options import Found, Options
 from tuning.explore.report import write_search_report
 from tuning.explore.tables import GRID, best_of_grid, grid_rows
 from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
-from tuning.explore.trials import best, write_compensation, write_pareto, write_trials
+from tuning.explore.trials import best, score, write_compensation, write_pareto, write_trials
 from tuning.explore.verify import (
     Verified,
     measured_once,
@@ -37,10 +39,10 @@ from tuning.shared import fill
 from tuning.tune import Tuning
 
 Progress = Callable[[str, float, float], None]
-TUNED = ("triangle",)
+TUNED = TRAJECTORIES[:1]
 """Paths on which a table is tuned; it is verified on the others too."""
-STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
-"""Thesis Table 4.11 [N/m, N·m/rad, N·m/rad]."""
+UNSEEN = 7919
+"""Takes the draws of the verification away from those of the search, whose seeds are small."""
 
 
 class Stages:
@@ -238,7 +240,7 @@ class Stages:
         """Search tables of the whole arm; return the best."""
         s, options = self.search, self.options
         name = options.sampler_of("gte")
-        places: list[Place] = [(path, k) for path in TUNED for k in STIFFNESSES]
+        places: list[Place] = [(path, k) for path in TUNED for k in thesis_stiffness()]
         objective = TrackingObjective(
             self.gte(self.seed),
             self.bounds,
@@ -246,9 +248,9 @@ class Stages:
             places,
             iterations=s.iterations,
             joints=() if options.without_dither else range(1, self.sje.n + 1),
-            free=tuple(name for name in options.free if name != "gate"),
-            gates="" if options.gates == "none" else options.gates,
-            compensation="" if options.compensation == "none" else options.compensation,
+            free=options.free,
+            gates=options.gates,
+            compensation=options.compensation,
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,
             pareto=options.pareto,
@@ -267,7 +269,7 @@ class Stages:
                 name,
                 space,
                 seed=self.seed,
-                startup=2 * s.population,
+                startup=s.population,
                 population=population,
                 points=s.points,
                 first=first,
@@ -284,6 +286,8 @@ class Stages:
                 f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
                 "larger --limit, or more --evaluations"
             )
+        if score(chosen) >= 0.0:  # no more than nothing does
+            return tuple(AmplitudeRow(j, 0.0, 0.0) for j in objective.joints)
         treatment = objective.treatment(chosen.params)
         self.compensation = treatment.compensation
         return treatment.dither
@@ -302,7 +306,7 @@ class Stages:
             self.sje.sticking.parameters,
             self.search.verify_draws,
             spread=self.search.spread,
-            seed=self.seed + 7919,
+            seed=self.seed + UNSEEN,
         )
         arguments: dict[str, Any] = {
             "bounds": self.bounds,
@@ -314,7 +318,7 @@ class Stages:
                 self.sje.replace(seed=self.seed + 1),
                 # a ramp takes long: where only paths were searched, the table found is enough
                 tables if "search sje" in tables else self.tables,
-                record=self.record("verify-sje"),
+                record=self.record,
                 progress=report,
                 **arguments,
             ),
@@ -324,15 +328,25 @@ class Stages:
             out = dataclasses.replace(
                 out,
                 tracking=verify_tracking(
-                    self.gte,
+                    self.unseen_experiment(),
                     self.treatments(tables),
-                    seed=self.seed + 1,
-                    record=self.record("verify-gte"),
+                    record=self.record,
                     progress=report,
                     **arguments,
                 ),
             )
         return out
+
+    def unseen_experiment(self) -> GeneratedTrajectoryExperiment:
+        """Return the GTE with another seed, from another start."""
+        arm = self.sje.sticking.arm
+        rng = np.random.default_rng([self.seed, UNSEEN])
+        low, high = arm.limits.position.T
+        start = arm.rest + self.search.verify_start * rng.uniform(-1.0, 1.0, arm.n)
+        inside = np.clip(start, low + self.search.verify_start, high - self.search.verify_start)
+        return GeneratedTrajectoryExperiment(
+            self.sje.sticking, seed=self.seed + 1, start=inside, nthread=self.sje.nthread
+        )
 
     def treatments(self, tables: Mapping[str, Table]) -> dict[str, Treatment]:
         """Return what is run on paths: tables, and compensation as it is and as it was found."""

@@ -11,7 +11,7 @@ tried on every path, stiffness and friction:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.settings import gte_default
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import Case
@@ -28,13 +27,12 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from tuning.explore.bounds import Bounds
 from tuning.record import LIMITS, Outcome, Parameters
+from tuning.settings import BoundsSettings, tuning_settings
 
 Array = NDArray[np.float64]
 Table = tuple[AmplitudeRow, ...]
 Place = tuple[str, tuple[float, float, float]]
 """A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
-MOST_COMPENSATION = 1.5
-"""Largest gain over the friction that is believed in [-]: more hunts by itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +118,12 @@ class TrackingObjective:
         iterations: int,
         joints: Sequence[int],
         free: tuple[str, ...] = (),
-        gates: str = "",
-        compensation: str = "",
+        gates: str = "none",
+        compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
         pareto: bool = False,
-        progress: Callable[[float], None] | None = None,
+        settings: BoundsSettings | None = None,
     ) -> None:
         """Measure the arm without dither, and how much a table shakes it.
 
@@ -137,20 +135,20 @@ class TrackingObjective:
             iterations: repeats per place and friction.
             joints: that are dithered, from 1.
             free: of `bounds.OPTIONS`, waveform and offset: what else is searched of each joint.
-            compensation: kind that is searched, "" for none; its gains are those of the friction
-                that the controller believes in, times a factor of at most 1.5.
-            gates: "" for none, "one" for one gate speed of all joints, "each" for one per joint.
+            compensation: kind that is searched, or "none"; its gains are those of the friction that
+                the controller believes in, times a factor.
+            gates: "none", "one" for one gate speed of all joints, "each" for one per joint.
             limits: a table whose vibration no other may pass, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint: for samplers that know none.
             pareto: whether the vibration is a second objective, in place of a constraint.
-            progress: called with simulated seconds.
+            settings: how far compensation is searched; None for those of ``settings.toml``.
         """
         self.pareto = pareto
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
-        self.compensation, self.free = compensation, free
-        self._progress = progress
+        self.free, self._settings = free, settings or tuning_settings().bounds
+        self._believed = None if compensation == "none" else experiment.compensation(compensation)
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
         if limits and np.isnan(largest).any():
@@ -172,31 +170,32 @@ class TrackingObjective:
             out["gate_rad_s"] = gate
         elif self.gates == "each":
             out |= {f"gate_rad_s_{j}": gate for j in self.joints}
-        if self.compensation:
-            out["compensation"] = FloatDistribution(0.0, MOST_COMPENSATION)
+        if self._believed is not None:
+            reach = self._settings.compensation_reach
+            out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
             for name, usual in self._usual().items():
-                out[f"compensation_{name}"] = FloatDistribution(usual / 10, usual * 10, log=True)
+                out[f"compensation_{name}"] = FloatDistribution(
+                    usual / reach, usual * reach, log=True
+                )
         return out
 
     def _usual(self) -> dict[str, float]:
         """Return the default speed [rad/s] and, of a push, error [rad] of the compensation."""
-        kind = self.compensation
-        out = {"speed": float(gte_default(f"compensation.{kind}_speed"))}
-        return (
-            {**out, "error": float(gte_default("compensation.push_error"))}
-            if kind == "push"
-            else out
-        )
+        if self._believed is None:
+            return {}
+        names = ("speed", "error") if self._believed.kind == "push" else ("speed",)
+        return {name: getattr(self._believed, name)[0] for name in names}
 
     def treatment(self, parameters: Parameters) -> Treatment:
         """Return what parameters of `space` stand for."""
         compensation = None
-        if self.compensation:
-            one = self.experiment.compensation(self.compensation, parameters["compensation"])
+        if self._believed is not None:
+            factor, n = parameters["compensation"], self._believed.n
             more: dict[str, Any] = {
-                k: (parameters[f"compensation_{k}"],) * one.n for k in self._usual()
+                name: (parameters[f"compensation_{name}"],) * n for name in self._usual()
             }
-            compensation = dataclasses.replace(one, **more)
+            gain = tuple(factor * g for g in self._believed.gain)
+            compensation = dataclasses.replace(self._believed, gain=gain, **more)
         return Treatment(dither=self.table(parameters), compensation=compensation)
 
     def table(self, parameters: Parameters) -> Table:
@@ -223,8 +222,8 @@ class TrackingObjective:
                 out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
         if self.gates == "one":
             out["gate_rad_s"] = gate_rad_s or self.bounds.gate_rad_s[1]
-        if self.compensation:
-            out["compensation"] = 0.5
+        if self._believed is not None:
+            out["compensation"] = float(np.mean(self._settings.compensation_factor))
             out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}
         return out
 
@@ -238,9 +237,7 @@ class TrackingObjective:
                 for friction in self.frictions:
                     cases.append(treatment.case(place))
                     parameters.append(friction)
-        runs = self.experiment.run(
-            cases, iterations=self.iterations, parameters=parameters, progress=self._progress
-        )
+        runs = self.experiment.run(cases, iterations=self.iterations, parameters=parameters)
         e = self.experiment
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))

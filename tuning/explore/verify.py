@@ -1,10 +1,12 @@
 """Tables measured anew: frictions, seeds, paths and a start that the search has not seen.
 
-What was measured is a trial of a study of its own, so that nothing is measured twice.
+What was measured is a trial of a study of its own, so that nothing is measured twice; the study's
+name holds a digest of what is measured, so that no other tables are taken for these.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +17,8 @@ from optuna.distributions import CategoricalDistribution
 from scipy import stats
 
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
@@ -28,8 +32,9 @@ from tuning.shared import fill
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-PATHS = ("triangle", "pentagon")
-STIFFNESSES = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
+MakeRecord = Callable[[str], Record]
+"""Opens a study of this run by its name."""
+PATHS = TRAJECTORIES
 NOTHING = "no dither"
 LEFT = ("position", "orientation", "resting_position", "resting_orientation")
 """Errors that are compared with those without dither."""
@@ -83,6 +88,11 @@ class Verified:
     """Per table and path; empty where only the SJE was searched."""
 
 
+def digest(things: Any) -> str:
+    """Return a short digest of what is measured."""
+    return hashlib.sha256(repr(things).encode()).hexdigest()[:12]
+
+
 def interval(values: Array) -> tuple[float, float, float]:
     """Return mean and 95 % interval of the mean (Student's t); NaN bounds of a single value."""
     mean, n = float(np.mean(values)), len(values)
@@ -99,7 +109,7 @@ def verify_breakaway(
     bounds: Bounds,
     frictions: Sequence[FrictionParameters],
     settings: SearchSettings,
-    record: Record,
+    record: MakeRecord,
     progress: Progress | None,
 ) -> dict[str, dict[int, JointResult]]:
     """Measure every joint of every table in the SJE."""
@@ -128,7 +138,8 @@ def verify_breakaway(
             for row in wanted
         ]
 
-    known = measured_once(record, len(distinct), evaluate, progress)
+    made = record(f"verify-sje-{digest(distinct)}")
+    known = measured_once(made, len(distinct), evaluate, progress)
     out: dict[str, dict[int, JointResult]] = {name: {} for name in tables}
     for (name, joint), row in rows.items():
         attributes = known[distinct.index(row)]
@@ -142,21 +153,19 @@ def verify_breakaway(
 
 
 def verify_tracking(
-    make: Callable[[int], GeneratedTrajectoryExperiment],
+    experiment: GeneratedTrajectoryExperiment,
     treatments: Mapping[str, Treatment],
     *,
-    seed: int,
     bounds: Bounds,
     frictions: Sequence[FrictionParameters],
     settings: SearchSettings,
-    record: Record,
+    record: MakeRecord,
     progress: Progress | None,
 ) -> dict[str, dict[str, PathResult]]:
     """Run every treatment on the path that was tuned on and on one that was not."""
     treatments = {NOTHING: Treatment(), **treatments}
     names = list(treatments)
     cases = [(name, path) for name in names for path in PATHS]
-    experiment = make(seed)
 
     def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
         out: dict[int, Outcome] = {}
@@ -164,7 +173,7 @@ def verify_tracking(
             mine = [p["row"] for _, p in asked if cases[p["row"]][1] == path]
             if not mine:
                 continue
-            places: list[Place] = [(path, k) for k in STIFFNESSES]
+            places: list[Place] = [(path, k) for k in thesis_stiffness()]
             objective = TrackingObjective(
                 experiment,
                 bounds,
@@ -186,7 +195,8 @@ def verify_tracking(
                 )
         return [out[p["row"]] for _, p in asked]
 
-    known = measured_once(record, len(cases), evaluate, progress)
+    made = record(f"verify-gte-{digest(list(treatments.items()))}")
+    known = measured_once(made, len(cases), evaluate, progress)
     result: dict[str, dict[str, PathResult]] = {name: {} for name in names}
     for (name, path), attributes in zip(cases, known, strict=True):
         result[name][path] = PathResult(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 
+import optuna
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import read_amplitudes, read_sje
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, read_sje, write_amplitudes
 from tuning.explore.search import Options, search
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
@@ -111,6 +112,8 @@ def test_two_objectives_make_a_front(small, tmp_path):
         ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
         ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
         ({"free": ("phase",)}, "phase"),
+        ({"sampler": "grid", "objective": "gte"}, "objective sje"),
+        ({"sampler": "grid", "objective": "both"}, "objective sje"),
     ],
 )
 def test_options_that_cannot_be_are_one_clear_line(options, what):
@@ -123,3 +126,34 @@ def test_a_study_of_another_search_is_not_continued(small, tmp_path):
     small("one", storage=storage, evaluations=2)
     with pytest.raises(StictionError, match="friction, bounds or options"):
         small("two", storage=storage, evaluations=2, sampler="random")
+
+
+def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
+    """A storage outlives a folder: what was measured of one table is never said of another."""
+    storage = f"sqlite:///{tmp_path / 'study.db'}"
+    table = tmp_path / "mine.csv"
+    reductions = []
+    for amplitude, out in ((0.4, "one"), (0.8, "two"), (0.4, "again")):
+        write_amplitudes(table, [AmplitudeRow(j, amplitude, 20.0) for j in (1, 2)])
+        small(out, storage=storage, evaluations=3, beside=[table])
+        found = rows(tmp_path / out / "comparison.csv")
+        reductions.append(
+            [r["value"] for r in found if r["table"] == "mine" and r["measure"] == "reduction"]
+        )
+    assert len(reductions[0]) == 2
+    assert reductions[0] == reductions[2] != reductions[1]
+    names = [s.study_name for s in optuna.get_all_study_summaries(storage)]
+    assert len([n for n in names if "verify" in n]) == 2, "the same tables were measured twice"
+
+
+def test_a_table_no_better_than_nothing_is_no_dither(small_arm, fast, tmp_path, monkeypatch):
+    monkeypatch.setattr("tuning.explore.stages.score", lambda trial: 0.0)
+    found = search(
+        small_arm,
+        out=tmp_path / "out",
+        protocol=fast,
+        settings=QUICK,
+        objective="gte",
+        evaluations=2,
+    )
+    assert [r.amplitude_nm for r in found.final] == [0.0, 0.0]
