@@ -58,6 +58,13 @@ class RegressorLibrary:
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
         """(n,) root mean square over the noise of what the nominal model's friction may be off."""
+        self.independent_rows = 1.0
+        """Rows that are one observation."""
+        if np.isfinite(data.dt) and np.isfinite(data.cutoff):
+            # neighbours within half a period of the filter are
+            self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
+        self.prior_rows = own.prior_rows * self.independent_rows
+        """Rows that a prior weighs as much as."""
         for j in range(data.n):
             left = self._cleaned(j)
             for cause in causes:
@@ -164,7 +171,7 @@ class RegressorLibrary:
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""
         huber = self.data.settings.candidates.huber
-        linear = [t for t in self.candidates if not t.shape]
+        linear = [t for t in self.candidates if self.causes[t.cause].is_linear]
         model = self.model_columns(linear)
         c = self.grams.fit(model)
         for j in range(self.data.n):
@@ -183,15 +190,22 @@ class RegressorLibrary:
         where: list[list[int]] = [[] for _ in range(self.data.n)]
         low: list[float] = []
         high: list[float] = []
+        firm: list[float] = []
         for term in terms:
-            lowest, highest = self.causes[term.cause].bounds(self.data, term.joint)
+            cause = self.causes[term.cause]
+            lowest, highest = cause.bounds(self.data, term.joint)
+            firm += (self.prior_rows / np.square(cause.prior(self.data, term.joint))).tolist()
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
             low += lowest.tolist()
             high += highest.tolist()
         return ModelColumns(
-            tuple(map(tuple, columns)), tuple(map(tuple, where)), tuple(low), tuple(high)
+            tuple(map(tuple, columns)),
+            tuple(map(tuple, where)),
+            tuple(low),
+            tuple(high),
+            tuple(firm),
         )
 
     def _size(self, term: Candidate) -> int:

@@ -101,15 +101,45 @@ def _best_swap(
 ) -> list[Candidate] | None:
     """Return the terms of another cause, with its best parameters, on the same joints."""
     swap: list[Candidate] = []
-    arm_wide = library.causes[other].arm_wide
-    for joint in [ARM] if arm_wide else sorted(joints):
-        options = [t for t in library.candidates if t.cause == other and t.joint == joint]
-        if not options:
+    cause = library.causes[other]
+    mine = [t for t in library.candidates if t.cause == other and t not in rest]
+    if cause.changes_arm and not cause.arm_wide:
+        return _best(library, rest, mine)  # a link's torque is on other joints than its own
+    for joint in [ARM] if cause.arm_wide else sorted(joints):
+        best = _best(library, [*rest, *swap], [t for t in mine if t.joint == joint])
+        if best is None:
             return None
-        scored = []
-        for term in options:
-            scored.append(
-                float(library.grams.errors(library.model_columns([*rest, *swap, term])).sum())
-            )
-        swap.append(options[int(np.argmin(scored))])
+        swap += best
     return swap or None
+
+
+def _best(
+    library: RegressorLibrary, terms: list[Candidate], options: list[Candidate]
+) -> list[Candidate] | None:
+    """Return the one of some candidates that leaves least; None of none."""
+    if not options:
+        return None
+    left = [float(library.grams.errors(library.model_columns([*terms, x])).sum()) for x in options]
+    return [options[int(np.argmin(left))]]
+
+
+def other_links(
+    library: RegressorLibrary, terms: list[Candidate], mine: list[Candidate]
+) -> tuple[int, ...]:
+    """Return links (from 1) whose mass and centre explain what one of ``mine`` does as well.
+
+    Torques show sums of neighbours' masses and moments (base parameters), not each of them.
+    """
+    have = {(t.cause, t.joint) for t in terms}
+    out = set()
+    for term in mine:
+        rest = [t for t in terms if t != term]
+        own = gain(library, terms, [term])
+        for link in library.candidates:
+            if link.cause != term.cause or (link.cause, link.joint) in have:
+                continue
+            still = gain(library, [*rest, link, term], [term])
+            least = library.data.settings.estimates.hardly_own * own.total
+            if not still.significant or still.total < least:
+                out.add(link.joint + 1)
+    return tuple(sorted(out))

@@ -24,7 +24,8 @@ from stiction_envs.gap.causes import (
     default_settings,
     registered,
 )
-from stiction_envs.gap.confusion import confused_with
+from stiction_envs.gap.confusion import confused_with, other_links
+from stiction_envs.gap.contest import contested
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
 from stiction_envs.gap.refit import found_again, refit_given_what_was_found, settle
@@ -65,6 +66,8 @@ class Diagnosis:
     robot: str
     verdict: str
     causes: tuple[NamedCause, ...]
+    minor: tuple[NamedCause, ...] = ()
+    """What also helps a little, and is not to be believed alone."""
     nominal_rms: Array
     """(n,) held out [N·m]."""
     extended_rms: Array
@@ -119,6 +122,10 @@ class Diagnosis:
                     "confused_with": list(c.confused_with),
                 }
                 for c in self.causes
+            ],
+            "minor": [
+                {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
+                for c in self.minor
             ],
             "record_next": list(self.what_to_record),
             "notes": list(self.notes),
@@ -214,6 +221,7 @@ def diagnose(
     if again is not None and found_again(terms, refitted := choose(again)):
         library, terms = again, refitted
     terms = settle(library, sharpen(library, terms))
+    terms = contested(library, terms)
     kept = pruned(library, terms)
     if len(kept) < len(terms):
         # what is none after all may have kept out something better
@@ -243,7 +251,7 @@ def _conclude(
     c = grams.fit(model)
     draws = draw(library, terms, c, seed) if terms else None
     names = list(dict.fromkeys(t.cause for t in terms))
-    named = []
+    named, little = [], set()
     for i, name in enumerate(names):
         say("evidence", i / len(names))
         mine = [t for t in terms if t.cause == name]
@@ -254,6 +262,9 @@ def _conclude(
             continue
         without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
         lost = float(100 * np.mean((without - extended_rms) / nominal_rms))
+        s = data.settings.verdict
+        if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
+            little.add(name)
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if mine[0].joint == ARM:
             joints = tuple(int(j) + 1 for j in np.flatnonzero(its_gain.significant_joints))
@@ -265,22 +276,22 @@ def _conclude(
                 gain_percent=lost,
                 parameters=estimates(library, terms, mine, c, draws),
                 evidence=_evidence(
-                    library.causes[name].describe(library.split(terms, c)[terms.index(mine[0])]),
-                    joints,
-                    without,
-                    extended_rms,
+                    _described(library, terms, mine, c), joints, without, extended_rms
                 ),
                 confused_with=confused,
                 tell_apart="; ".join(_motion(library, x) for x in confused),
             )
         )
     named.sort(key=lambda x: -x.gain_percent)
+    minor = tuple(c for c in named[1:] if c.name in little)
+    named = [c for c in named if c not in minor]
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
     verdict = _verdict(named, nominal_rms, extended_rms, data.noise, library)
     return Diagnosis(
         robot=data.arm.name,
         verdict=verdict,
         causes=tuple(named),
+        minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=data.noise,
@@ -301,6 +312,19 @@ def _told(logs: list[JointLog]) -> list[str]:
     """Return what was corrected in logs and what was found and not corrected, each with its log."""
     said = [(log, x) for log in logs for x in (*(c.text for c in log.corrections), *log.warnings)]
     return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
+
+
+def _described(
+    library: RegressorLibrary, terms: list[Candidate], mine: list[Candidate], c: Array
+) -> str:
+    """Return what is wrong, with the links that may be meant as well."""
+    cause = library.causes[mine[0].cause]
+    text = cause.describe(library.split(terms, c)[terms.index(mine[0])])
+    if not (cause.coupled and cause.changes_arm):
+        return text
+    links = ", ".join(str(t.joint + 1) for t in mine)
+    also = ", ".join(map(str, other_links(library, terms, mine)))
+    return f"{text} (link {links})" + (f"; link {also} would explain it as well" if also else "")
 
 
 def _evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) -> str:
@@ -374,17 +398,18 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         cause = diagnosis.library.causes[term.cause]
         return cause.acts_on_all if isinstance(cause, TorqueShift) else data.carried is not None
 
-    parts = tuple(
-        Part(
-            cause=t.cause,
-            joint=0 if t.joint == ARM else t.joint + 1,
-            shape=tuple(float(x) for x in t.shape),
-            coefficients=tuple(float(x) for x in mine),
+    def part(term: Candidate, mine: Array) -> Part:
+        own, shape = diagnosis.library.causes[term.cause].part_of(mine, term.shape)
+        return Part(
+            cause=term.cause,
+            joint=0 if term.joint == ARM else term.joint + 1,
+            shape=tuple(float(x) for x in shape),
+            coefficients=tuple(float(x) for x in own),
             level=level,
-            carried=carried(t),
+            carried=carried(term),
         )
-        for t, mine in zip(diagnosis.terms, split, strict=True)
-    )
+
+    parts = tuple(part(t, mine) for t, mine in zip(diagnosis.terms, split, strict=True))
     return Nominal(
         friction=before.friction,
         parts=(*before.parts, *parts),

@@ -189,13 +189,16 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
         grams.append(Gram.of(x, data.residual[:, j], data.block, weight, data.blocks))
         columns.append(tuple(range(x.shape[1])))
         coefficients.append(tuple(at))
-    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    low, high, sd = np.full(size, -np.inf), np.full(size, np.inf), np.full(size, np.inf)
     for i, term in enumerate(terms):
-        low[start[i] : start[i + 1]], high[start[i] : start[i + 1]] = library.causes[
-            term.cause
-        ].bounds(data, term.joint)
-    model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high))
-    draws = JointGrams(grams).resample(model, s.resamples, np.random.default_rng(seed))
+        mine = slice(start[i], start[i + 1])
+        cause = library.causes[term.cause]
+        low[mine], high[mine] = cause.bounds(data, term.joint)
+        sd[mine] = cause.prior(data, term.joint)
+    firm = library.prior_rows / np.square(sd)
+    model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high), tuple(firm))
+    rng = np.random.default_rng(seed)
+    draws = JointGrams(grams).resample(model, s.resamples, rng, sd)
     out: Draws = []
     for i, term in enumerate(terms):
         own = draws[:, start[i] : start[i + 1]]

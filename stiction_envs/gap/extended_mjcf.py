@@ -1,8 +1,7 @@
-"""Plain MJCF of a diagnosed arm: payloads, gravity, springs and offsets, and native friction."""
+"""Plain MJCF of a diagnosed arm: its bodies and gravity, springs and offsets, native friction."""
 
 from __future__ import annotations
 
-import dataclasses
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
@@ -14,48 +13,11 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
-from stiction_envs.gap.causes.draft import PAYLOAD_RADIUS, Body
-from stiction_envs.robots import Arm, mjcf
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 TIMESTEP = 1e-3
 """Of the model [s]."""
-
-
-def with_bodies(arm: Arm, payloads: Sequence[Body], gravity: Array) -> Arm:
-    """Return an arm with payloads and a gravity that leans.
-
-    Args:
-        arm: the arm.
-        payloads: bodies on the flange.
-        gravity: (2,) part of gravity towards x and y [-]; its size stays.
-    """
-    if not payloads and not gravity.any():
-        return arm
-    root = ET.fromstring(arm.xml)
-    for body in payloads:
-        x, y, z = (float(v) for v in body.com)
-        place = (body.mass, x, y, z)
-        before = set(root.iter("body"))
-        mjcf.add_payload(root, arm.end_effector, place, PAYLOAD_RADIUS)
-        (new,) = set(root.iter("body")) - before
-        element = new.find("inertial")
-        if body.inertia is not None and element is not None:
-            i = body.inertia
-            del element.attrib["diaginertia"]
-            full = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
-            element.set("fullinertia", mjcf.numbers(full))
-    if gravity.any():
-        option = root.find("option")
-        if option is None:
-            option = ET.Element("option")
-            root.insert(0, option)
-        was = np.array(mjcf.read_numbers(option, "gravity", (0.0, 0.0, -9.81)))
-        g = float(np.linalg.norm(was))
-        side = was[:2] + g * gravity
-        down = np.sign(was[2]) * np.sqrt(max(g * g - float(side @ side), 0.0))
-        option.set("gravity", mjcf.numbers([*side, down]))
-    return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
 
 
 _COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.

@@ -23,8 +23,8 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION
-from stiction_envs.gap.extended_mjcf import TIMESTEP, with_bodies, write_mjcf
-from stiction_envs.gap.model_file import Nominal, dump, read
+from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
+from stiction_envs.gap.model_file import Nominal, changed_arm, dump, read
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import ARMS, load_arm
 
@@ -77,7 +77,7 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         causes[part.cause].contribute(draft, part)
     inertia = np.min(link_inertia(arm, _poses(data)), axis=0)
     friction, sources = _friction(draft, data, nominal.friction, inertia)
-    loaded = with_bodies(arm, draft.payloads, draft.gravity)
+    loaded = changed_arm(arm, parts)
     plain = _for_mjcf(friction, draft, level)
     xml = write_mjcf(
         loaded,
@@ -138,12 +138,8 @@ def load_model(path: str | Path, robot: str | Path | None = None) -> StickingMod
         return sticking_model(robot, path)
     arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt)
     nominal.check(arm)
-    draft = ModelDraft.of(None, arm.n)
-    for part in nominal.parts:
-        if part.joint == 0:  # bodies and gravity are the whole arm's
-            cause_named(part.cause).contribute(draft, part)
     friction = with_rotors(load_friction(path, arm.n), arm)
-    return sticking_model(with_bodies(arm, draft.payloads, draft.gravity), friction)
+    return sticking_model(changed_arm(arm, nominal.parts), friction)
 
 
 def _poses(data: Data) -> Array:

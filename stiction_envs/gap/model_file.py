@@ -41,7 +41,7 @@ class Nominal:
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
 
     def check(self, arm: Arm) -> None:
-        """Raise if an arm is not the one the parts were found on."""
+        """Raise if an arm is not the one the parts were found on, or they leave it no body."""
         if self.robot is None:
             return
         for what, mine, given in (
@@ -60,6 +60,10 @@ class Nominal:
                     f"nominal model: cause {part.cause} on joint {part.joint}: {arm.name} has "
                     f"{arm.n} joints"
                 )
+        try:
+            changed_arm(arm, self.parts)
+        except StictionError as error:
+            raise StictionError(f"nominal model: {error}") from None
 
     def extend(self, data: Data) -> Data:
         """Return data against the nominal model with its causes."""
@@ -76,14 +80,13 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
         causes = [(p, cause_named(p.cause).given(data.settings)) for p in mine]
-        torque = sum(
-            (cause.torque(data, p) for p, cause in causes if cause.transmitted_by_gear),
-            np.zeros_like(data.q),
-        )
+        arm = changed_arm(data.arm, mine)
+        changed = data if arm is data.arm else data.on(arm)
+        torque = changed.recording.rigid - data.recording.rigid
         loaded = data.carrying(torque)
-        added = sound = np.zeros_like(data.q)
+        added = sound = torque
         for p, cause in causes:
-            if not isinstance(cause, TorqueShift):
+            if not isinstance(cause, TorqueShift) and not cause.changes_arm:
                 more = cause.torque(loaded if p.carried else data, p)
                 added = added + more
                 if not cause.resembles_delay:
@@ -93,8 +96,24 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + whole.torque(data, p)
         friction = any(cause.base_friction for _, cause in causes)
-        data = loaded.corrected(added, friction=friction)
+        rotor = np.zeros(data.n)
+        for p, cause in causes:
+            rotor[p.joint - 1] += cause.rotor_inertia(np.array(p.coefficients))
+        data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
     return data
+
+
+def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
+    """Return the rigid arm with the bodies and the gravity of parts, level by level.
+
+    Raises:
+        StictionError: a part that makes a body that cannot exist.
+    """
+    for part in sorted(parts, key=lambda p: p.level):
+        cause = cause_named(part.cause)
+        if cause.changes_arm:
+            arm = cause.changed(arm, part)
+    return arm
 
 
 def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:

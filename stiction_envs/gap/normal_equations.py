@@ -117,6 +117,13 @@ class ModelColumns:
     coefficients: tuple[tuple[int, ...], ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
+    firm: tuple[float, ...] = ()
+    """Prior precision of each coefficient about zero, in the sums' units; () for none."""
+
+    @property
+    def prior(self) -> Array:
+        """(P,) that precision."""
+        return np.array(self.firm) if self.firm else np.zeros(len(self.low))
 
 
 class JointGrams:
@@ -149,6 +156,7 @@ class JointGrams:
             # each coefficient has one column of a joint at most
             xx[at[:, None], at] += part
             xr[at] += along
+        xx[np.diag_indices(p)] += model.prior
         return xx, xr
 
     def fit(self, model: ModelColumns, weight: Array | None = None) -> Array:
@@ -189,7 +197,8 @@ class JointGrams:
                 xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
                 xr[:, at] += gram.xr[:, cols]
         low, high = np.array(model.low), np.array(model.high)
-        out = solve_all(xx.sum(axis=0) - xx, xr.sum(axis=0) - xr, low, high)
+        prior = np.diag(model.prior)
+        out = solve_all(xx.sum(axis=0) - xx + prior, xr.sum(axis=0) - xr, low, high)
         self._left_out[model] = out
         return out
 
@@ -260,9 +269,22 @@ class JointGrams:
             out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
         return out
 
-    def resample(self, model: ModelColumns, times: int, rng: np.random.Generator) -> Array:
-        """Return (times, P) coefficients of bootstrap resamples of the blocks."""
+    def resample(
+        self, model: ModelColumns, times: int, rng: np.random.Generator, spread: Array | None = None
+    ) -> Array:
+        """Return (times, P) coefficients of bootstrap resamples of the blocks.
+
+        Args:
+            model: model.
+            times: resamples.
+            rng: draws them.
+            spread: (P,) standard deviations of the prior, whose mean is drawn too: what the blocks
+                do not show is then as uncertain as it was before; None for no prior.
+        """
         draws = rng.multinomial(self.blocks, np.full(self.blocks, 1 / self.blocks), size=times)
         systems = [self.system(model, w) for w in draws.astype(float)]
         xx, xr = (np.array(x) for x in zip(*systems, strict=True))
+        if spread is not None and model.prior.any():
+            own = np.where(model.prior > 0, spread, 0.0)
+            xr = xr + model.prior * own * rng.normal(size=xr.shape)
         return solve_all(xx, xr, np.array(model.low), np.array(model.high))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape, TorqueShift
+from stiction_envs.gap.causes.bodies import leaned
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ def refit_given_what_was_found(
 ) -> RegressorLibrary | None:
     """Return columns as they are given what the whole arm has, None if that is nothing."""
     data, causes = library.data, library.causes
-    carried = [t for t in terms if causes[t.cause].transmitted_by_gear]
+    carried = [t for t in terms if causes[t.cause].changes_arm]
     late = _late(library, terms)
     if not carried and late is None:
         return None
@@ -39,8 +40,20 @@ def refit_given_what_was_found(
             # as long as the delay was not known, it made reversals look longer
             data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
-        data = data.carrying(_torque(library, terms, carried))
+        data = data.carrying(_torque(library, terms, carried), _gravity(library, carried, terms))
     return RegressorLibrary(data, list(causes.values()))
+
+
+def _gravity(
+    library: RegressorLibrary, carried: Sequence[Candidate], terms: Sequence[Candidate]
+) -> tuple[float, ...]:
+    """Return gravity with the lean that was found, x, y, z [m/s²]; () where there is none."""
+    parts = library.split(terms, library.grams.fit(library.model_columns(terms)))
+    found = dict(zip(terms, parts, strict=True))
+    side = sum((library.causes[t.cause].lean(found[t]) for t in carried), np.zeros(2))
+    if not side.any():
+        return ()
+    return tuple(float(x) for x in leaned(library.data.pinocchio.gravity.linear, side))
 
 
 def _presliding_given_delay(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:

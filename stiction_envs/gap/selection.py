@@ -189,7 +189,10 @@ class Chooser:
             each[key] = max(each.get(key, 0.0), x.found.total)
         total: dict[str, float] = {}
         for (cause, _), size in each.items():
-            total[cause] = total.get(cause, 0.0) + size
+            if self.library.causes[cause].coupled:  # one of them acts on all joints by itself
+                total[cause] = max(total.get(cause, 0.0), size)
+            else:
+                total[cause] = total.get(cause, 0.0) + size
         arm = [x for x in offers if x.added[-1].joint == ARM]
         if not arm:
             return offers

@@ -211,6 +211,9 @@ class CandidateSettings:
     """The same where it is of an earlier diagnosis [-]."""
     edge: float
     """Nonlinear parameters within this factor of the last that were tried are at the end [-]."""
+    prior_rows: float
+    """Independent observations at the noise floor that a prior counts as [-]: models leave more
+    than the noise."""
 
     def __post_init__(self) -> None:
         check_numbers(
@@ -285,6 +288,10 @@ class VerdictSettings:
     """Held-out error over the noise floor under which nothing is left [-]."""
     small: float
     """The same over a joint's whole torque, root mean square [-]."""
+    minor: float
+    """Part of the nominal residual, mean over joints, under which a cause is minor [-]."""
+    minor_error: float
+    """Where, besides, no joint's held-out error grows by more than this factor without it [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)

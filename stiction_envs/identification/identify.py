@@ -30,7 +30,6 @@ from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
-from stiction_envs.identification.arm import with_inertias
 from stiction_envs.identification.base_parameters import (
     Design,
     design,
@@ -50,6 +49,7 @@ from stiction_envs.reporting.markdown import sentence, table
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
+from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
 __all__ = ["Identification", "identify", "identify_data"]

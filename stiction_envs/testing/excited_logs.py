@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from stiction_envs.identification.arm import with_inertias
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
+from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     from_pseudo_inertia,
     inertial_parameters,

@@ -14,7 +14,7 @@ from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 
 DRY, VISCOUS = (Candidate(f"{name}_friction", 3, ()) for name in ("coulomb", "viscous"))
-OFFSET, PAYLOAD = Candidate("torque_offset", 5, ()), Candidate("payload", ARM, ())
+OFFSET, PAYLOAD = Candidate("torque_offset", 5, ()), Candidate("payload", ARM, (0.0, 0.0, 0.0))
 LINEAR = ("coulomb_friction", "viscous_friction", "torque_offset")
 
 

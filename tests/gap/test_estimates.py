@@ -14,7 +14,8 @@ from tests.gap.small_logs import data_of, hidden, panda, with_torque
 
 BY_NAME = {c.name: c for c in CAUSES}
 DRY, VISCOUS = (Candidate(f"{name}_friction", 3, ()) for name in ("coulomb", "viscous"))
-PAYLOAD = Candidate("payload", ARM, ())
+FLANGE = (0.0, 0.0, 0.0)
+PAYLOAD = Candidate("payload", ARM, FLANGE)
 TRUE_SPEED, LEVEL, STICTION, MASS = 0.063, 0.8, 0.5, 1.0
 
 
@@ -27,7 +28,7 @@ def bare() -> Data:
 def library(bare: Data) -> RegressorLibrary:
     """Friction with a Stribeck curve in joint 4, and 1 kg on the flange."""
     torque = MASS * np.stack(
-        [BY_NAME["payload"].columns(bare, j, ())[:, 0] for j in range(7)], axis=1
+        [BY_NAME["payload"].columns(bare, j, FLANGE)[:, 0] for j in range(7)], axis=1
     )
     for name, shape, c in (
         ("coulomb_friction", (), LEVEL),

@@ -12,8 +12,10 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.extended_model import extend, extended_nominal, load_model
 from stiction_envs.gap.forward_validation import Proof, prove
-from stiction_envs.gap.model_file import Nominal, read, resolve
+from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
 from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+from stiction_envs.robots.regressor import consistent, inertial_parameters
 from tests.gap.small_logs import data_of, hidden, panda, sliding
 
 BALL = 0.4 * 1.2 * 0.03**2  # inertia of 1.2 kg as `load_arm` makes it
@@ -44,6 +46,9 @@ PARTS = {
     "torque_scale": Part(cause="torque_scale", joint=4, shape=(), coefficients=(0.1,)),
     "payload": Part(cause="payload", joint=0, shape=(), coefficients=PAYLOAD),
     "base_tilt": Part(cause="base_tilt", joint=0, shape=(), coefficients=(0.02, -0.01, FALL)),
+    "link_parameters": Part(
+        cause="link_parameters", joint=4, shape=(4.0, 3.6), coefficients=(0.3, 0.02, -0.01, 0.03)
+    ),
     "link_inertia": Part(cause="link_inertia", joint=4, shape=(), coefficients=(0.3,)),
     "backlash": Part(cause="backlash", joint=4, shape=(0.01,), coefficients=(1.0,)),
     "joint_elasticity": Part(
@@ -52,7 +57,12 @@ PARTS = {
     "actuator_delay": Part(cause="actuator_delay", joint=0, shape=(0.005,), coefficients=(0.005,)),
     "external_spring": Part(cause="external_spring", joint=4, shape=(), coefficients=(3.0, -1.5)),
 }
-SMOOTH = ("viscous_friction", "payload", "base_tilt", "link_inertia", "external_spring")
+PHANTOM = tuple(-x for x in PAYLOAD)
+"""A body that only the model has: what is left of the last link is less than it was."""
+SMOOTH = (
+    *("viscous_friction", "payload", "base_tilt", "link_parameters", "link_inertia"),
+    "external_spring",
+)
 LISTED = (
     *("direction_asymmetry", "load_dependent_friction", "warm_up_drift", "torque_scale"),
     *("backlash", "joint_elasticity", "actuator_delay"),
@@ -74,6 +84,8 @@ def found(*names: str) -> Nominal:
 def _as_wide_as_their_columns(data):
     """Give parts zeros for columns that this file has nothing to say about."""
     for name, part in PARTS.items():
+        if cause_named(name).changes_arm:
+            continue
         width = cause_named(name).columns(data, max(part.joint - 1, 0), part.shape).shape[1]
         full = (*part.coefficients, *[0.0] * width)[:width]
         PARTS[name] = dataclasses.replace(part, coefficients=full)
@@ -86,6 +98,7 @@ def rows_of(data):
 def inverse(xml: str, data, rows) -> np.ndarray:
     """Torque that stock MuJoCo wants for the measured motion; friction of actuators apart."""
     model = mujoco.MjModel.from_xml_string(xml)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # stops of the joints
     work = mujoco.MjData(model)
     out = []
     for k in rows:
@@ -116,8 +129,46 @@ def test_mujoco_wants_the_torque_that_the_cause_says(data, name):
     """Inverse dynamics of the written MJCF is that of pinocchio plus the cause."""
     rows = rows_of(data)
     made = extend(data, found(name))
-    expected = (data.nominal + cause_named(name).torque(data, PARTS[name]))[rows]
-    np.testing.assert_allclose(inverse(made.xml, data, rows), expected, atol=2e-6)
+    expected = found(name).extend(data).nominal[rows]
+    assert np.abs(expected - data.nominal[rows]).max() > 0.05
+    np.testing.assert_allclose(inverse(made.xml, data, rows), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
+@pytest.mark.parametrize("body", ["on the flange", "only in the model"])
+def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
+    """Of all that changes the arm at once, level on level, read back from the file."""
+    load = (1.2, *COM) if body == "only in the model" else None
+    arm = load_arm(robot, payload=load)
+    log = hidden(load_arm(robot), seconds=3.0)
+    judged = data_of(arm, log)
+    links = [
+        Part(
+            cause="link_parameters",
+            joint=j,
+            shape=(float(j), 1.0),
+            coefficients=(0.4 * (-1) ** j, 0.02, -0.03, 0.01),
+            level=1 + j // 5,
+        )
+        for j in (2, 3, 5, 6)
+    ]
+    own = dataclasses.replace(
+        PARTS["payload"], coefficients=PAYLOAD if load is None else PHANTOM, level=2
+    )
+    more = [PARTS[x] for x in ("base_tilt", "link_inertia", "external_spring", "viscous_friction")]
+    model = Nominal(robot=arm.name, payload=arm.payload, parts=(*links, *more, own))
+    made = extend(judged, model)
+    path = tmp_path / "model.toml"
+    path.write_text(made.toml(meta=MADE, provenance={}), encoding="utf-8")
+    rows = rows_of(judged)
+    want = extended_nominal(path, judged)[rows]
+    assert np.abs(want - judged.nominal[rows]).max() > 1.0
+    np.testing.assert_allclose(inverse(made.xml, judged, rows), want, atol=1e-9)
+    assert consistent(inertial_parameters(changed_arm(arm, model.parts).pinocchio())).all()
+    if load is not None:  # what is taken out is what was put in
+        alone = changed_arm(arm, [own]).pinocchio()
+        bare = load_arm(robot).pinocchio()
+        np.testing.assert_allclose(inertial_parameters(alone), inertial_parameters(bare), atol=1e-9)
 
 
 def test_tilt_turns_gravity_and_keeps_its_size(data):
@@ -186,7 +237,9 @@ def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
     np.testing.assert_array_equal(again.friction.stiction, everything.friction.stiction)
     np.testing.assert_array_equal(extended_nominal(path, data), everything.extend(data).nominal)
     model = load_model(path)
-    assert sum(model.arm.model().body_mass) == pytest.approx(sum(panda().model().body_mass) + 1.2)
+    assert sum(model.arm.model().body_mass) == pytest.approx(
+        sum(panda().model().body_mass) + 1.2 + 0.3
+    )
     plant = Plant(model, 1, nthread=1)
     assert np.isfinite(plant.run(np.zeros((1, 50, 7)))).all()
 
@@ -214,6 +267,16 @@ def test_levels_are_added_one_on_the_other(data):
             "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\nname='payload'\n"
             "joint=1\nshape=[]\ncoefficients=[1]\nlevel=1\n",
             "cause payload on joint 1: expected 0",
+        ),
+        (
+            "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\nname='payload'\n"
+            "joint=0\nshape=[]\ncoefficients=[1,0.1,0,0,0,0,0,0,0,0]\nlevel=1\n",
+            "no body has the parameters",
+        ),
+        (
+            "[arm]\nrobot='panda'\npayload=[]\ntilt=[0,0]\ndistance=[]\n[[cause]]\n"
+            "name='link_parameters'\njoint=3\nshape=[3.0,3.2]\ncoefficients=[-9,0,0,0]\nlevel=1\n",
+            "link 3",
         ),
         ("[arm]\nrobot='iiwa7'\npayload=[]\ntilt=[0,0]\ndistance=[]\n", "of robot iiwa7"),
         ("no toml", "not TOML"),

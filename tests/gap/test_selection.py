@@ -176,11 +176,12 @@ def test_the_simplest_of_what_is_as_good(library: RegressorLibrary) -> None:
 def test_the_whole_arm_is_held_against_the_sum_over_joints(library: RegressorLibrary) -> None:
     """A cause of single joints comes first where all its joints together gain more."""
     less = np.ones((7, 12)) / 84
-    arm = offer([Candidate("payload", ARM, ())], 100.0 * less)
+    arm = offer([Candidate("payload", ARM, (0.0, 0.0, 0.0))], 100.0 * less)
     friction = [offer([Candidate("coulomb_friction", j, ())], 50.5 * less) for j in range(2)]
     # counted by the cause itself, not by what it needs
     fading = offer([DRY, Candidate("stribeck_friction", 3, (0.1,))], 99.0 * less)
-    chooser = Chooser(library)
+    named = [BY_NAME[x] for x in (*FEW, "payload", "stribeck_friction")]
+    chooser = Chooser(RegressorLibrary(library.data, named))
     assert chooser._leading([arm, *friction, fading]) == friction
     assert chooser._leading([arm, friction[0], fading]) == [arm, friction[0], fading]
     assert chooser._leading([*friction, fading]) == [*friction, fading]

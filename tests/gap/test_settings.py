@@ -119,15 +119,16 @@ def test_constants_of_causes_reach_the_diagnosis_and_its_model(log):
     assert "warm_up_drift" not in longer.not_identifiable
     assert fingerprint(plain.settings) != fingerprint(longer.settings)
 
-    part = Part(cause="payload", joint=0, shape=(), coefficients=(0.5, *[0.0] * 9))
-    nominal = Nominal(robot="panda", parts=(part,))
-    heavy = found(log, {"causes.payload.least_mass": 0.6})
-    assert not any("not a body" in x for x in extend(plain.base, nominal).missing)
-    assert any("not a body" in x for x in extend(heavy.base, nominal).missing)
+    part = Part(cause="joint_elasticity", joint=4, shape=(5000.0,), coefficients=(1.0,))
+    rotor = Part(cause="link_inertia", joint=4, shape=(), coefficients=(0.1,))
+    nominal = Nominal(robot="panda", parts=(rotor, part))
+    light = found(log, {"causes.joint_elasticity.least_rotor": 0.2})
+    assert not any("no rotor" in x for x in extend(plain.base, nominal).missing)
+    assert any("no rotor" in x for x in extend(light.base, nominal).missing)
 
 
 def test_a_constant_that_no_cause_has_is_one_clear_line(log):
-    with pytest.raises(StictionError, match=r"causes\.payload\.x: no such .* heavy, least_mass"):
+    with pytest.raises(StictionError, match=r"causes\.payload\.x: no such .* heavy, small"):
         found(log, {"causes.payload.x": 1})
     with pytest.raises(StictionError, match=r"causes\.friction: no such setting: expected one of"):
         found(log, {"causes": {"friction": {"x": 1}}})

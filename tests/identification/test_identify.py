@@ -15,7 +15,6 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.identification.arm import with_inertias
 from stiction_envs.identification.base_parameters import (
     correlated_rows,
     design,
@@ -30,6 +29,7 @@ from stiction_envs.measured import thesis_tables
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     consistent,
     from_pseudo_inertia,

@@ -9,10 +9,11 @@ from stiction_envs.gap.causes.base import Cause, Parameter, Shape, TorqueShift
 from stiction_envs.gap.causes.base_tilt import BaseTilt
 from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.direction_asymmetry import DirectionAsymmetry
-from stiction_envs.gap.causes.draft import Body, ModelDraft
+from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.external_spring import ExternalSpring
 from stiction_envs.gap.causes.joint_elasticity import JointElasticity
 from stiction_envs.gap.causes.link_inertia import LinkInertia
+from stiction_envs.gap.causes.link_parameters import LinkParameters
 from stiction_envs.gap.causes.load_dependent_friction import LoadDependentFriction
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.payload import Payload
@@ -48,6 +49,7 @@ CAUSES: tuple[Cause, ...] = tuple(
         TorqueScale,
         Payload,
         BaseTilt,
+        LinkParameters,
         LinkInertia,
         Backlash,
         JointElasticity,
@@ -59,7 +61,6 @@ CAUSES: tuple[Cause, ...] = tuple(
 
 __all__ = [
     "CAUSES",
-    "Body",
     "Cause",
     "ModelDraft",
     "Parameter",

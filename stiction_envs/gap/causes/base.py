@@ -31,6 +31,7 @@ from stiction_envs.gap.causes.view import OWN_TORQUE, View
 from stiction_envs.gap.settings import PATH, GapSettings
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.method_settings import load_settings
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -111,8 +112,9 @@ class Cause(ABC):
     """Whether a delay at its full size may look like it, as long as the delay is not known."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
-    transmitted_by_gear: ClassVar[bool] = False
-    """Whether the gears transmit its torque: it changes the load that friction depends on."""
+    changes_arm: ClassVar[bool] = False
+    """Whether it changes the rigid arm, its bodies or gravity: `changed`. The gears transmit its
+    torque, and the load that friction depends on changes with it."""
     removed_first: ClassVar[bool] = False
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""
@@ -156,6 +158,13 @@ class Cause(ABC):
         high = [p.high for p in self.parameters for _ in range(p.size)]
         return np.array(low), np.array(high)
 
+    def prior(self, data: Data, joint: int) -> Array:
+        """Return (k,) standard deviations of the coefficients about zero before anything is seen.
+
+        What these data do not show stays there; by default nothing is known.
+        """
+        return np.full(len(self.bounds(data, joint)[0]), np.inf)
+
     # ---- what was found ----------------------------------------------------------------------
 
     @abstractmethod
@@ -168,6 +177,10 @@ class Cause(ABC):
 
     def dry_friction(self, coefficients: Array) -> float:
         """Return what it adds to a joint's level of dry friction in motion [N·m]."""
+        return 0.0
+
+    def rotor_inertia(self, coefficients: Array) -> float:
+        """Return what it adds to a joint's rotor [kg·m²]."""
         return 0.0
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
@@ -197,6 +210,10 @@ class Cause(ABC):
         """Return why these data cannot show the cause on a joint, or nothing."""
         return ""
 
+    def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
+        """Return coefficients and nonlinear parameters as they stand in a model."""
+        return coefficients, shape
+
     # ---- the model with it -------------------------------------------------------------------
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
@@ -207,6 +224,18 @@ class Cause(ABC):
             part: of this cause.
         """
         draft.leave_out(part, "MuJoCo's joints have no such thing")
+
+    def changed(self, arm: Arm, part: Part) -> Arm:
+        """Return the arm with a part that `changes_arm`.
+
+        Raises:
+            StictionError: a part that is not as `part_of` makes it, or of a body that cannot exist.
+        """
+        return arm
+
+    def lean(self, coefficients: Array) -> Array:
+        """Return (2,) part of gravity that points towards x and y [-]."""
+        return np.zeros(2)
 
     def contribution_order(self, part: Part) -> tuple[int, float]:
         """Return a sort key among the parts of a model: lower ones contribute first."""

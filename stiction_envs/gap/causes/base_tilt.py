@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
+from stiction_envs.gap.causes.bodies import leaning
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import changes
 from stiction_envs.gap.causes.part import Part
@@ -15,6 +16,7 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.method_settings import check_numbers
+from stiction_envs.robots import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,7 @@ class BaseTilt(Cause):
     )
     arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    transmitted_by_gear: ClassVar[bool] = True
+    changes_arm: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
         Parameter("azimuth_rad", "rad", low=0.0, high=0.3, size=1),
@@ -61,11 +63,21 @@ class BaseTilt(Cause):
         """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
         return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
 
+    def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
+        """Return the lean; what is lost of gravity along its old direction follows from it."""
+        x, y = coefficients[:2]
+        return np.array([x, y, 1 - np.sqrt(max(1 - x * x - y * y, 0.0))]), shape
+
+    def lean(self, coefficients: Array) -> Array:
+        """Return (2,) part of gravity towards x and y [-]."""
+        return coefficients[:2]
+
+    def changed(self, arm: Arm, part: Part) -> Arm:
+        """Return the arm under a gravity that leans."""
+        return leaning(arm, np.array(part.coefficients[:2]))
+
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Lean gravity."""
-        v = self.parameters_of(part)
-        lean, azimuth = v["tilt_rad"], v["azimuth_rad"]
-        draft.gravity += np.sin(lean) * np.array([np.cos(azimuth), np.sin(azimuth)])
+        """Say where it is; gravity itself is the arm's."""
         draft.not_in_tables.append(f"{self.name}: in [[cause]] and model.xml")
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:

@@ -23,22 +23,8 @@ WARM_UP_TIME = 1200.0
 """Time constant of a warm-up where none was found; it does nothing there [s]; assumed."""
 LEAST_FRICTION = 1e-6
 """Dry friction of a joint that has none [N·m]: the least that our friction allows."""
-PAYLOAD_RADIUS = 0.03
-"""Of the solid sphere of a payload whose inertia was not found [m]; as `load_arm`, assumed."""
 LATE = 5.0
 """Time constant over the log's length by which a straight drift is written [-]; assumed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A payload in the flange's axes."""
-
-    mass: float
-    """[kg]."""
-    com: Array
-    """(3,) [m]."""
-    inertia: Array | None
-    """(3, 3) about the centre of mass [kg·m²]; None for a solid sphere's."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -71,10 +57,6 @@ class ModelDraft:
     """(n, 2) relative rise of cold friction [-] and time constant [s]."""
     pull: Array
     """(n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world."""
-    gravity: Array
-    """(2,) part of gravity towards x and y [-]."""
-    payloads: list[Body] = field(default_factory=list)
-    """Bodies on the flange."""
     mean_load: Array
     """(n,) mean size of the transmitted torque along the logs [N·m]; causes only read it."""
     duration: float
@@ -118,7 +100,6 @@ class ModelDraft:
             ripple=np.tile([0.0, 1.0, 0.0], (n, 1)),
             warm=np.tile([0.0, WARM_UP_TIME], (n, 1)),
             pull=none.copy(),
-            gravity=np.zeros(2),
             mean_load=np.zeros(n) if mean_load is None else mean_load,
             duration=duration,
         )

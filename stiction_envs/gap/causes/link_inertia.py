@@ -7,18 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.deflection import masses
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.motion import rests
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording
-
-
-def least_inertia(recording: Recording) -> Array:
-    """Return (n,) the least inertia of each joint about its own axis, over all poses [kg·m²]."""
-    return np.asarray(masses(recording).diagonal(axis1=1, axis2=2).min(axis=0))
 
 
 class LinkInertia(Cause):
@@ -40,9 +33,12 @@ class LinkInertia(Cause):
         return data.ddq[:, joint, None]
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return ΔJ with which the joint keeps a positive inertia in every pose of the log."""
-        least = data.recording.derived(least_inertia)
-        return np.array([-float(least[joint])]), np.array([self.parameters[0].high])
+        """Return ΔJ that leaves the rotor an inertia: none is taken from a rigid model's."""
+        return np.array([-float(data.friction.rotor[joint])]), np.array([self.parameters[0].high])
+
+    def rotor_inertia(self, coefficients: Array) -> float:
+        """Return ΔJ [kg·m²]."""
+        return float(coefficients[0])
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return ΔJ [kg·m²]."""

@@ -1,4 +1,4 @@
-"""All causes by name: the seventeen of the package, and what others add to them."""
+"""All causes by name: those of the package, and what others add to them."""
 
 from __future__ import annotations
 

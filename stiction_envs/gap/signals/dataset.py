@@ -42,6 +42,8 @@ class NominalTorque:
     """What ``rigid`` has of causes beyond ``whole``: a payload, a tilt."""
     diagnosed: bool = False
     """Whether causes of an earlier diagnosis are in it."""
+    gravity: tuple[float, ...] = ()
+    """x, y, z under which bodies are weighed, once a lean was found [m/s²]; () for the arm's."""
 
     def __post_init__(self) -> None:
         for x in (self.whole, self.rigid, self.carried):
@@ -179,21 +181,45 @@ class Data:
         """(T, n) measured less nominal torque [N·m]."""
         return self.tau - self.nominal
 
-    def carrying(self, torque: Array) -> Data:
-        """Return data whose gears transmit a torque (T, n) that ``nominal`` has not [N·m]."""
+    @property
+    def gravity_found(self) -> tuple[float, ...]:
+        """x, y, z under which bodies are weighed, once a lean was found [m/s²]; else ()."""
+        return self.model.gravity
+
+    def carrying(self, torque: Array, gravity: tuple[float, ...] = ()) -> Data:
+        """Return data whose gears transmit a torque (T, n) that ``nominal`` has not [N·m].
+
+        Args:
+            torque: that is transmitted.
+            gravity: x, y, z under which bodies are then weighed [m/s²]; () for the arm's.
+        """
         carried = torque if self.carried is None else self.carried + torque
-        model = replace(self.model, rigid=self.rigid + torque, carried=carried)
+        model = replace(self.model, rigid=self.rigid + torque, carried=carried, gravity=gravity)
         return replace(self, model=model)
 
-    def corrected(self, torque: Array, *, friction: bool) -> Data:
+    def on(self, arm: Arm) -> Data:
+        """Return data of another rigid arm that moved alike, against the same torque.
+
+        Args:
+            arm: of which bodies or gravity are others.
+        """
+        recording = replace(self.recording, arm=arm, pinocchio=arm.pinocchio())
+        return replace(self, recording=recording)
+
+    def corrected(self, torque: Array, *, friction: bool, rotor: Array) -> Data:
         """Return data whose nominal model has the causes of a diagnosis.
 
         Args:
             torque: (T, n) of all of them [N·m]; what of it the gears carry was `carrying` before.
             friction: whether friction is among them.
+            rotor: (n,) inertia that they add to the rotors [kg·m²].
         """
         model = replace(self.model, whole=self.nominal + torque, carried=None, diagnosed=True)
-        state = replace(self.friction, in_nominal=self.has_friction or friction)
+        state = replace(
+            self.friction,
+            in_nominal=self.has_friction or friction,
+            rotor=self.friction.rotor + rotor,
+        )
         return replace(self, model=model, friction=state)
 
     # ---- dry friction ------------------------------------------------------------------------

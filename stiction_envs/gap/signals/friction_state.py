@@ -25,6 +25,8 @@ class FrictionState:
     """Dry friction of the nominal model in motion, mean of the directions [N·m]."""
     bristle_lead_time: Array
     """σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
+    rotor: Array
+    """Rotor inertia that the nominal model has [kg·m²]."""
     in_nominal: bool
     """Whether the nominal model has friction, which may then be too much too."""
 
@@ -37,6 +39,7 @@ class FrictionState:
             presliding_distance=friction.stiction.mean(axis=-1) / friction.bristle_stiffness,
             level=(friction.stiction * friction.coulomb_ratio).mean(axis=-1),
             bristle_lead_time=2 * friction.bristle_damping_ratio * np.sqrt(rotor / stiffness),
+            rotor=rotor,
             in_nominal=True,
         )
 
@@ -48,6 +51,7 @@ class FrictionState:
             presliding_distance=presliding_distances(recording, recording.tau - recording.rigid),
             level=none,
             bristle_lead_time=none,
+            rotor=none,
             in_nominal=False,
         )
 

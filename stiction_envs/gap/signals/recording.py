@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -84,18 +85,20 @@ class Recording:
         return gravity_torque(self.pinocchio, self.q)
 
     @cached_property
-    def _derived(self) -> dict[Callable[[Recording], Array], Array]:
+    def _derived(self) -> dict[tuple[Any, ...], Array]:
         return {}
 
-    def derived(self, make: Callable[[Recording], Array]) -> Array:
-        """Return ``make(self)``, worked out the first time only: for columns that are costly.
+    def derived(self, make: Callable[..., Array], *arguments: float) -> Array:
+        """Return ``make(self, *arguments)``, worked out the first time only: it may be costly.
 
         Args:
-            make: a function of a module; it is asked once per recording.
+            make: a function of a module; it is asked once per recording and arguments.
+            arguments: numbers.
         """
-        if make not in self._derived:
-            self._derived[make] = make(self)
-        return self._derived[make]
+        key = (make, *arguments)
+        if key not in self._derived:
+            self._derived[key] = make(self, *arguments)
+        return self._derived[key]
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, segment by segment.

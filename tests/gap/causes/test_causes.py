@@ -17,6 +17,15 @@ from stiction_envs.gap.causes.backlash import (
     dragged,
     lost,
 )
+from stiction_envs.gap.causes.bodies import (
+    body_columns,
+    changed_link,
+    link_directions,
+    payload_of,
+    possible,
+    sphere,
+    with_link,
+)
 from stiction_envs.gap.causes.deflection import mass_matrix, own_torque_of, seen_by
 from stiction_envs.gap.causes.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
@@ -24,6 +33,7 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.regressor import consistent, inertial_parameters, pseudo_inertia
 from stiction_envs.testing.hidden_effects import EFFECTS
 from stiction_envs.testing.hidden_logs import make_case
 
@@ -36,7 +46,7 @@ def data() -> Data:
     return assemble(load_arm("panda"), prepare(case.logs))
 
 
-def test_there_are_the_seventeen_of_the_contract() -> None:
+def test_there_are_those_of_the_contract() -> None:
     assert list(BY_NAME) == list(EFFECTS)
 
 
@@ -76,25 +86,60 @@ def test_a_view_is_a_variable_of_every_row(cause, data: Data) -> None:
 
 
 def test_every_parameter_but_ratios_has_a_unit() -> None:
-    ratios = {"load_coefficient", "scale"}
+    ratios = {"load_coefficient", "scale", "link"}
     assert {p.name for c in CAUSES for p in c.parameters} - set(parameter_units()) == ratios
 
 
 def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
-    """Linear in mass, first moment and inertia: the regressor against the loaded model."""
+    """Linear in mass and moment about its own centre: the regressor against the loaded model."""
     mass, com = 1.3, np.array([0.02, -0.03, 0.07])
     loaded = load_arm("panda", payload=(mass, *com)).pinocchio()
     rows = slice(100, 140)
     more = inverse_dynamics(loaded, data.q[rows], data.dq[rows], data.ddq[rows])
     more -= data.rigid[rows]
-    about = 0.4 * mass * 0.03**2 * np.eye(3) + mass * (com @ com * np.eye(3) - np.outer(com, com))
-    xx, xy, yy = about[0, 0], about[0, 1], about[1, 1]
-    coefficients = np.array(
-        [mass, *(mass * com), xx, xy, yy, about[0, 2], about[1, 2], about[2, 2]]
-    )
+    coefficients = np.array([mass, *(mass * com), *[0.0] * 6])
     for j in range(7):
-        own = BY_NAME["payload"].columns(data, j, ())[rows] @ coefficients
-        assert np.allclose(own, more[:, j], atol=1e-6)
+        own = BY_NAME["payload"].columns(data, j, tuple(com))[rows] @ coefficients
+        assert np.allclose(own, more[:, j], atol=1e-9)
+        # about another centre its inertia is linear only, to second order of the distance
+        near = BY_NAME["payload"].columns(data, j, tuple(com + 0.01))[rows] @ coefficients
+        assert np.abs(near - more[:, j]).max() < 0.01
+    # a wider body has more of Σ: by its length along x
+    long = 0.1**2 * mass
+    stick = payload_of(np.array([mass, *(mass * com), long, *[0.0] * 5]))
+    spread = pseudo_inertia(stick)[:3, :3] - pseudo_inertia(payload_of(coefficients))[:3, :3]
+    assert np.allclose(spread, np.diag([long, 0.0, 0.0]))
+
+
+def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> None:
+    """J' = (1 + s) T(δ) J T(δ)ᵀ: mass and centre are those asked for, the torque to first order."""
+    phi = inertial_parameters(data.pinocchio)[3]
+    change = np.array([-0.6 * phi[0], 0.1, -0.2, 0.15])
+    new = changed_link(phi, change)
+    assert consistent(new)
+    assert new[0] == pytest.approx(0.4 * phi[0])
+    shift = new[1:4] / new[0] - phi[1:4] / phi[0]
+    assert np.allclose(shift, change[1:] / new[0])
+    values = BY_NAME["link_parameters"].values(change, (4.0, float(phi[0])))
+    assert np.allclose(values["com_m"], shift)
+    small = 1e-4 * change
+    first = link_directions(phi) @ small
+    assert np.abs(changed_link(phi, small) - phi - first).max() < 1e-7
+    torque = data.recording.derived(body_columns)[:, :, 12:16] @ small
+    arm = with_link(load_arm("panda"), 4, small)
+    exact = inverse_dynamics(arm.pinocchio(), data.q, data.dq, data.ddq) - data.rigid
+    assert np.allclose(torque, exact, atol=1e-6)
+    assert np.abs(exact).max() > 1e-4
+
+
+def test_what_cannot_be_a_body_becomes_one_of_the_same_mass_and_centre() -> None:
+    was = sphere(2.0, np.array([0.0, 0.0, 0.1]))
+    less = was - sphere(1.0, np.array([0.1, 0.0, 0.0]))
+    assert not consistent(less)
+    body = possible(less, was)
+    assert consistent(body)
+    assert np.array_equal(body[:4], less[:4])
+    assert np.array_equal(possible(was, was), was)
 
 
 def test_tilt_columns_are_the_gravity_of_a_leaning_arm(data: Data) -> None:
@@ -200,12 +245,13 @@ def test_blocks_hold_time_together_and_keep_apart(data: Data) -> None:
     assert (data.block == -1).any()
 
 
-def test_no_inertia_is_negative(data: Data) -> None:
-    """What a joint's own axis may lack is less than what it has in any pose."""
-    own = mass_matrix(data).diagonal(axis1=1, axis2=2)
+def test_no_rotor_is_negative(data: Data) -> None:
+    """A rotor may lack what the nominal model has of it: nothing, where that is a rigid body."""
+    rotor = np.linspace(0.1, 0.7, 7)
+    known = replace(data, friction=replace(data.friction, rotor=rotor))
     for j in range(7):
-        low, _ = BY_NAME["link_inertia"].bounds(data, j)
-        assert 0 < own[:, j].min() + low[0] + 1e-9 < 1e-6
+        assert BY_NAME["link_inertia"].bounds(data, j)[0][0] == 0
+        assert BY_NAME["link_inertia"].bounds(known, j)[0][0] == -rotor[j]
 
 
 def test_a_joint_that_only_holds_tells_less(data: Data) -> None:

@@ -37,8 +37,6 @@ def test_what_is_worked_out_follows_a_changed_recording(data: Data) -> None:
         shape = cause.shapes(data, 1, data.rigid[:, 1])[0]
         before, after = (cause.columns(x, 1, shape) for x in (data, other))
         assert np.abs(after - before).max() > 1e-3, name
-    low = {float(cause_named("link_inertia").bounds(x, 1)[0][0]) for x in (data, other)}
-    assert len(low) == 1  # the same poses in another order
 
 
 def test_directions_follow_the_presliding_distance(data: Data) -> None:
@@ -53,11 +51,12 @@ def test_directions_follow_the_presliding_distance(data: Data) -> None:
 
 def test_the_residual_follows_the_nominal_model(data: Data) -> None:
     more = np.full_like(data.q, 0.3)
-    heavy = data.carrying(more).corrected(more, friction=True)
+    heavy = data.carrying(more).corrected(more, friction=True, rotor=np.full(7, 0.2))
     np.testing.assert_allclose(heavy.residual, data.residual - 0.3)
     np.testing.assert_allclose(heavy.rigid, data.rigid + 0.3)
     assert heavy.carried is None
     assert heavy.has_friction
+    np.testing.assert_allclose(heavy.friction.rotor, data.friction.rotor + 0.2)
     assert not data.has_friction
 
 

@@ -1,0 +1,221 @@
+"""Bodies of an arm as causes change them: torque per number of a body, and the arm with it.
+
+A body is its pseudo-inertia J = [[Σ, h], [hᵀ, m]] with Σ = ∫ρ x xᵀ dV about the joint's origin
+(P. Wensing, S. Kim, J.-J. Slotine, "Linear matrix inequalities for physically consistent inertial
+parameter identification", IEEE RA-L 2018): torque is linear in J, and a body can exist where J is
+positive definite. Two families stay within that, and take four numbers each:
+
+* a link as it was, but heavier by a factor and moved: J' = (1 + s) T(δ) J T(δ)ᵀ;
+* a payload, a solid sphere of `PAYLOAD_RADIUS` about its centre: a point mass but for its last bit,
+  with six more numbers for an inertia that is not a point's, where the motion shows it.
+
+What torques do not excite stays at the nominal, or at a point's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.robots import Arm, mjcf
+from stiction_envs.robots.inertias import with_inertias
+from stiction_envs.robots.regressor import (
+    from_pseudo_inertia,
+    inertial_parameters,
+    pseudo_inertia,
+    torque_regressor,
+)
+
+Array = NDArray[np.float64]
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_SPREADS = np.zeros((6, 3, 3))
+for _k, (_a, _b) in enumerate(_PAIRS):
+    _SPREADS[_k, _a, _b] = _SPREADS[_k, _b, _a] = 1.0
+PAYLOAD_RADIUS = 0.03
+"""Of the solid sphere of a payload [m]; as `load_arm`, assumed."""
+ROWS = 4000
+"""That are worked out at once: all of them would fill the memory."""
+LEAST = 1e-3
+"""Least eigenvalue of what is left of a link, over the link's own [-]; assumed."""
+
+
+def body_columns(recording: Recording, *gravity: float) -> Array:
+    """Return (T, n, 4 n + 10): torque per number of each link, and per parameter of the last.
+
+    Args:
+        recording: where the arm was.
+        gravity: x, y, z of the acceleration [m/s²]; none for the arm's own.
+    """
+    model = recording.pinocchio.copy()
+    if gravity:
+        model.gravity.linear = np.array(gravity)
+    n = recording.n
+    each = [link_directions(phi) for phi in inertial_parameters(model)]
+    out = np.empty((len(recording.t), n, 4 * n + 10))
+    for start in range(0, len(out), ROWS):
+        rows = slice(start, start + ROWS)
+        w = torque_regressor(model, *(x[rows] for x in (recording.q, recording.dq, recording.ddq)))
+        for k, directions in enumerate(each):
+            out[rows, :, 4 * k : 4 * k + 4] = w[..., 10 * k : 10 * k + 10] @ directions
+        out[rows, :, 4 * n :] = w[..., -10:]
+    return out
+
+
+def link_directions(phi: Array) -> Array:
+    """Return (10, 4) change of a link's parameters per kilogram, and per kg·m that it is moved.
+
+    To first order: more mass is more of the same body; moving it by δ is d = m' δ of moment.
+    """
+    _, h, m = _parts(phi)
+    c = h / m
+    out = [np.asarray(phi) / m]
+    for axis in np.eye(3):
+        out.append(_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0))
+    return np.stack(out, axis=1)
+
+
+def changed_link(phi: Array, coefficients: Array) -> Array:
+    """Return (10,) a link with other mass and centre, J' = (1 + s) T(δ) J T(δ)ᵀ.
+
+    Args:
+        phi: (10,) parameters of the link.
+        coefficients: (4,) mass [kg] and moment d = m' δ [kg·m] that are added.
+    """
+    more, d = float(coefficients[0]), np.asarray(coefficients[1:])
+    _, _, m = _parts(phi)
+    factor, shift = 1.0 + more / m, np.eye(4)
+    shift[:3, 3] = d / (m + more)
+    return np.asarray(from_pseudo_inertia(factor * shift @ pseudo_inertia(phi) @ shift.T))
+
+
+def payload_directions(centre: Array) -> Array:
+    """Return (10, 10) parameters of a payload per kilogram, per kg·m of moment, and per kg·m² of Σ.
+
+    The inertia of a sphere, Σ = h hᵀ/m and its own, is linear about the centre (3,) [m] that is
+    given, and right where the payload's is the same: it is of first degree in (m, h). The last six
+    are what Σ has besides, xx, yy, zz, xy, xz, yz.
+    """
+    c, own = np.asarray(centre, float), 0.2 * PAYLOAD_RADIUS**2 * np.eye(3)
+    out = [_parameters(own - np.outer(c, c), np.zeros(3), 1.0)]
+    for axis in np.eye(3):
+        out.append(_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0))
+    out += [_parameters(unit, np.zeros(3), 0.0) for unit in _SPREADS]
+    return np.stack(out, axis=1)
+
+
+def payload_of(coefficients: Array) -> Array:
+    """Return (10,) parameters about the flange of a payload that can exist, or of one less.
+
+    Args:
+        coefficients: (10,) of `payload_directions`.
+    """
+    mass, more = float(coefficients[0]), np.tensordot(coefficients[4:], _SPREADS, axes=1)
+    phi = sphere(mass, coefficients[1:4] / mass) + _parameters(more, np.zeros(3), 0.0)
+    return possible(phi, sphere(mass, np.zeros(3))) if mass > 0 else phi
+
+
+def sphere(mass: float, centre: Array) -> Array:
+    """Return (10,) parameters of a payload with its centre at (3,) [m]."""
+    c = np.asarray(centre, float)
+    own = 0.2 * PAYLOAD_RADIUS**2 * np.eye(3)
+    return mass * _parameters(own + np.outer(c, c), c, 1.0)
+
+
+def from_flange(model: pin.Model, arm: Arm) -> Array:
+    """Return (10, 10): a body's parameters about the last joint from those about the flange."""
+    to_joint = model.frames[model.getFrameId(arm.end_effector)].placement.homogeneous
+    return np.stack(
+        [from_pseudo_inertia(to_joint @ pseudo_inertia(x) @ to_joint.T) for x in np.eye(10)], axis=1
+    )
+
+
+def with_payload(arm: Arm, phi: Array) -> Arm:
+    """Return an arm with a body on its flange; one of negative mass is taken out of what is there.
+
+    Args:
+        arm: the arm.
+        phi: (10,) of the body about the flange.
+    """
+    if phi[0] > 0:
+        root, body = ET.fromstring(arm.xml), pin.Inertia.FromDynamicParameters(phi)
+        before = set(root.iter("body"))
+        x, y, z = (float(v) for v in body.lever)
+        mjcf.add_payload(root, arm.end_effector, (float(body.mass), x, y, z), PAYLOAD_RADIUS)
+        (new,) = set(root.iter("body")) - before
+        element, i = new.find("inertial"), body.inertia
+        assert element is not None
+        del element.attrib["diaginertia"]
+        full = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+        element.set("fullinertia", mjcf.numbers(full))
+        return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
+    model = arm.pinocchio()
+    links = inertial_parameters(model)
+    links[-1] = possible(links[-1] + from_flange(model, arm) @ phi, links[-1])
+    return with_inertias(arm, links)
+
+
+def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
+    """Return an arm one of whose links has other mass and centre (`changed_link`).
+
+    Args:
+        arm: the arm.
+        joint: that moves the link, from 1.
+        coefficients: (4,).
+    """
+    phi = inertial_parameters(arm.pinocchio())
+    phi[joint - 1] = changed_link(phi[joint - 1], coefficients)
+    return with_inertias(arm, phi)
+
+
+def possible(phi: Array, was: Array) -> Array:
+    """Return a body like (10,) ``phi`` that can exist: same mass and centre, inertia not too small.
+
+    Args:
+        phi: parameters that may be no body's; their mass is positive.
+        was: those of a body, whose size is the measure.
+    """
+    sigma, h, m = _parts(phi)
+    before, moment, mass = _parts(was)
+    least = LEAST * float(np.trace(before - np.outer(moment, moment) / mass)) / 3
+    values, vectors = np.linalg.eigh(sigma - np.outer(h, h) / m)
+    if values[0] >= least:
+        return np.asarray(phi)
+    own = (vectors * np.maximum(values, least)) @ vectors.T
+    return _parameters(own + np.outer(h, h) / m, h, m)
+
+
+def leaning(arm: Arm, side: Array) -> Arm:
+    """Return an arm whose gravity has a part (2,) of its size towards x and y [-]."""
+    root = ET.fromstring(arm.xml)
+    option = root.find("option")
+    if option is None:
+        option = ET.Element("option")
+        root.insert(0, option)
+    was = np.array(mjcf.read_numbers(option, "gravity", (0.0, 0.0, -9.81)))
+    option.set("gravity", mjcf.numbers(leaned(was, side)))
+    return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
+
+
+def leaned(gravity: Array, side: Array) -> Array:
+    """Return gravity (3,) [m/s²] of the same size with a part (2,) of it added towards x and y."""
+    g = float(np.linalg.norm(gravity))
+    xy = gravity[:2] + g * np.asarray(side)
+    return np.array([*xy, np.sign(gravity[2]) * np.sqrt(max(g * g - float(xy @ xy), 0.0))])
+
+
+def _parts(phi: Array) -> tuple[Array, Array, float]:
+    """Return Σ (3, 3), h (3,) and m of parameters (10,)."""
+    j = pseudo_inertia(phi)
+    return j[:3, :3], j[:3, 3], float(j[3, 3])
+
+
+def _parameters(sigma: Array, h: Array, m: float) -> Array:
+    """Return (10,) of Σ (3, 3), h (3,) and m."""
+    j = np.empty((4, 4))
+    j[:3, :3], j[:3, 3], j[3, :3], j[3, 3] = sigma, h, h, m
+    return np.asarray(from_pseudo_inertia(j))
