@@ -1,4 +1,4 @@
-"""N arms in lockstep: the only place of the project that steps physics.
+"""N arms in lockstep: the only place that steps the project's physics (others': `steering`).
 
 One `Plant` runs N simulations of one sticking model on `mujoco.batch.Batch`. Each simulation has
 its own joints' friction, pose, torque and servo. Results are the same bits for any number of
@@ -13,7 +13,7 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import mujoco
@@ -412,37 +412,3 @@ def rollout(
         )
         _raise_if_stopped(batch)
         yield {"time": time, **out}
-
-
-def steer(
-    model: mujoco.MjModel,
-    start: Mapping[str, Array],
-    law: Callable[[int, Batch], Array],
-    steps: int,
-    *,
-    nthread: int = 0,
-) -> Array:
-    """Step N simulations of any model, each step under the controls of a feedback law.
-
-    Args:
-        model: the model.
-        start: `MjData` state fields to start from, such as qpos (N, nq) and qvel (N, nv).
-        law: of a step's number and the batch, its (N, nu) controls.
-        steps: steps in all.
-        nthread: threads, 0 for all processors.
-
-    Returns:
-        (N, steps, nq) positions after each step; a simulation that the engine stopped (NaN,
-        divergence) stands still from there.
-    """
-    nsim = len(next(iter(start.values())))
-    batch = Batch(model, nsim, nthread)
-    for name, value in start.items():
-        batch.bind(name)[:] = value
-    qpos, control = batch.bind("qpos"), batch.bind("ctrl")
-    out = np.empty((nsim, steps, model.nq))
-    for k in range(steps):
-        control[:] = law(k, batch)
-        batch.step()
-        out[:, k] = qpos
-    return out

@@ -105,20 +105,24 @@ class StickingModel:
         return damping
 
 
+def mass_matrix(arm: Arm, q: Array) -> Array:
+    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    out = np.zeros((len(q), model.nv, model.nv))
+    for i, pose in enumerate(q):
+        data.qpos[:] = pose
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, out[i])
+    return out
+
+
 def link_inertia(arm: Arm, q: Array) -> Array:
     """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
 
     What each joint must move when the others are locked, without rotors.
     """
-    model = arm.model()
-    data = mujoco.MjData(model)
-    full, out = np.zeros((model.nv, model.nv)), np.empty_like(q)
-    for i, pose in enumerate(q):
-        data.qpos[:] = pose
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, full)
-        out[i] = np.diag(full)
-    return out
+    return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()
 
 
 def build(

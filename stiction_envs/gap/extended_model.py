@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.model import StickingModel, link_inertia, mass_matrix
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
@@ -26,7 +26,7 @@ from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, read
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.robots import ARMS, load_arm
+from stiction_envs.robots import ARMS, Arm, load_arm
 
 Array = NDArray[np.float64]
 
@@ -75,9 +75,8 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     causes = {p.cause: cause_named(p.cause).given(data.settings) for p in parts}
     for part in sorted(parts, key=lambda p: causes[p.cause].contribution_order(p)):
         causes[part.cause].contribute(draft, part)
-    inertia = np.min(link_inertia(arm, _poses(data)), axis=0)
-    friction, sources = _friction(draft, data, nominal.friction, inertia)
     loaded = changed_arm(arm, parts)
+    friction, sources = _friction(draft, data, nominal.friction, loaded)
     plain = _for_mjcf(friction, draft, level)
     xml = write_mjcf(
         loaded,
@@ -149,7 +148,7 @@ def _poses(data: Data) -> Array:
 
 
 def _friction(
-    draft: ModelDraft, data: Data, base: FrictionParameters | None, inertia: Array
+    draft: ModelDraft, data: Data, base: FrictionParameters | None, arm: Arm
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
     s, coulomb = data.settings.extended_model, np.maximum(draft.coulomb, LEAST_FRICTION)
@@ -159,7 +158,11 @@ def _friction(
         draft.not_in_mjcf.append(text)
         draft.not_in_tables.append(text)
     ratio = np.clip(coulomb / stiction, 1e-3, 1.0)
-    carried = np.where(np.isfinite(draft.spring), draft.rotor, draft.rotor + inertia)
+    rotor, elastic = np.maximum(draft.rotor, 0.0), np.isfinite(draft.spring)
+    inertia = mass_matrix(arm, _poses(data)) + np.diag(np.where(elastic, 0.0, rotor))
+    # in line with others (a stretched arm) a joint that sticks moves less than its own link
+    free = np.min(1 / np.diagonal(np.linalg.inv(inertia), axis1=1, axis2=2), axis=0)
+    carried = np.where(elastic, rotor, free)
     most = s.stiffest * carried / TIMESTEP**2
     distance = data.friction.presliding_distance
     soft = np.maximum(coulomb.mean(axis=1) / distance, s.least_bristle)
@@ -179,8 +182,16 @@ def _friction(
         "gravity_error": zero,
     }
     values = {**defaults, **values}
-    # ours is a ratio to the critical damping of what the bristle carries
-    critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * carried)
+    # ours is a ratio to the critical damping of what the bristle carries at the arm's rest, where
+    # it may be many times as much as elsewhere
+    at_rest = np.where(elastic, rotor, rotor + link_inertia(arm, arm.rest[None])[0])
+    critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * at_rest)
+    most_damped = np.minimum(s.most_damped, s.fastest_decay * carried / (TIMESTEP * critical))
+    for j in np.flatnonzero(draft.damping > most_damped * critical):
+        text = f"bristle damping of joint {j + 1}: "
+        text += f"{most_damped[j] * critical[j]:.4g} N·m·s/rad is the most that a step can hold"
+        draft.not_in_mjcf.append(text)
+        draft.not_in_tables.append(text)
     damping = np.where(
         np.isnan(draft.damping), values["bristle_damping_ratio"], draft.damping / critical
     )
@@ -192,8 +203,8 @@ def _friction(
         # ours grows stiction, of which Coulomb friction is a part; the cause is of Coulomb's
         "load_coefficient": values.get("load_coefficient", zero) + draft.load / ratio.mean(axis=1),
         "bristle_stiffness": np.clip(bristle, 1e-3, most),
-        "bristle_damping_ratio": np.clip(damping, 0.0, s.most_damped),
-        "rotor_inertia": np.maximum(draft.rotor, 0.0),
+        "bristle_damping_ratio": np.clip(damping, 0.0, most_damped),
+        "rotor_inertia": rotor,
         "joint_stiffness": draft.spring,
         "ripple_amplitude": draft.ripple[:, 0],
         "ripple_periods": draft.ripple[:, 1],

@@ -1,11 +1,13 @@
-"""Forward proof: the logs' torques drive the nominal and the extended model in stock MuJoCo.
+"""Forward validation: the logs' torques drive the nominal and the extended model in stock MuJoCo.
 
 Short windows start from the measured state, so that errors have no time to grow. Twice:
 
 * replay: the measured torques alone; what counts is how far the arm strays from the log;
 * tracking: a servo adds what it takes to stay on the measured motion; what counts is that torque.
 
-Coefficients come from the blocks that are not simulated.
+Coefficients come from the blocks that are not simulated. Where the engine stops one of the models,
+the window ends for both of them before that; one of which too little is left does not count, and
+with too few there is a reason in place of a result.
 """
 
 from __future__ import annotations
@@ -20,12 +22,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import BRISTLE_STIFFNESS, COULOMB
+from stiction_envs.friction.model import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB
 from stiction_envs.gap.diagnosis import model_of
+from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.settings import ForwardSettings
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.plant import steer
+from stiction_envs.steering import steer
 
 if TYPE_CHECKING:
     from stiction_envs.gap.diagnosis import Diagnosis
@@ -38,13 +41,14 @@ class Run:
     """One model in all windows."""
 
     angle: Array
-    """(W, K, n) simulated angles under the measured torques alone [rad]."""
+    """(W, R, n) simulated angles under the measured torques alone [rad], NaN behind the end of a
+    window that was shortened."""
     position_rms: Array
     """(n,) from the measured angles [rad]."""
     torque_rms: Array
     """(n,) of what the tracking servo adds [N·m]."""
     torque: Array
-    """(W, K, n) what it adds [N·m]."""
+    """(W, K, n) what it adds [N·m], NaN likewise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,6 +65,12 @@ class Proof:
     """(W,) start of each window on its log's clock [s]."""
     settings: ForwardSettings
     """Of the windows."""
+    shortened: int = 0
+    """Windows that end early, where the simulation of a model is unstable."""
+    left_out: int = 0
+    """Windows of which too little was left."""
+    unstable: str = ""
+    """Which model is unstable there, and what tells."""
 
     @property
     def position_gain(self) -> Array:
@@ -100,25 +110,43 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
     weight[held] = 0.0
     columns = diagnosis.library.model_columns(diagnosis.terms)
     found = model_of(diagnosis, diagnosis.library.grams.fit(columns, weight))
-    runs = []
+    rolls = []
     try:
         for model in (nominal, found):
             made = extend(base, model)
-            runs.append(_simulate(made.xml, base, windows, made.left_out, nthread))
+            rolls.append(_simulate(made.xml, base, windows, made.left_out, nthread))
     except StictionError as error:
         return str(error)
+    ends = np.minimum(*(roll.ends for roll in rolls))
+    full = np.array([_steps(s.replay), _steps(s.seconds)])
+    settled = np.array([0, _steps(s.settle)])
+    kept = (ends - settled >= s.shortest * (full - settled)).all(axis=1)
+    unstable = _unstable(rolls, ends < full)
+    if np.count_nonzero(kept) < s.least:
+        many = f"{np.count_nonzero(~kept)} of {len(windows)} windows"
+        return f"the simulation is unstable in {many}: {unstable}"
+    measured = _resampled(base, windows, base.q)[kept]
+    runs = [_run(roll, measured, ends, kept, s) for roll in rolls]
     return Proof(
         time=_times(s),
-        measured=_resampled(base, windows, base.q),
+        measured=measured,
         nominal=runs[0],
         extended=runs[1],
-        start=np.array([base.t[w.start] for w in windows]),
+        start=np.array([base.t[w.start] for w in windows])[kept],
         settings=s,
+        shortened=int(np.count_nonzero((ends < full).any(axis=1) & kept)),
+        left_out=int(np.count_nonzero(~kept)),
+        unstable=unstable,
     )
 
 
+def _steps(seconds: float) -> int:
+    """Return the number of steps of the simulation."""
+    return round(seconds / TIMESTEP)
+
+
 def _times(s: ForwardSettings) -> Array:
-    return np.asarray(np.arange(1, round(s.seconds / 1e-3) + 1) * 1e-3, dtype=np.float64)
+    return np.asarray(np.arange(1, _steps(s.seconds) + 1) * TIMESTEP, dtype=np.float64)
 
 
 def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
@@ -147,7 +175,21 @@ def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) 
     return np.array(out)
 
 
-def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthread: int) -> Run:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Roll:
+    """One model in all windows, as far as the engine went."""
+
+    angle: Array
+    """(W, R, n) under the measured torques alone [rad]."""
+    added: Array
+    """(W, K, n) torque of the servo [N·m]."""
+    ends: NDArray[np.int64]
+    """(W, 2) steps of replay and of tracking before the simulation is unstable."""
+    decay: float
+    """Largest h λ(M⁻¹C) of the bristles' damping C at the windows' starts; Euler holds below 2."""
+
+
+def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthread: int) -> _Roll:
     model, s = mujoco.MjModel.from_xml_string(text), data.settings.forward
     names = data.arm.joint_names
     dof = np.array([model.joint(j).dofadr[0] for j in names])
@@ -169,9 +211,9 @@ def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthr
     start["act"][:, model.actuator_actadr[act]] = bristle
     control = np.zeros((*torque.shape[:2], model.nu))
     control[:, :, act] = torque
-    steps = control.shape[1]
-    replayed = steer(model, start, lambda k, _: control[:, k], steps, nthread=nthread)
-    angle = _link(replayed, model, names)
+    # no further than it counts: a joint whose friction is missing spins up in half a second
+    steps, fast = _steps(s.replay), s.fastest
+    replayed = steer(model, start, lambda k, _: control[:, k], steps, fastest=fast, nthread=nthread)
     added = np.empty_like(torque)
     inertia = np.array([_mass(model, data.q[k], dof) for k in starts])
 
@@ -186,19 +228,62 @@ def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, nthr
         out[:, act] += added[:, k]
         return out
 
-    steer(model, start, servo, steps, nthread=nthread)
-    settled = _times(s) > s.settle
+    tracked = steer(model, start, servo, control.shape[1], fastest=fast, nthread=nthread)
+    # viscous friction is stepped implicitly, a bristle's damping is not
+    decay = np.linalg.eigvals(np.linalg.inv(inertia) * model.actuator_dynprm[act, BRISTLE_DAMPING])
+    return _Roll(
+        angle=_link(replayed, model, names),
+        added=added,
+        ends=np.stack([_end(x, s) for x in (replayed, tracked)], axis=1),
+        decay=TIMESTEP * float(np.abs(decay).max()),
+    )
+
+
+def _end(qpos: Array, s: ForwardSettings) -> NDArray[np.int64]:
+    """Return (W,) steps before positions (W, K, nq) are NaN, less what grows just before it."""
+    good = np.all(np.isfinite(qpos), axis=2)
+    count = good.sum(axis=1)
+    return np.where(np.all(good, axis=1), count, np.maximum(count - _steps(s.margin), 0))
+
+
+def _unstable(rolls: list[_Roll], early: NDArray[np.bool_]) -> str:
+    """Return which models are unstable and what tells, one clause; nothing where none is."""
+    if not early.any():
+        return ""
+    full = np.array([rolls[0].angle.shape[1], rolls[0].added.shape[1]])
+    of = [
+        f"the {name} model in {np.count_nonzero((roll.ends < full).any(axis=1))} windows "
+        f"(step times bristle damping over inertia reaches {roll.decay:.2g}; stable is below 2)"
+        for name, roll in zip(("nominal", "extended"), rolls, strict=True)
+        if (roll.ends < full).any()
+    ]
+    return " and ".join(of)
+
+
+def _run(
+    roll: _Roll,
+    measured: Array,
+    ends: NDArray[np.int64],
+    kept: NDArray[np.bool_],
+    s: ForwardSettings,
+) -> Run:
+    """Return a model's errors in the windows that are kept, each to its common end."""
+    out = []
+    for x, end in zip((roll.angle[kept], roll.added[kept]), ends[kept].T, strict=True):
+        over = np.arange(x.shape[1]) >= end[:, None]
+        out.append(np.where(over[..., None], np.nan, x))
+    angle, added = out
     return Run(
         angle=angle,
-        position_rms=_rms((angle - measured)[:, _times(s) <= s.replay]),
-        torque_rms=_rms(added[:, settled]),
+        position_rms=_rms(angle - measured[:, : angle.shape[1]]),
+        torque_rms=_rms(added[:, _steps(s.settle) :]),
         torque=added,
     )
 
 
 def _rms(x: Array) -> Array:
-    """Return (n,) root mean square of (W, K, n)."""
-    return np.asarray(np.sqrt(np.mean(np.square(x), axis=(0, 1))))
+    """Return (n,) root mean square of (W, K, n) as far as windows go."""
+    return np.asarray(np.sqrt(np.nanmean(np.square(x), axis=(0, 1))))
 
 
 def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:

@@ -76,7 +76,7 @@ def draw_proof(proof: Proof, path: Path) -> Drawn:
         axes = figure.add_subplot(grid[1, k])
         base = proof.measured[w, 0, best]
         for run, colour in ((proof.nominal, BEFORE), (proof.extended, AFTER)):
-            axes.plot(proof.time[shown], run.angle[w, shown, best] - base, color=colour, lw=1.4)
+            axes.plot(proof.time[shown], run.angle[w, :, best] - base, color=colour, lw=1.4)
         truth = proof.measured[w, shown, best] - base
         axes.plot(proof.time[shown], truth, color="0.1", lw=1.4, ls="--")
         axes.set_title(f"joint {best + 1} from {proof.start[w]:.2f} s", fontsize=9, loc="left")

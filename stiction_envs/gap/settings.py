@@ -315,9 +315,15 @@ class ForwardSettings:
     """Of the tracking servo [rad/s]: faster than the motion of logs, slower than its noise."""
     settle: float
     """Start of a window in which the servo settles; does not count [s]."""
+    fastest: float
+    """Speed that is no joint's any more: the simulation is unstable there [rad/s]."""
+    margin: float
+    """That is cut off before a simulation is unstable [s]: it grows for some steps before."""
+    shortest: float
+    """Part of what counts of a window that must be left of one that ends early [-]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, from_zero=("settle",))
+        check_numbers(self, from_zero=("settle",), shares=("shortest",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,6 +336,9 @@ class ExtendedModelSettings:
     """Largest damping ratio of a bristle that is carried over [-]."""
     stiffest: float
     """Bristle stiffness over inertia/timestep² at most [-]: a twentieth of what chatters."""
+    fastest_decay: float
+    """Bristle damping over inertia/timestep at most [-]: up to four joints in line may stick, and
+    Euler holds while theirs together stays below 2."""
     poses: int
     """Poses of the logs in which the inertia of joints is looked up."""
 
