@@ -33,6 +33,14 @@ def add_parser(subparsers: Any) -> None:
         help="poses at rest without time: q1..qn,tau1..taun, a pose in a row; with logs or alone",
     )
     parser.add_argument(
+        "--check",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="LOG",
+        help="logs that take no part: does the model that is found hold there?",
+    )
+    parser.add_argument(
         "--nominal",
         metavar="rigid|shipped|MODEL.toml",
         help="the simulation to judge: rigid bodies without friction (default for logs), with our "
@@ -64,7 +72,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
     files = [*args.logs, *args.poses]
-    for log in files:
+    for log in [*files, *args.check]:
         if not log.is_file():
             raise StictionError(f"{log}: no such file")
 
@@ -74,6 +82,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.nominal is None:
         args.nominal = default_nominal(args.logs)
     inputs = {f"log{k}": log for k, log in enumerate(files, 1)}
+    inputs |= {f"check{k}": log for k, log in enumerate(args.check, 1)}
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
     folder = common.output_folder(args, args.robot, inputs)
     with Progress("per cent") as progress:
@@ -88,6 +97,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             torque=args.torque,
             nominal=args.nominal,
             poses=args.poses,
+            check=args.check,
             payload=args.payload,
             tilt=args.tilt,
             cutoff_hz=args.cutoff,

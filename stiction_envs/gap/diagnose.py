@@ -2,6 +2,7 @@
 
 d = diagnose("log.csv", "panda", torque="link")
 print(d)                       # verdict and causes
+diagnose("log.csv", "panda", torque="link", check=["other.csv"])  # does its model hold there?
 d.save("runs/why")             # diagnosis.json, report.html, model.xml, model.toml, plots
 """
 
@@ -14,6 +15,7 @@ from typing import Any
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import default_settings
+from stiction_envs.gap.check import check_logs, hold
 from stiction_envs.gap.diagnosis import diagnose as diagnose_logs
 from stiction_envs.gap.model_file import Nominal, read, resolve
 from stiction_envs.gap.result import DiagnosisResult
@@ -42,6 +44,7 @@ def diagnose(
     torque: str = "motor",
     nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
+    check: Sequence[Log] = (),
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] | None = None,
     cutoff_hz: float | None = None,
@@ -63,6 +66,7 @@ def diagnose(
         nominal: the simulation to judge: "rigid" (of logs the default), "shipped" (of tables the
             default), a TOML (friction, or an earlier ``model.toml``), or parameters.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
+        check: logs that take no part, against which the finished model is held (`gap.check`).
         payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
             that of an earlier diagnosis, or none.
         tilt: known roll and pitch of the base [rad]; None likewise.
@@ -78,9 +82,11 @@ def diagnose(
         `LogDiagnosis` or `TableResult`: verdict, causes, ``save``.
 
     Raises:
-        StictionError: files that cannot be read, do not fit the robot, or are of two kinds.
+        StictionError: files that cannot be read, do not fit the robot, or are of two kinds; logs to
+            check with that show no joint that moved in the others, or were diagnosed too.
     """
     given = [data] if isinstance(data, str | Path | JointLog) else list(data)
+    check = [check] if isinstance(check, str | Path | JointLog) else list(check)
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses (--poses)")
     if torque not in SIDES:
@@ -91,14 +97,17 @@ def diagnose(
     nominal = default_nominal(given) if nominal is None else nominal
     if of_tables:
         used = {"torque": torque != "motor", "poses": bool(poses), "method": method != "auto"}
-        used["cutoff"] = cutoff_hz is not None
+        used |= {"cutoff": cutoff_hz is not None, "check": bool(check)}
         for option in (k for k, is_used in used.items() if is_used):
             raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
+    for table in (x for x in check if isinstance(x, str | Path) and file_kind(x) == TABLE):
+        raise StictionError(f"check: {table} is a torque table: expected joint logs")
     own = override(default_settings(), settings)
     arm, judged = _models(robot, nominal, payload, tilt)
-    sources = log_sources([*given, *poses])
+    sources = log_sources([*given, *poses]) | log_sources(check, "check")
     arguments = {
         "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
+        "check": [str(x) if isinstance(x, str | Path) else x.source for x in check],
         "robot": arm.name if isinstance(robot, Arm) else robot,
         "torque": torque,
         "cutoff": cutoff_hz,
@@ -123,8 +132,13 @@ def diagnose(
     if of_tables:
         files = [x for x in given if isinstance(x, str | Path)]
         return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
+    logs = _read(given, poses, arm, own.measured)
+    others = None
+    if check:  # what is wrong with them is said before the work
+        read = _read(check, (), arm, own.measured)
+        others = check_logs(read, logs, arm, own, cutoff_hz=cutoff_hz)
     found = diagnose_logs(
-        _read(given, poses, arm, own.measured),
+        logs,
         arm,
         nominal=judged,
         link_side=torque == "link",
@@ -133,7 +147,14 @@ def diagnose(
         progress=progress,
         settings=own,
     )
-    return LogDiagnosis(diagnosis=found, torque=torque, with_lines=method == "lsm", **shared)
+    held = None
+    if others is not None:
+        if progress is not None:
+            progress("check", 0.0)
+        held = hold(found, others)
+    return LogDiagnosis(
+        diagnosis=found, torque=torque, with_lines=method == "lsm", check=held, **shared
+    )
 
 
 def default_nominal(data: Sequence[Log]) -> str:

@@ -12,10 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.gap.causes import parameter_units
+from stiction_envs.gap.check import Check
+from stiction_envs.gap.check import describe as describe_check
 from stiction_envs.gap.diagnosis import Diagnosis, Estimate, NamedCause
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.forward_validation import Proof
 from stiction_envs.gap.least_squares import LeastSquares
+from stiction_envs.gap.left_out_motion import LeftOutMotion
+from stiction_envs.gap.report_check import (
+    check_causes,
+    check_errors,
+    draw_check,
+    left_out_causes,
+    left_out_errors,
+)
 from stiction_envs.gap.report_figures import (
     Drawn,
     draw_cause,
@@ -38,6 +48,8 @@ def write_report(
     *,
     extension: Extension,
     proof: Proof | str,
+    check: Check | None = None,
+    left_out: LeftOutMotion | None = None,
     nominal_name: str = "rigid",
     squares: LeastSquares | None = None,
     provenance: Iterable[tuple[str, str]] = (),
@@ -49,6 +61,8 @@ def write_report(
         d: the diagnosis.
         extension: the model with its causes.
         proof: of the model forward, or why there is none.
+        check: of the model on logs that took no part, where there are any.
+        left_out: errors with one motion left out, where there are several.
         nominal_name: the baseline of the diagnosis.
         squares: the thesis's least squares, where they were asked for.
         provenance: rows of a table at the end.
@@ -57,7 +71,7 @@ def write_report(
         The names of the files written, pictures too.
     """
     (folder / PLOTS).mkdir(exist_ok=True)
-    pictures = _draw(folder / PLOTS, d, proof)
+    pictures = _draw(folder / PLOTS, d, proof, check)
     text = write_page(
         folder / "report.md",
         TEMPLATES / "report.md.j2",
@@ -71,6 +85,14 @@ def write_report(
         forward="" if isinstance(proof, str) else _forward(proof),
         windows=d.settings.forward,
         extension=extension,
+        check=check,
+        check_verdict="" if check is None else describe_check(check),
+        check_errors="" if check is None else check_errors(check, d),
+        check_causes="" if check is None else check_causes(check),
+        check_logs=[] if check is None else [_log(log) for log in check.logs],
+        left_out=left_out,
+        left_out_errors="" if left_out is None else left_out_errors(left_out, d),
+        left_out_causes="" if left_out is None else left_out_causes(left_out),
         squares=squares,
         squares_lines="" if squares is None else _lines(squares),
         squares_rms="" if squares is None else _line_residuals(squares, d),
@@ -83,7 +105,7 @@ def write_report(
     return ["report.md", "report.html", *(f"{PLOTS}/{x.file}" for x in pictures.values())]
 
 
-def _draw(folder: Path, d: Diagnosis, proof: Proof | str) -> dict[str, Drawn]:
+def _draw(folder: Path, d: Diagnosis, proof: Proof | str, check: Check | None) -> dict[str, Drawn]:
     out = {"summary": draw_summary(d, folder / "summary.png")}
     for cause in d.causes:
         out[cause.name] = draw_cause(d, cause, folder / f"cause_{cause.name}.png")
@@ -91,6 +113,8 @@ def _draw(folder: Path, d: Diagnosis, proof: Proof | str) -> dict[str, Drawn]:
         out[f"joint {j + 1}"] = draw_joint(d, j, folder / f"joint_{j + 1}.png")
     if isinstance(proof, Proof):
         out["forward"] = draw_proof(proof, folder / "forward.png")
+    if check is not None:
+        out["check"] = draw_check(check, folder / "check.png")
     return out
 
 

@@ -163,10 +163,10 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     figure = Figure(figsize=(11.5, 8.2), layout="constrained")
     grid = figure.add_gridspec(3, 3)
     top, under = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
-    clock = _clock(data)
-    _trace(top, clock, data.tau[:, joint], data, MEASURED, "measured", 1.6)
-    _trace(top, clock, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
-    _trace(top, clock, data.nominal[:, joint] + d.torque(joint), data, AFTER, "extended", 0.9)
+    at = clock(data)
+    trace(top, at, data.tau[:, joint], data, MEASURED, "measured", 1.6)
+    trace(top, at, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
+    trace(top, at, data.nominal[:, joint] + d.torque(joint), data, AFTER, "extended", 0.9)
     top.set_ylabel("torque [N·m]")
     still = not np.isfinite(data.dt)
     top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
@@ -174,7 +174,7 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     _spectrum(under, data, before, after, float(data.noise[joint]))
     time = figure.add_subplot(grid[1, 0])
     for y, colour in ((before, BEFORE), (after, AFTER)):
-        _trace(time, clock, y, data, colour, "", 0.8)
+        trace(time, at, y, data, colour, "", 0.8)
     _limits(time, before)
     time.set_xlabel("number of the pose" if still else "time [s]")
     views: list[tuple[str, Array]] = [
@@ -218,7 +218,7 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     return Drawn(path.name, f"Joint {joint + 1}: torque, and residual against everything.")
 
 
-def _clock(data: Data) -> Array:
+def clock(data: Data) -> Array:
     """Return (T,) time with the segments put one after another [s]; numbers of poses."""
     if not np.isfinite(data.dt):
         return np.arange(float(len(data.t)))
@@ -227,9 +227,10 @@ def _clock(data: Data) -> Array:
     return np.cumsum(np.where(new | (step < 0), 0.0, step))
 
 
-def _trace(
+def trace(
     axes: Axes, x: Array, y: Array, data: Data, colour: str, label: str, width: float
 ) -> None:
+    """Draw a signal (T,) over x (T,), thinned out, with gaps between segments; poses as dots."""
     at = _thin(len(x), LONG)
     if not np.isfinite(data.dt):
         axes.plot(x[at], y[at], ".", ms=3, mew=0, color=colour, label=label)

@@ -23,7 +23,7 @@ def draw_summary(d: Diagnosis, path: Path) -> Drawn:
     n = d.data.n
     figure = Figure(figsize=(1.6 + 0.95 * n, 3.4), layout="constrained")
     axes = figure.subplots()
-    _pairs(axes, d.nominal_rms, d.extended_rms)
+    draw_pairs(axes, d.nominal_rms, d.extended_rms)
     axes.plot(np.arange(n), d.noise, "_", color="0.1", ms=26, mew=1.6, label="noise floor")
     axes.set_ylabel("held-out residual [N·m]")
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
@@ -31,7 +31,7 @@ def draw_summary(d: Diagnosis, path: Path) -> Drawn:
     return Drawn(path.name, "Root mean square residual on data that was not fitted.")
 
 
-def _pairs(axes: Axes, nominal: Array, extended: Array) -> None:
+def draw_pairs(axes: Axes, nominal: Array, extended: Array) -> None:
     """Draw an arrow from nominal to extended for each joint."""
     x = np.arange(len(nominal))
     axes.vlines(x, nominal, extended, color="0.6", lw=2, zorder=1)
@@ -65,7 +65,7 @@ def draw_proof(proof: Proof, path: Path) -> Drawn:
         )
     ):
         axes = figure.add_subplot(grid[0, 2 * half : 2 * half + 2])
-        _pairs(axes, a, b)
+        draw_pairs(axes, a, b)
         axes.set_ylabel(f"root mean square [{unit}]", fontsize=9)
         axes.set_title(name, fontsize=10, loc="left")
         if half == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,10 +11,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from stiction_envs.gap.check import Check, describe
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, model_of
 from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.forward_validation import Proof, prove
 from stiction_envs.gap.least_squares import LeastSquares, least_squares
+from stiction_envs.gap.left_out_motion import LeftOutMotion, leave_out_motions
 from stiction_envs.gap.result import DiagnosisResult
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -35,6 +38,8 @@ class LogDiagnosis(DiagnosisResult):
     sources: LogSources
     provenance: dict[str, Any]
     nthread: int = 0
+    check: Check | None = None
+    """The model held against logs that took no part, where there are any."""
 
     @property
     def robot(self) -> str:
@@ -68,10 +73,11 @@ class LogDiagnosis(DiagnosisResult):
 
     @property
     def summary(self) -> str:
-        """The verdict in two sentences."""
+        """The verdict in two sentences, and that of the check logs."""
         from stiction_envs.gap.report import verdict_sentences
 
-        return verdict_sentences(self.diagnosis, self.nominal_name)
+        text = verdict_sentences(self.diagnosis, self.nominal_name)
+        return text if self.check is None else f"{text} {describe(self.check)}"
 
     @cached_property
     def extension(self) -> Extension:
@@ -82,6 +88,11 @@ class LogDiagnosis(DiagnosisResult):
     def forward(self) -> Proof | str:
         """Both models driven by the measured torques, or why they were not."""
         return prove(self.diagnosis, nthread=self.nthread)
+
+    @cached_property
+    def left_out_motion(self) -> LeftOutMotion | None:
+        """Errors on each log under the fit to the others; None for a single one."""
+        return leave_out_motions(self.diagnosis)
 
     @cached_property
     def lines(self) -> LeastSquares | None:
@@ -100,6 +111,12 @@ class LogDiagnosis(DiagnosisResult):
                 "replay_rad": {k: x.position_rms for k, x in both.items()},
                 "tracking_nm": {k: x.torque_rms for k, x in both.items()},
             }
+            if self.forward.unstable:
+                answer["forward"]["unstable"] = self.forward.unstable
+        if self.check is not None:
+            answer["check"] = self.check.to_json()
+        if self.left_out_motion is not None:
+            answer["left_out_motion"] = self.left_out_motion.to_json()
         answer = plain(answer)
         return dict(answer)
 
@@ -132,6 +149,8 @@ class LogDiagnosis(DiagnosisResult):
             self.diagnosis,
             extension=extension,
             proof=forward,
+            check=self.check,
+            left_out=self.left_out_motion,
             nominal_name=self.nominal_name,
             squares=self.lines,
             provenance=self._rows(hashes),
@@ -141,7 +160,7 @@ class LogDiagnosis(DiagnosisResult):
         """Return what made the result, for the end of the report."""
         found = self.provenance
         rows = [
-            (name.replace("log", "log "), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
+            (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
             for name, sha in hashes.items()
         ]
         rows += [("commit", str(found["git_commit"])), ("seed", str(found["seed"]))]

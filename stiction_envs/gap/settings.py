@@ -298,6 +298,34 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CheckSettings:
+    """When a model holds on logs that took no part, and which cause does not transfer."""
+
+    worse: float
+    """A joint is worse where its error is larger than the nominal one by this part of it [-]."""
+    noise: float
+    """The error that is added, over the noise floor, above which it is [-]."""
+    chance: float
+    """Chance that noise names any cause as not transferring [-]."""
+    least_torque: float
+    """Least torque of a cause, root mean square, over the noise floor of a joint [-]."""
+    harm: float
+    """Part of a joint's squared error that a cause must add to it [-]."""
+    clear: float
+    """The same from which on it is not held against chance over all that is tried [-]."""
+    blocks: int
+    """Of time into which each log is cut to see the scatter."""
+    shortest_block: float
+    """Of them [s]: neighbours share noise and friction state."""
+    single_block: float
+    """Part of the information on coefficients that must lie outside any one block for them to be
+    predicted on a motion that is left out [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("chance", "single_block"), from_zero=("worse", "harm"))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ForwardSettings:
     """Windows in which both models are simulated."""
 
@@ -394,6 +422,8 @@ class GapSettings:
     """Their parameters."""
     verdict: VerdictSettings
     """When nothing is left to explain."""
+    check: CheckSettings
+    """Logs that took no part."""
     forward: ForwardSettings
     """Both models in simulation."""
     extended_model: ExtendedModelSettings

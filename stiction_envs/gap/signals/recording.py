@@ -55,13 +55,15 @@ class Recording:
     """(T,) number of the segment: time runs on within one."""
     block: NDArray[np.int64]
     """(T,) number of the block that is held out together, −1 in a guard."""
+    log: NDArray[np.int64]
+    """(T,) number of the log, from 0."""
     settings: GapSettings
     """Constants of the method, for all that is worked out from it."""
 
     def __post_init__(self) -> None:
         for x in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
             x.flags.writeable = False
-        for number in (self.segment, self.block):
+        for number in (self.segment, self.block, self.log):
             number.flags.writeable = False
 
     @property
@@ -146,6 +148,7 @@ def join(
         reversal_path=path,
         segment=segment,
         block=_blocks(log, segment, signals.dt, own.recording),
+        log=log,
         settings=own,
     )
 

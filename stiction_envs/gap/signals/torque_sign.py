@@ -138,6 +138,13 @@ def correct_sign(
         f"{max(s.correlation for s in wrong):.3f} in {which}; inverted, the residual of joint "
         f"{strongest.joint} falls from {strongest.upright:.3g} to {strongest.turned:.3g} N·m)"
     )
+    return inverted(logs, signals, text)
+
+
+def inverted(
+    logs: Sequence[JointLog], signals: Signals, text: str
+) -> tuple[list[JointLog], Signals]:
+    """Return logs and signals with all torques inverted, and the correction that says so."""
     turned = [
         dataclasses.replace(
             log,

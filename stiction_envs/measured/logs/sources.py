@@ -15,7 +15,7 @@ Log = str | Path | JointLog
 
 @dataclass(frozen=True)
 class LogSources:
-    """For a result's provenance; by ``log1``, ``log2`` … in the order of the logs."""
+    """For a result's provenance; by ``log1``, ``log2`` …, or another word, in their order."""
 
     names: dict[str, str]
     """File name, or what a log calls its source."""
@@ -33,10 +33,16 @@ class LogSources:
         read = {k: v["sha256"] for k, v in provenance["inputs"].items()}
         return {k: self.in_memory.get(k) or read[k] for k in self.names}
 
+    def __or__(self, other: LogSources) -> LogSources:
+        """Return these and others, which have another word."""
+        return LogSources(
+            self.names | other.names, self.files | other.files, self.in_memory | other.in_memory
+        )
 
-def log_sources(logs: Sequence[Log]) -> LogSources:
-    """Return what logs are."""
-    named = {f"log{k}": log for k, log in enumerate(logs, 1)}
+
+def log_sources(logs: Sequence[Log], word: str = "log") -> LogSources:
+    """Return what logs are; by ``word`` and their number."""
+    named = {f"{word}{k}": log for k, log in enumerate(logs, 1)}
     names: dict[str, str] = {}
     files: dict[str, Path] = {}
     in_memory: dict[str, str] = {}

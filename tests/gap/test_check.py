@@ -1,0 +1,222 @@
+"""A finished model against logs that took no part: what holds, what does not, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import cause_named, default_settings
+from stiction_envs.gap.check import blocks, came_true, check_logs, describe, hold
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import RATE, hidden, motion, panda, sliding
+from tests.robots.own_arms import chain
+
+OWN = default_settings()
+NOISE = 0.01
+SPRING = np.array([3.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory) -> Arm:
+    """An arm of two joints that feel gravity."""
+    path = tmp_path_factory.mktemp("arm") / "two.xml"
+    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    return load_arm(path)
+
+
+def dry(q, dq, ddq):
+    return 0.5 * sliding(q)
+
+
+def dry_and_sprung(q, dq, ddq):
+    return dry(q, dq, ddq) + SPRING * q
+
+
+def found(arm: Arm, *logs: JointLog) -> Diagnosis:
+    names = ("coulomb_friction", "external_spring", "torque_offset")
+    return diagnose(logs, arm, causes=[cause_named(x) for x in names])
+
+
+@pytest.fixture(scope="module")
+def friction(two) -> Diagnosis:
+    return found(two, hidden(two, dry))
+
+
+@pytest.fixture(scope="module")
+def sprung(two) -> Diagnosis:
+    return found(two, hidden(two, dry_and_sprung))
+
+
+def held(d: Diagnosis, *logs: JointLog):
+    return hold(d, check_logs(logs, d.logs, d.data.arm, d.settings))
+
+
+def test_a_right_model_holds_down_to_the_noise(two, friction):
+    check = held(friction, hidden(two, dry, seed=7))
+    assert check.verdict == "holds"
+    assert check.worse_joints == check.not_transferring == ()
+    assert (check.extended_rms < 0.1 * check.nominal_rms).all()
+    assert (check.extended_rms < 1.3 * friction.extended_rms).all()
+    (cause,) = check.transfers
+    np.testing.assert_allclose(cause.share, 1.0, atol=0.05)
+    np.testing.assert_allclose(cause.without, check.nominal_rms)
+    assert "holds" in describe(check)
+
+
+def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
+    """The spring was unhooked; friction, which is there still, transfers."""
+    assert {c.name for c in sprung.causes} == {"coulomb_friction", "external_spring"}
+    check = held(sprung, hidden(two, dry, seed=7))
+    assert check.verdict == "does not hold"
+    assert check.worse_joints == (1,)
+    assert check.not_transferring == ("external_spring",)
+    by = {x.name: x for x in check.transfers}
+    assert by["external_spring"].harmed == (1,)
+    assert abs(by["external_spring"].share[0]) < 0.05
+    assert by["external_spring"].without[0] < 0.1 * check.extended_rms[0]
+    assert by["coulomb_friction"].share == pytest.approx(1.0, abs=0.1)
+    text = describe(check)
+    assert "does not hold on joint 1" in text
+    assert "Not transferring: external_spring (joint 1)" in text
+    assert check.to_json() == {
+        "nominal_rms_nm": check.nominal_rms.tolist(),
+        "extended_rms_nm": check.extended_rms.tolist(),
+        "verdict": "does not hold",
+        "worse_joints": [1],
+        "not_transferring": ["external_spring"],
+    }
+
+
+def test_a_coefficient_of_three_times_its_size_harms_and_one_of_half_does_not(two, friction):
+    """Squared error grows from twice the true torque on."""
+    log = hidden(two, dry, seed=7)
+    for factor, harms in ((0.5, False), (1.8, False), (3.0, True)):
+        wrong = replace(friction, coefficients=factor * friction.coefficients)
+        check = held(wrong, log)
+        assert bool(check.worse_joints) == harms
+        assert bool(check.not_transferring) == harms
+        np.testing.assert_allclose(check.transfers[0].share, 1 / factor, rtol=0.05)
+
+
+def test_a_joint_at_its_noise_floor_is_not_worse(two, friction):
+    """What is added must be seen: it is above the floor, however little the nominal error is."""
+    log = hidden(two, seed=7, noise=NOISE)
+    floor = held(friction, log).noise
+    for size, worse in ((0.5, ()), (4.0, (1, 2))):
+        wrong = replace(friction, coefficients=size * floor)  # one level per joint
+        check = held(wrong, log)
+        assert (check.nominal_rms < 2 * floor).all()
+        assert check.worse_joints == worse
+
+
+def test_noise_names_nothing(two, sprung):
+    """A spring whose torque turned out right in half of the blocks and wrong in the others."""
+    pp = np.ones((12, 1))
+    pe = np.where(np.arange(12) % 2, 1.2, -0.6)[:, None]
+    a, error = came_true(pe, pp)
+    assert a == pytest.approx(0.3)
+    assert a + 2 * error > 0.5
+    # with exactly the same part in all blocks there is no doubt, with one block nothing else
+    assert came_true(0.3 * pp, pp)[1] == pytest.approx(0.0, abs=1e-12)
+    assert np.isinf(came_true(pe[:1], pp[:1])[1]).all()
+    assert np.isnan(came_true(0 * pe, 0 * pp)[0]).all()
+
+
+def test_blocks_are_of_one_log_and_long_enough(two, friction):
+    check = held(friction, hidden(two, dry, seed=7, seconds=8.0), hidden(two, dry, seed=8))
+    block = blocks(check.data, OWN.check)
+    log = check.data.recording.log
+    assert set(log) == {0, 1}
+    for b in range(block.max() + 1):
+        assert len(set(log[block == b])) == 1
+    assert (np.diff(block) >= 0).all()
+    least = OWN.check.shortest_block / check.data.dt
+    assert np.bincount(block).min() >= np.floor(least)
+    assert len(np.unique(block[log == 1])) == OWN.check.blocks
+
+
+def test_torques_are_inverted_as_the_diagnosed_ones_were(two):
+    """A small motion says nothing of the sign; the diagnosed log of the same robot did."""
+    log = hidden(two, dry)
+    turned = replace(log, tau=-log.tau)
+    d = found(two, turned)
+    assert any(c.kind == "sign" for c in d.logs[0].corrections)
+    t, q, dq, ddq = motion(2, seed=7, size=0.07)
+    q = q + two.rest
+    tau = inverse_dynamics(two.pinocchio(), q, dq, ddq)
+    rng = np.random.default_rng(0)
+    small = JointLog(
+        source="small.csv", t=t, q=q, dq=None, tau=-(tau + 0.01 * rng.normal(size=q.shape))
+    )
+    check = held(d, small)
+    assert "as those of the diagnosed logs" in check.logs[0].corrections[-1].text
+    assert (check.nominal_rms < 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda x: narrowed(x, 1), "check log other.csv: 1 joints: expected 2, those of two"),
+        (lambda x: replace(x, static=True), "poses without time"),
+        (lambda x: cut(x, 0.5), "expected 1 s or more"),
+        (lambda x: x, "it is diagnosed too"),
+        (
+            lambda x: replace(x, q=0.01 * x.q),
+            "no joint moves more than 0.05 rad in it, joint 1",
+        ),
+        (lambda x: only(x, 1), "joint 2 moves more than 0.05 rad in it, joint 1 in the diagnosed"),
+    ],
+)
+def test_logs_that_cannot_check_are_refused_in_one_line(two, change, says):
+    made = hidden(two)
+    diagnosed = only(made, 0)
+    given = (
+        diagnosed if says == "it is diagnosed too" else change(replace(made, source="other.csv"))
+    )
+    with pytest.raises(StictionError) as error:
+        check_logs([given], [diagnosed], two, OWN)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_log_of_another_robot_is_refused():
+    """A Panda's fourth joint is bent where others' go through zero."""
+    arm = panda()
+    own, other = hidden(arm, seconds=3.0), bent(hidden(arm, seconds=3.0, seed=2), "b")
+    with pytest.raises(StictionError, match=r"check log b: joint 4 .* expected a log of panda"):
+        check_logs([other], [own], arm, OWN)
+    # limits that the diagnosed logs leave too are the model's fault
+    again = bent(hidden(arm, seconds=3.0, seed=3), "c")
+    assert len(check_logs([other], [again], arm, OWN).logs) == 1
+
+
+def bent(log: JointLog, source: str) -> JointLog:
+    """The log with the fourth joint about zero."""
+    q = log.q - np.eye(7)[3] * log.q[:, 3].mean()
+    zero = np.zeros_like(q)
+    return replace(
+        log, source=source, q=q, tau=inverse_dynamics(panda().pinocchio(), q, zero, zero)
+    )
+
+
+def narrowed(log: JointLog, n: int) -> JointLog:
+    return replace(log, q=log.q[:, :n], tau=log.tau[:, :n])
+
+
+def cut(log: JointLog, seconds: float) -> JointLog:
+    k = round(seconds * RATE)
+    return replace(log, t=log.t[:k], q=log.q[:k], tau=log.tau[:k])
+
+
+def only(log: JointLog, joint: int) -> JointLog:
+    """The log with one joint moving and the others at rest."""
+    q = np.array(log.q)
+    rest = np.arange(q.shape[1]) != joint
+    q[:, rest] = q[0, rest]
+    return replace(log, q=q)

@@ -1,0 +1,130 @@
+"""One motion left out: what the others know of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.left_out_motion import leave_out_motions
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import hidden, sliding
+from tests.robots.own_arms import chain
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory) -> Arm:
+    path = tmp_path_factory.mktemp("arm") / "two.xml"
+    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    return load_arm(path)
+
+
+def dry(q, dq, ddq):
+    return 0.5 * sliding(q)
+
+
+def found(arm: Arm, *logs: JointLog) -> Diagnosis:
+    named = [replace(x, source=f"log{k}.csv") for k, x in enumerate(logs, 1)]
+    names = ("coulomb_friction", "external_spring", "torque_offset")
+    return diagnose(named, arm, causes=[cause_named(x) for x in names])
+
+
+def sprung(arm: Arm, stiffness: float, seed: int) -> JointLog:
+    pull = stiffness * np.array([1.0, 0.0])
+    return hidden(arm, lambda q, dq, ddq: dry(q, dq, ddq) + pull * q, seed=seed)
+
+
+def test_one_log_has_no_other(two):
+    assert leave_out_motions(found(two, hidden(two, dry))) is None
+
+
+def test_what_is_in_all_motions_transfers(two):
+    d = found(two, *(hidden(two, dry, seed=k) for k in (1, 2, 3)))
+    left = leave_out_motions(d)
+    assert left.motions == ("log1.csv", "log2.csv", "log3.csv")
+    np.testing.assert_allclose(left.nominal_rms, d.nominal_rms, rtol=1e-9)
+    np.testing.assert_allclose(left.extended_rms, d.extended_rms, rtol=0.05)
+    assert {(c.name, c.joint, c.verdict) for c in left.causes} == {
+        ("coulomb_friction", 1, "transfers"),
+        ("coulomb_friction", 2, "transfers"),
+    }
+    for c in left.causes:
+        assert c.share == pytest.approx(1.0, abs=0.03)
+        assert c.motions == left.motions
+        assert c.with_nm < 0.1 * c.without_nm
+
+
+def test_the_error_is_that_of_a_fit_to_the_other_logs(two):
+    """Plain weighted least squares on the rows of the others, held against the rows of the one."""
+    d = found(two, *(sprung(two, 2.0 + 0.2 * k, k) for k in (1, 2, 3)))
+    left = leave_out_motions(d)
+    library, data = d.library, d.library.data
+    kept = data.block >= 0
+    for log in range(3):
+        fit, seen = (kept & (data.recording.log != log), kept & (data.recording.log == log))
+        for j in range(2):
+            own = [t for t in d.terms if t.joint == j]
+            x = np.concatenate([library.columns(t, j) for t in own], axis=1)
+            r, w = library.residual[:, j], library.weight[:, j]
+            root = np.sqrt(w[fit])
+            c = np.linalg.lstsq(x[fit] * root[:, None], r[fit] * root, rcond=None)[0]
+            e = r[seen] - x[seen] @ c
+            rms = np.sqrt((w[seen] * e * e).sum() / (w[seen].sum() / w.max()) / w.max())
+            assert left.extended[log, j] == pytest.approx(rms, rel=1e-4)
+
+
+def test_what_is_in_one_motion_only_does_not_transfer(two):
+    """A spring in one log of two: blocks of time like half of it, the other motion none."""
+    d = found(two, sprung(two, 4.0, 1), sprung(two, 0.0, 2))
+    library = d.library
+    terms = [t for t in library.candidates if t.cause == "coulomb_friction"]
+    terms += [t for t in library.candidates if (t.cause, t.joint) == ("external_spring", 0)]
+    fitted = library.grams.fit(library.model_columns(terms))
+    d = replace(d, terms=tuple(terms), coefficients=fitted)
+    left = leave_out_motions(d)
+    by = {(c.name, c.joint): c for c in left.causes}
+    spring = by["external_spring", 1]
+    assert spring.verdict == "does not transfer"
+    assert spring.share == pytest.approx(0.0, abs=0.15)
+    assert by["coulomb_friction", 2].verdict == "transfers"
+    blocks = library.grams.held_out(library.model_columns(terms))[0].sum()
+    count = library.grams.joints[0].count.sum()
+    assert left.extended_rms[0] > 1.5 * np.sqrt(blocks / count) * d.data.noise[0]
+
+
+def test_a_joint_that_moves_in_one_log_only_is_not_judged(two):
+    """Friction of joint 1 is in the log in which it moves, and nowhere else."""
+    logs = []
+    for k, joint in ((1, 0), (2, 1), (3, 1)):
+        log = hidden(two, dry, seed=k)
+        rest = np.arange(2) != joint
+        q = np.array(log.q)
+        q[:, rest] = q[0, rest] + 1e-6 * np.random.default_rng(k).normal(size=(len(q), 1))
+        still = hidden_torque(two, q, k)
+        logs.append(replace(log, q=q, tau=still))
+    left = leave_out_motions(found(two, *logs))
+    by = {(c.name, c.joint): c for c in left.causes}
+    assert by["coulomb_friction", 1].verdict == "one motion shows it"
+    assert by["coulomb_friction", 1].motions == ()
+    assert by["coulomb_friction", 2].verdict == "transfers"
+    row = next(x for x in left.to_json()["causes"] if x["joint"] == 1)
+    assert row["without_nm"] is None
+    # what the others do not know is not predicted: the error is the nominal one
+    assert left.extended[0, 0] == pytest.approx(left.nominal[0, 0], rel=0.1)
+
+
+def hidden_torque(arm: Arm, q: np.ndarray, seed: int) -> np.ndarray:
+    """Torque of the arm along slow angles, with friction where they move."""
+    from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+    from tests.gap.small_logs import RATE
+
+    dq = np.gradient(q, 1 / RATE, axis=0)
+    ddq = np.gradient(dq, 1 / RATE, axis=0)
+    moves = np.ptp(q, axis=0) > 0.01
+    dq, ddq = dq * moves, ddq * moves
+    noise = 0.01 * np.random.default_rng(seed).normal(size=q.shape)
+    return inverse_dynamics(arm.pinocchio(), q, dq, ddq) + moves * dry(q, dq, ddq) + noise
