@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named, default_settings
 from stiction_envs.gap.check import blocks, came_true, check_logs, describe, hold
@@ -14,7 +15,7 @@ from stiction_envs.gap.diagnosis import Diagnosis, diagnose
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
-from tests.gap.small_logs import RATE, hidden, motion, panda, sliding
+from tests.gap.small_logs import RATE, hidden, motion, panda, sliding, write_csv
 from tests.robots.own_arms import chain
 
 OWN = default_settings()
@@ -91,6 +92,19 @@ def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
         "worse_joints": [1],
         "not_transferring": ["external_spring"],
     }
+
+
+def test_diagnose_holds_its_model_against_logs_that_took_no_part(two, tmp_path):
+    """Through the library's face, from files and from memory."""
+    log, other = hidden(two, dry, seconds=8.0), hidden(two, dry, seed=7, seconds=8.0)
+    write_csv(tmp_path / "other.csv", other)
+    third = replace(hidden(two, dry, seed=8, seconds=8.0), source="third")
+    found = st.diagnose(log, two, check=[tmp_path / "other.csv", third])
+    assert found.check.verdict == "holds"
+    assert [x.source for x in found.check.logs] == [str(tmp_path / "other.csv"), "third"]
+    assert "On logs that took no part the model holds" in found.summary
+    assert found.provenance["arguments"]["check"] == [str(tmp_path / "other.csv"), "third"]
+    assert set(found.sources.names) == {"log1", "check1", "check2"}
 
 
 def test_a_coefficient_of_three_times_its_size_harms_and_one_of_half_does_not(two, friction):
