@@ -145,10 +145,15 @@ class RegressorLibrary:
         )
 
     def _add(self, term: Candidate, joint: int, columns: Array) -> None:
+        width = columns.shape[1]
         start = self._width[joint]
-        self._at[term, joint] = tuple(range(start, start + columns.shape[1]))
-        self._width[joint] += columns.shape[1]
-        self._blocks[joint].append(columns)
+        if self.causes[term.cause].nested:
+            wider = [t for t in self.candidates if (t.cause, t.joint) == (term.cause, term.joint)]
+            start = next((self._at[t, joint][0] for t in wider), start)
+        self._at[term, joint] = tuple(range(start, start + width))
+        if start == self._width[joint]:
+            self._width[joint] += width
+            self._blocks[joint].append(columns)
         if term not in self.candidates:
             self.candidates.append(term)
 
@@ -192,9 +197,8 @@ class RegressorLibrary:
         high: list[float] = []
         firm: list[float] = []
         for term in terms:
-            cause = self.causes[term.cause]
-            lowest, highest = cause.bounds(self.data, term.joint)
-            firm += (self.prior_rows / np.square(cause.prior(self.data, term.joint))).tolist()
+            lowest, highest = self.bounds(term)
+            firm += (self.prior_rows / np.square(self.prior(term))).tolist()
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
@@ -208,9 +212,18 @@ class RegressorLibrary:
             tuple(firm),
         )
 
+    def bounds(self, term: Candidate) -> tuple[Array, Array]:
+        """Return lowest and highest coefficients of a candidate, (k,) each."""
+        low, high = self.causes[term.cause].bounds(self.data, term.joint)
+        return low[: self._size(term)], high[: self._size(term)]
+
+    def prior(self, term: Candidate) -> Array:
+        """Return (k,) standard deviations of a candidate's coefficients before anything is seen."""
+        return self.causes[term.cause].prior(self.data, term.joint)[: self._size(term)]
+
     def _size(self, term: Candidate) -> int:
         """Return the number of coefficients."""
-        return len(self.causes[term.cause].bounds(self.data, term.joint)[0])
+        return len(self._at[term, self.affected_joints(term)[0]])
 
     def own(self, terms: Sequence[Candidate], some: Sequence[Candidate]) -> NDArray[np.bool_]:
         """Return (P,) which coefficients of a model are those of some of its terms."""

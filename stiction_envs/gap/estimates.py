@@ -75,7 +75,7 @@ def _refined(
         for k in arm:
             left -= library.columns(out[k], j) @ c[k]
         fixed = [library.columns(out[k], j) for k in local]
-        bounds = [library.causes[out[k].cause].bounds(data, j) for k in [*local, i]]
+        bounds = [library.bounds(out[k]) for k in [*local, i]]
         low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
         weight = library.weight[:, j] * (data.block >= 0)
 
@@ -192,9 +192,8 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
     low, high, sd = np.full(size, -np.inf), np.full(size, np.inf), np.full(size, np.inf)
     for i, term in enumerate(terms):
         mine = slice(start[i], start[i + 1])
-        cause = library.causes[term.cause]
-        low[mine], high[mine] = cause.bounds(data, term.joint)
-        sd[mine] = cause.prior(data, term.joint)
+        low[mine], high[mine] = library.bounds(term)
+        sd[mine] = library.prior(term)
     firm = library.prior_rows / np.square(sd)
     model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high), tuple(firm))
     rng = np.random.default_rng(seed)

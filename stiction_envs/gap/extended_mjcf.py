@@ -34,6 +34,7 @@ def write_mjcf(
     *,
     pull: Array,
     offset: Array,
+    waves: Sequence[tuple[int, float, float, float]] = (),
     missing: Sequence[str],
 ) -> str:
     """Return plain MJCF of an arm that sticks.
@@ -43,6 +44,7 @@ def write_mjcf(
         friction: what MuJoCo can hold of it.
         pull: (n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world.
         offset: (n,) constant torque that a motor must overcome [N·m].
+        waves: joint (from 0), amplitude [N·m], periods per turn and phase [rad] of further cogging.
         missing: what MuJoCo cannot express, for the comment.
 
     Raises:
@@ -72,6 +74,18 @@ def write_mjcf(
                 biastype="affine",
                 biasprm=f"{-float(offset[j])!r} 0 0",
             )
+    for number, (j, *wave) in enumerate(waves, start=1):
+        # a motor that nobody commands; in torque control it brakes nothing
+        ET.SubElement(
+            actuators,
+            "dcmotor",
+            name=f"{arm.joint_names[j]}_wave{number}",
+            joint=arm.joint_names[j],
+            input="ff",
+            motorconst="1",
+            resistance="1",
+            cogging=mjcf.numbers(wave),
+        )
     listed = [f"     - {m}" for m in missing] or ["     - nothing"]
     comment = _COMMENT.format(
         name=arm.name, timestep=TIMESTEP, missing="\n".join(listed).replace("--", "- -")

@@ -83,6 +83,7 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         plain,
         pull=draft.pull,
         offset=draft.offset,
+        waves=draft.waves,
         missing=tuple(dict.fromkeys(draft.not_in_mjcf)),
     )
     left = np.zeros_like(data.q)

@@ -100,7 +100,9 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
         if not inward.any():
             return c
         held[np.argmax(np.where(inward, np.abs(slope), -1.0))] = False
-    root = np.linalg.cholesky(normal).T
+    # blocks that were taken off may leave rounding larger than the ridge
+    size, axes = np.linalg.eigh(normal)
+    root = np.sqrt(np.maximum(size, RIDGE))[:, None] * axes.T
     bounds = (np.minimum(low, high - 1e-12), high)
     right = np.linalg.solve(root.T, target)
     return np.asarray(lsq_linear(root, right, bounds=bounds, method="bvls").x)

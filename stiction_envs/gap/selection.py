@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from stiction_envs.gap.angle_ranges import holds_over_angle
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
+from stiction_envs.gap.slope import slope as _slope
 
 Array = NDArray[np.float64]
 
@@ -74,20 +76,13 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
 
 
-def _slope(pe: Array, pp: Array) -> float:
-    """Return the slope of what came over what was predicted, in standard errors."""
-    total = float(pp.sum())
-    if total <= 0 or len(pp) < 2:
-        return 0.0
-    a = float(pe.sum()) / total
-    error = float(np.sqrt(np.sum(np.square(pe - a * pp)) * len(pp) / (len(pp) - 1))) / total
-    return a / max(error, 1e-12)
-
-
 def means_nothing(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
 ) -> bool:
-    """Whether a value is so small, or so far out, that its cause means nothing."""
+    """Whether a value is so small, or so far out, that its cause means nothing.
+
+    Or only repeats angles that were seen, where its cause is one to be judged by others.
+    """
     c = library.split(terms, library.grams.fit(library.model_columns(terms)))
     for term, mine in zip(terms, c, strict=True):
         cause = library.causes[term.cause]
@@ -95,6 +90,7 @@ def means_nothing(
             cause.negligible(mine, term.shape)
             or cause.on_bound(mine, library.data, term.joint)
             or cause.at_edge(term.shape, library.tried(term), library.data.settings.candidates.edge)
+            or (cause.judged_by_angle and not holds_over_angle(library, terms, term))
         ):
             return True
     return False

@@ -253,6 +253,19 @@ class SelectionSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AngleRangeSettings:
+    """When a torque over the angle holds at angles that were left out."""
+
+    ranges: int
+    """Of a joint's angle that are left out in turn, the joint travels as far in each."""
+    chance: float
+    """Chance that noise holds there, which blocks of time have not refuted before [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("chance",))
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateSettings:
     """Parameters of the causes, and their intervals."""
 
@@ -418,6 +431,8 @@ class GapSettings:
     """Weights of rows."""
     selection: SelectionSettings
     """Which causes."""
+    angle_ranges: AngleRangeSettings
+    """Torques over the angle."""
     estimates: EstimateSettings
     """Their parameters."""
     verdict: VerdictSettings

@@ -1,8 +1,9 @@
-"""What can be hidden in a simulated log: one entry per cause, by the name of the diagnosis.
+"""What can be hidden in a simulated log: one entry per effect, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and says what the truth then is; everything it
 needs to know of itself (joints, motions that excite it) is in it. It shares nothing with
-the cause of the same name but that name and the keys of its parameters.
+the cause of the same name but that name and the keys of its parameters. Two effects have a name of
+their own: a payload may be one that only the model has, and is then a payload of negative mass.
 """
 
 from __future__ import annotations
@@ -13,12 +14,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.testing.hidden_motions import CENTRE, REACH
+
 Array = NDArray[np.float64]
 Values = dict[str, float | list[float]]
 FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
 """(7,) usual dry friction [N·m]."""
 ROTOR = np.array([0.3, 0.4, 0.3, 0.3, 0.12, 0.12, 0.1])
 """(7,) usual rotor inertia [kg·m²]."""
+PANDA_LINK_KG = np.array([4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522])
+"""(7,) of the arm that is simulated [kg]."""
+HALF_HEIGHT = 2 * np.sqrt(2 * np.log(2))
+"""Width of a Gaussian at half its height, in standard deviations."""
 BITE = 1e-4
 """Presliding distance of the joints whose presliding nobody should see [rad]."""
 
@@ -54,8 +61,16 @@ class World:
     armature: Array = field(default_factory=_zeros)
     spring: Array = field(default_factory=_zeros)
     spring_rest: Array = field(default_factory=_zeros)
+    harmonics: Array = field(default_factory=lambda: np.zeros((7, 2, 2)))
+    """Cosine and sine of the first two harmonics of each joint's angle [N·m]."""
+    hump: Array = field(default_factory=lambda: np.tile([0.0, 0.0, 1.0], (7, 1)))
+    """Height [N·m], middle [rad] and standard deviation [rad] of a Gaussian over the angle."""
     payload: tuple[float, Array] | None = None
     """Mass [kg] and centre of mass [m]."""
+    phantom: tuple[float, Array] | None = None
+    """The same of a payload that the robot's makers know and the robot lacks."""
+    links: dict[int, tuple[float, Array]] = field(default_factory=dict)
+    """By link (from 1): mass [kg] and centre of mass [m] beyond what the makers know."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """Lean and azimuth [rad]."""
     soft: tuple[int, float] | None = None
@@ -64,6 +79,14 @@ class World:
     """Joint (from 0) and gap [rad]."""
     delay: float = 0.0
     """[s]."""
+
+    def smooth_torque(self, q: Array) -> Array:
+        """Return (..., 7) torque over the angle at angles (..., 7) [N·m]."""
+        k = np.arange(1, 3)[:, None] * q[..., None, :]
+        waves = self.harmonics[..., 0].T * np.cos(k) + self.harmonics[..., 1].T * np.sin(k)
+        height, middle, width = self.hump.T
+        hump = height * np.exp(-0.5 * np.square((q - middle) / width))
+        return np.asarray(waves.sum(axis=-2) + hump)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,10 +126,14 @@ class Effect:
     needs_friction: bool = False
     """Whether it acts on friction or rotors that are there already."""
     arm_wide: bool = False
+    cause: str
+    """Its name in the diagnosis."""
+    excludes: frozenset[str] = frozenset()
+    """Effects that are not hidden with it: no log of one joint, or of the arm, tells them apart."""
 
 
 EFFECTS: dict[str, Effect] = {}
-"""By name, in the order of the contract."""
+"""By name, in the order of the contract; an effect of another name follows its cause."""
 
 
 def effect(
@@ -115,6 +142,8 @@ def effect(
     joints: tuple[int, ...] = Effect.joints,
     needs_friction: bool = False,
     arm_wide: bool = False,
+    cause: str = "",
+    excludes: frozenset[str] = Effect.excludes,
 ) -> Callable[[Callable[[World, Draw], Values]], Callable[[World, Draw], Values]]:
     """Enter a function that hides a cause into `EFFECTS`; see `Effect`."""
 
@@ -125,6 +154,8 @@ def effect(
             joints=joints,
             needs_friction=needs_friction,
             arm_wide=arm_wide,
+            cause=cause or name,
+            excludes=excludes,
         )
         return hide
 
@@ -186,7 +217,13 @@ def _drift(w: World, d: Draw) -> Values:
     return {"drift_nm_per_s": w.drift[d.joint]}
 
 
-@effect("torque_offset", "fourier", "poses", "rests")
+OVER_ANGLE = frozenset({"torque_offset", "external_spring", "position_dependent_torque"})
+"""On one joint an offset and a spring are a smooth torque over the angle."""
+ON_FLANGE = frozenset({"payload", "phantom_payload"})
+"""The one takes the other away."""
+
+
+@effect("torque_offset", "fourier", "poses", "rests", excludes=OVER_ANGLE)
 def _offset(w: World, d: Draw) -> Values:
     w.offset[d.joint] = d.sign * d.between(0.2, 1.5) * d.friction
     return {"offset_nm": w.offset[d.joint]}
@@ -198,11 +235,49 @@ def _scale(w: World, d: Draw) -> Values:
     return {"scale": w.scale[d.joint]}
 
 
-@effect("payload", "fourier", "poses", "fast", arm_wide=True)
+@effect("payload", "fourier", "poses", "fast", arm_wide=True, excludes=ON_FLANGE)
 def _payload(w: World, d: Draw) -> Values:
     mass, com = d.between(0.1, 2.0), d.rng.uniform(-0.06, 0.06, 3) + np.array([0, 0, 0.05])
     w.payload = (mass, com)
     return {"mass_kg": mass, "com_m": com.tolist()}
+
+
+@effect(
+    "phantom_payload",
+    *("fourier", "poses", "fast"),
+    arm_wide=True,
+    cause="payload",
+    excludes=ON_FLANGE,
+)
+def _phantom(w: World, d: Draw) -> Values:
+    mass, com = d.between(0.35, 0.75), d.rng.uniform(-0.03, 0.03, 3) + np.array([0, 0, 0.05])
+    w.phantom = (mass, com)
+    return {"mass_kg": -mass, "com_m": com.tolist()}
+
+
+# link 1 turns about the vertical only, and a body on link 7 is a payload
+@effect("link_parameters", "fourier", "poses", "fast", joints=(2, 3, 4, 5, 6), arm_wide=True)
+def _link(w: World, d: Draw) -> Values:
+    mass = d.sign * d.between(0.05, 0.3) * PANDA_LINK_KG[d.joint]
+    towards = d.rng.normal(size=3)
+    com = d.rng.uniform(0.0, 0.01) * towards / np.linalg.norm(towards)
+    w.links[d.joint + 1] = (mass, com)
+    return {"link": float(d.joint + 1), "mass_kg": mass, "com_m": com.tolist()}
+
+
+@effect("position_dependent_torque", "fourier", "sweeps", "poses", excludes=OVER_ANGLE)
+def _smooth(w: World, d: Draw) -> Values:
+    j, height = d.joint, d.sign * d.between(0.6, 3.0) * d.friction
+    if d.rng.random() < 0.5:
+        middle = CENTRE[j] + d.rng.uniform(-0.4, 0.4) * REACH[j]
+        across = np.radians(d.rng.uniform(30.0, 90.0))
+        w.hump[j] = height, middle, across / HALF_HEIGHT
+        return {}
+    phase, share = d.rng.uniform(-np.pi, np.pi, 2), d.rng.uniform(0.3, 1.0)
+    for k in range(int(d.rng.integers(1, 3))):
+        size = height if k == 0 else share * height
+        w.harmonics[j, k] = size * np.cos(phase[k]), size * np.sin(phase[k])
+    return {"coefficients_nm": [0.0, *(float(x) for x in w.harmonics[j].ravel())]}
 
 
 @effect("base_tilt", "fourier", "poses", arm_wide=True)
@@ -236,7 +311,7 @@ def _delay(w: World, d: Draw) -> Values:
     return {"delay_s": w.delay}
 
 
-@effect("external_spring", "fourier", "poses", "sweeps")
+@effect("external_spring", "fourier", "poses", "sweeps", excludes=OVER_ANGLE)
 def _spring(w: World, d: Draw) -> Values:
     j = d.joint
     w.spring[j] = d.between(0.4, 4.0) * d.friction

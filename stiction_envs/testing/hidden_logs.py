@@ -8,6 +8,7 @@ every cause put in where it acts. The robot's makers know its dry and viscous fr
 from __future__ import annotations
 
 import copy
+import dataclasses
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.robots import load_arm
+from stiction_envs.robots import Arm, load_arm
 from stiction_envs.testing.friction_law import LuGre
 from stiction_envs.testing.hidden_effects import BITE, EFFECTS, FRICTION, ROTOR, Draw, World
 from stiction_envs.testing.hidden_motions import BLIND_MOTIONS, MOTIONS
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 STEP = 1e-3
 EVERY = 2
 """Steps per logged row: 500 Hz."""
+SECOND = ("fourier", "fast", "sweeps", "poses")
+"""Of `MOTIONS`, those that go all over the range: on which a model is to hold."""
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
 
 
@@ -35,6 +38,7 @@ class Hidden:
     """One hidden cause: the truth."""
 
     name: str
+    """Of the cause, as the diagnosis should say it."""
     joint: int
     """From 1; 0 for the whole arm."""
     values: dict[str, float | list[float]]
@@ -46,6 +50,8 @@ class Case:
     """What a blind test sees, and the truth."""
 
     logs: list[JointLog]
+    robot: Arm
+    """As its makers know it, but for friction."""
     nominal: FrictionParameters | str
     hidden: tuple[Hidden, ...]
     effect: Array
@@ -54,6 +60,9 @@ class Case:
     """(k, 7) the same of each by itself, along the same motion [N·m]."""
     motion: str
     seed: int
+    second: list[JointLog]
+    """Of another motion of the same arm, with the same hidden; [] where none was asked for."""
+    second_motion: str
 
 
 def make_case(
@@ -65,18 +74,20 @@ def make_case(
     known: bool | None = None,
     joint: int | None = None,
     size: float | None = None,
+    second: float = 0.0,
 ) -> Case:
     """Hide some causes of random size, joint and sign in a log.
 
     Args:
         seed: of everything.
-        causes: their names.
+        causes: names of `EFFECTS`.
         motion: of `MOTIONS` or `BLIND_MOTIONS`; by default one that excites all of them.
         seconds: length of the log [s].
         known: whether the robot has known friction and rotors; by default as the causes need, or
             at random.
         joint: from 1; random by default.
         size: of the effect, 0 (just visible) to 1 (large); random by default.
+        second: length of a log of another kind of motion [s]; 0 for none.
     """
     rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
     if motion is None:
@@ -104,7 +115,16 @@ def make_case(
     wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
     q, tau, effect = _simulate(world, t, wanted)
     alone = [effect] if len(causes) == 1 else [_simulate(w, t, wanted)[2] for w in worlds]
+    alone = [_told(w, q, x) for w, x in zip(worlds, alone, strict=True)]
+    if len(causes) == 1:
+        effect = alone[0]
     log = _log(q, tau, t, rng, f"case_{seed}")
+    others, other = [], ""
+    if second:
+        other = str(rng.choice([m for m in SECOND if m != motion]))
+        later = np.arange(0, second, STEP)
+        q, tau, _ = _simulate(world, later, MOTIONS[other](rng, later))
+        others = [_log(q, tau, later, rng, f"case_{seed}_{other}")]
     nominal: FrictionParameters | str = "rigid"
     if known:
         both = np.stack([world.coulomb, world.coulomb], axis=-1)
@@ -133,13 +153,37 @@ def make_case(
         )
     return Case(
         logs=[log],
+        robot=load_arm("panda", payload=_place(world.phantom)),
         nominal=nominal,
         hidden=tuple(hidden),
         effect=effect,
         alone=np.array(alone).reshape(-1, 7),
         motion=motion,
         seed=seed,
+        second=others,
+        second_motion=other,
     )
+
+
+def _place(body: tuple[float, Array] | None) -> tuple[float, float, float, float] | None:
+    """Return mass and centre of a body as `load_arm` takes them."""
+    if body is None:
+        return None
+    x, y, z = (float(c) for c in body[1])
+    return body[0], x, y, z
+
+
+def _told(w: World, q: Array, effect: Array) -> Array:
+    """Return (7,) size of an effect, of a smooth torque only what no straight line over angle is.
+
+    Along a motion in which a joint hardly turns every smooth torque is an offset or a spring.
+    """
+    out = effect.copy()
+    torque = w.smooth_torque(q)
+    for j in np.flatnonzero(torque.any(axis=0)):
+        line = np.polynomial.Polynomial.fit(q[:, j], torque[:, j], 1)
+        out[j] = float(np.sqrt(np.mean(np.square(torque[:, j] - line(q[:, j])))))
+    return out
 
 
 def _hide(
@@ -157,7 +201,7 @@ def _hide(
     draw = Draw(joint=number - 1, sign=sign, size=size, seconds=seconds, rng=rng)
     values = effect.hide(world, draw)
     return Hidden(
-        name=name,
+        name=effect.cause,
         joint=0 if effect.arm_wide else number,
         values={k: v if isinstance(v, list) else float(v) for k, v in values.items()},
     )
@@ -177,11 +221,15 @@ def _build(w: World) -> mujoco.MjModel:
         g * np.sin(lean) * np.sin(towards),
         -g * np.cos(lean),
     ]
-    if w.payload is not None:
-        mass, com = w.payload
+    for number, (more, shift) in w.links.items():
+        link = spec.body(f"link{number}")
+        # another density, moved within the link: a body that exists
+        link.fullinertia = np.array(link.fullinertia) * (1 + more / link.mass)
+        link.mass, link.ipos = link.mass + more, link.ipos + shift
+    for mass, com in (x for x in (w.payload, w.phantom) if x is not None):
         site = next(s for s in spec.sites if s.name == "flange")
         small = 0.4 * mass * 0.03**2
-        load = site.parent.add_body(name="hidden", pos=site.pos, quat=site.quat)
+        load = site.parent.add_body(pos=site.pos, quat=site.quat)
         load.mass, load.ipos, load.inertia = mass, com, [small] * 3
         load.explicitinertial = True
     loose = w.soft or w.gap
@@ -197,10 +245,11 @@ def _build(w: World) -> mujoco.MjModel:
 
 def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden."""
-    model, plain = _build(w), _build(World(rotor=w.rotor))
+    true = dataclasses.replace(w, phantom=None)
+    model, plain = _build(true), _build(World(rotor=w.rotor, phantom=w.phantom))
     d, calm = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
-    heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt))
+    heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt, links=w.links))
     felt = mujoco.MjData(heavy)
     loose = (w.soft or w.gap or (None,))[0]
     outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
@@ -220,6 +269,7 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     stiff = np.stack([stiff, known_level / BITE])
     plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / BITE * np.maximum(w.rotor, 0.02))
     damping = np.stack([damping, plain_damping])
+    over_angle = bool(w.harmonics.any() or w.hump[:, 0].any())
     z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
     mass, load = np.empty((7, 7)), np.zeros(7)
@@ -252,6 +302,8 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
             friction, known = friction + both[0], known + both[1]
             z = np.where(on, law.advance(z, v, STEP), 0.0)
         extra = w.spring * (x - w.spring_rest)
+        if over_angle:
+            extra = extra + w.smooth_torque(x)
         if w.ripple.any():
             extra = extra + w.ripple * np.sin(w.periods * x + w.phase)
         force[outer] = command - friction - extra

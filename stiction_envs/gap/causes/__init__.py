@@ -18,6 +18,7 @@ from stiction_envs.gap.causes.load_dependent_friction import LoadDependentFricti
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.payload import Payload
 from stiction_envs.gap.causes.position_dependent_friction import PositionDependentFriction
+from stiction_envs.gap.causes.position_dependent_torque import PositionDependentTorque
 from stiction_envs.gap.causes.presliding_hysteresis import PreslidingHysteresis
 from stiction_envs.gap.causes.registry import (
     cause_named,
@@ -48,6 +49,7 @@ CAUSES: tuple[Cause, ...] = tuple(
         TorqueOffset,
         TorqueScale,
         Payload,
+        PositionDependentTorque,
         BaseTilt,
         LinkParameters,
         LinkInertia,

@@ -119,6 +119,13 @@ class Cause(ABC):
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""
 
+    nested: ClassVar[bool] = False
+    """Whether the columns of each nonlinear parameter begin those of the first that is tried."""
+    judged_by_angle: ClassVar[bool] = False
+    """Whether left-out ranges of the joint's angle must bear it out, besides blocks of time."""
+    rather: ClassVar[tuple[str, ...]] = ()
+    """Names of simpler causes which such ranges prefer to it, where they predict them as well."""
+
     # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
@@ -152,7 +159,8 @@ class Cause(ABC):
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return lowest and highest coefficients, (k,) each; by default the parameters'.
 
-        ``joint`` counts from 0 and is -1 for causes of the whole arm.
+        ``joint`` counts from 0 and is -1 for causes of the whole arm. Of a nonlinear parameter with
+        fewer columns than others the first count.
         """
         low = [p.low for p in self.parameters for _ in range(p.size)]
         high = [p.high for p in self.parameters for _ in range(p.size)]

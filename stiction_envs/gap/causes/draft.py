@@ -57,6 +57,8 @@ class ModelDraft:
     """(n, 2) relative rise of cold friction [-] and time constant [s]."""
     pull: Array
     """(n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world."""
+    waves: list[tuple[int, float, float, float]] = field(default_factory=list)
+    """Joint (from 0), amplitude [N·m], periods per turn and phase [rad] of further cogging."""
     mean_load: Array
     """(n,) mean size of the transmitted torque along the logs [N·m]; causes only read it."""
     duration: float

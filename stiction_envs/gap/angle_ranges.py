@@ -1,0 +1,112 @@
+"""A smooth torque over the angle is judged by angles that were left out.
+
+Blocks of time see the same angles again and again: a curve with enough coefficients predicts them
+all and means nothing where the joint has not been. Left-out ranges of the joint's angle tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.slope import slope
+
+Array = NDArray[np.float64]
+
+
+def equal_travel(data: Data, joint: int, count: int) -> NDArray[np.int64]:
+    """Return (T,) number of the range of a joint's angle, −1 where a row is in no block.
+
+    The joint travels as far in one range as in the next; of poses at rest each has as many.
+    """
+    rows = data.block >= 0
+    step = np.abs(data.dq[:, joint]) * rows
+    if not step.any():
+        step = rows.astype(float)
+    order = np.argsort(data.q[:, joint], kind="stable")
+    gone = np.cumsum(step[order])
+    out = np.empty(len(order), dtype=np.int64)
+    out[order] = np.minimum((count * gone / gone[-1]).astype(np.int64), count - 1)
+    return np.where(rows, out, -1)
+
+
+class AngleRanges:
+    """A joint of a model, fitted to all ranges of its angle but each.
+
+    What acts on other joints too (a payload, a tilt, a delay) stays as it was fitted to all; the
+    joint's other terms are fitted anew with each range left out.
+    """
+
+    def __init__(
+        self, library: RegressorLibrary, terms: Sequence[Candidate], term: Candidate
+    ) -> None:
+        """Prepare to judge a term of one joint in a model ``terms``."""
+        data, j = library.data, term.joint
+        self._library, self._term = library, term
+        self._settings = data.settings.angle_ranges
+        self._ranges = equal_travel(data, j, self._settings.ranges)
+        self._own = [t for t in terms if t != term and library.affected_joints(t) == [j]]
+        self._target = library.residual[:, j].copy()
+        fitted = library.split(terms, library.grams.fit(library.model_columns(terms)))
+        for other, mine in zip(terms, fitted, strict=True):
+            if other != term and other not in self._own and j in library.affected_joints(other):
+                self._target -= library.columns(other, j) @ mine
+
+    def with_and_without(self, term: Candidate) -> tuple[Array, Array, float]:
+        """Return (R,) squared errors without a term of the joint, with it, and its slope.
+
+        Errors are in units of noise variance; the slope is that of what came over what the term
+        predicts beyond the others, in standard errors between ranges.
+        """
+        library, j, own = self._library, term.joint, [*self._own, term]
+        columns = [library.columns(t, j) for t in own]
+        bounds = [library.bounds(t) for t in own]
+        low, high = (tuple(np.concatenate([b[side] for b in bounds]).tolist()) for side in (0, 1))
+        size, rest = len(low), len(low) - columns[-1].shape[1]
+        weight = library.weight[:, j] / library.data.noise[j] ** 2
+        x, count = np.concatenate(columns, axis=1), self._settings.ranges
+        grams = JointGrams([Gram.of(x, self._target, self._ranges, weight, count)])
+
+        def first(columns: int) -> ModelColumns:
+            every = tuple(range(columns))
+            return ModelColumns((every,), (every,), low[:columns], high[:columns])
+
+        model, without = first(size), first(rest)
+        pe, pp = grams.cross_predicted(model, without, np.arange(size) >= rest)
+        return grams.held_out(without)[0], grams.held_out(model)[0], slope(pe[0], pp[0])
+
+    def bear_out(self) -> bool:
+        """Whether the term predicts what is left out, and no simpler one does as well."""
+        library, term = self._library, self._term
+        before, after, came = self.with_and_without(term)
+        limit = float(student.ppf(1 - self._settings.chance, max(len(before) - 1, 1)))
+        if after.sum() >= before.sum() or came <= limit:
+            return False
+        simpler = [
+            t
+            for t in library.candidates
+            if t.joint == term.joint
+            and t.cause in library.causes[term.cause].rather
+            and t not in self._own
+        ]
+        return all(_worse(self.with_and_without(t)[1], after) > limit for t in simpler)
+
+
+def _worse(one: Array, other: Array) -> float:
+    """Return by how many standard errors between ranges errors (R,) exceed others."""
+    more = one - other
+    error = float(more.std(ddof=1) * np.sqrt(len(more))) if len(more) > 1 else np.inf
+    return float(more.sum()) / max(error, 1e-12)
+
+
+def holds_over_angle(
+    library: RegressorLibrary, terms: Sequence[Candidate], term: Candidate
+) -> bool:
+    """Whether a term says what its joint's torque is at angles that its fit has not seen."""
+    return AngleRanges(library, terms, term).bear_out()

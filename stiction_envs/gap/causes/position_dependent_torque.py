@@ -1,0 +1,138 @@
+"""Smooth torque over the joint angle: τ = c_0 + Σ_k (a_k cos k q + b_k sin k q), k = 1 to `order`.
+
+The pull of a cable or hose that bends, or a torque sensor that reads the angle: the same in both
+directions of motion, of any sign, where `external_spring` is a straight line that pulls back and
+`position_dependent_friction` repeats within the joint's range. Harmonics of the whole turn and not
+splines: they predict angles that were left out as well (the iiwa's joint 3, simulated humps and
+waves), ask for no knots, and MuJoCo holds them exactly.
+
+Beware of the first harmonic. It is what gravity of a wrong mass looks like on a joint that moves by
+itself; only other joints that turn it against gravity tell the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, constants
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.external_spring import ExternalSpring
+from stiction_envs.gap.causes.motion import rests
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.registry import registered
+from stiction_envs.gap.causes.view import View, angle
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.method_settings import check_numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionDependentTorqueSettings:
+    """How smooth it is."""
+
+    most_order: int
+    """Harmonics of a turn that are tried at most."""
+    distinct: float
+    """Least eigenvalue of the correlations of its columns from which on the logs tell them apart
+    [-]: ten times the ridge of the fits."""
+    level: float
+    """Part of gravity across a joint's axis from which on a mass can pull at it [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+class PositionDependentTorque(Cause):
+    """A cable, a hose, a sensor."""
+
+    name: ClassVar[str] = "position_dependent_torque"
+    settings: PositionDependentTorqueSettings = constants(PositionDependentTorqueSettings, name)
+    what: ClassVar[str] = "smooth torque over the joint angle (cable, hose, sensor)"
+    what_to_record: ClassVar[str] = (
+        "slow sweeps over the joint's whole range, there and back, with the other joints in "
+        "several poses that turn it against gravity"
+    )
+    is_linear: ClassVar[bool] = False
+    refinable: ClassVar[bool] = False
+    multimodal: ClassVar[bool] = True
+    nested: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    judged_by_angle: ClassVar[bool] = True
+    rather: ClassVar[tuple[str, ...]] = (ExternalSpring.name,)
+    parameters: ClassVar = (
+        Parameter("coefficients_nm", "N·m", size=9),
+        Parameter("order", "1", size=0),
+    )
+    view: ClassVar = View(
+        "joint angle [rad]", angle, note="a smooth curve, the same in both directions"
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return ones, then cosine and sine of each harmonic."""
+        q = data.q[:, joint, None] * np.arange(1, int(shape[0]) + 1)
+        waves = np.stack([np.cos(q), np.sin(q)], axis=2).reshape(len(q), -1)
+        return np.concatenate([np.ones((len(q), 1)), data.smooth(waves)], axis=1)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the orders whose harmonics differ along these angles, highest first."""
+        rows = data.block >= 0
+        out = []
+        for k in range(self.settings.most_order, 0, -1):
+            x = self.columns(data, joint, (float(k),))[rows]
+            x /= np.maximum(np.linalg.norm(x, axis=0), 1e-12)
+            if np.linalg.eigvalsh(x.T @ x)[0] > self.settings.distinct:
+                out.append((float(k),))
+        return out
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return no bounds for the coefficients of the highest order."""
+        free = np.full(1 + 2 * self.settings.most_order, np.inf)
+        return -free, free
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Never: nothing bounds it."""
+        return False
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Never: left-out ranges of the angle say whether an order is too high."""
+        return False
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
+        return {"coefficients_nm": [float(x) for x in coefficients], "order": shape[0]}
+
+    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return what wrong masses and a tilt are called, if this joint moves by itself."""
+        alone = all(rests(data, j) for j in range(data.n) if j != joint)
+        if not alone or data.recording.derived(_across)[joint] < self.settings.level:
+            return ()
+        return tuple(c.name for c in registered() if c.arm_wide and c.transmitted_by_gear)
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Take one cogging motor per harmonic, and an offset, that the motor must overcome."""
+        j, (mean, *waves) = part.joint - 1, part.coefficients
+        draft.offset[j] += mean
+        for k, (a, b) in enumerate(zip(waves[::2], waves[1::2], strict=True), start=1):
+            # MuJoCo's cogging a sin(k q + φ) drives the joint
+            draft.waves.append((j, float(np.hypot(a, b)), float(k), float(np.arctan2(-a, -b))))
+        draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml, but for its mean")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether the joint turns too little."""
+        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.wide_span
+        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+
+
+def _across(recording: Recording) -> Array:
+    """Return (n,) largest part of gravity across each joint's axis along the logs [-]."""
+    model, out = recording.pinocchio, np.zeros(recording.n)
+    work, gravity = model.createData(), model.gravity.linear
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
+    for q in recording.q[:: max(1, len(recording.q) // 50)]:
+        axes = pin.computeJointJacobians(model, work, q)[3:]
+        out = np.maximum(out, np.linalg.norm(np.cross(axes.T, down), axis=1))
+    return out
