@@ -95,14 +95,18 @@ class AngleRanges:
             and t.cause in library.causes[term.cause].rather
             and t not in self._own
         ]
-        return all(_worse(self.with_and_without(t)[1], after) > limit for t in simpler)
+        others = [self.with_and_without(t)[1] for t in simpler]
+        return all(x.sum() > after.sum() and _worse(x, after) > limit for x in others)
 
 
 def _worse(one: Array, other: Array) -> float:
-    """Return by how many standard errors between ranges errors (R,) exceed others."""
-    more = one - other
-    error = float(more.std(ddof=1) * np.sqrt(len(more))) if len(more) > 1 else np.inf
-    return float(more.sum()) / max(error, 1e-12)
+    """Return by how many standard errors between ranges errors (R,) exceed others, as a factor.
+
+    As a factor, since the outermost ranges, beyond what is fitted, have most of the error.
+    """
+    more = np.log(np.maximum(one, 1e-300) / np.maximum(other, 1e-300))
+    error = float(more.std(ddof=1) / np.sqrt(len(more))) if len(more) > 1 else np.inf
+    return float(more.mean()) / max(error, 1e-12)
 
 
 def holds_over_angle(

@@ -13,7 +13,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
-from stiction_envs.robots import Arm
+from stiction_envs.robots import Arm, mjcf
 
 Array = NDArray[np.float64]
 TIMESTEP = 1e-3

@@ -63,6 +63,8 @@ class Case:
     second: list[JointLog]
     """Of another motion of the same arm, with the same hidden; [] where none was asked for."""
     second_motion: str
+    unhidden: list[JointLog]
+    """The same motion as `second`, of an arm in which nothing is hidden: what the truth leaves."""
 
 
 def make_case(
@@ -103,6 +105,7 @@ def make_case(
         world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
         world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
         world.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
+    bare = copy.deepcopy(world)
     worlds = [copy.deepcopy(world) for _ in causes]
     hidden = []
     for name, single in zip(causes, worlds, strict=True):
@@ -119,12 +122,16 @@ def make_case(
     if len(causes) == 1:
         effect = alone[0]
     log = _log(q, tau, t, rng, f"case_{seed}")
-    others, other = [], ""
+    others: list[JointLog] = []
+    unhidden: list[JointLog] = []
+    other = ""
     if second:
         other = str(rng.choice([m for m in SECOND if m != motion]))
         later = np.arange(0, second, STEP)
-        q, tau, _ = _simulate(world, later, MOTIONS[other](rng, later))
-        others = [_log(q, tau, later, rng, f"case_{seed}_{other}")]
+        wanted = MOTIONS[other](rng, later)
+        for arm, logs in ((world, others), (bare, unhidden)):
+            q, tau, _ = _simulate(arm, later, wanted)
+            logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
     nominal: FrictionParameters | str = "rigid"
     if known:
         both = np.stack([world.coulomb, world.coulomb], axis=-1)
@@ -162,6 +169,7 @@ def make_case(
         seed=seed,
         second=others,
         second_motion=other,
+        unhidden=unhidden,
     )
 
 

@@ -44,6 +44,12 @@ PARTS = {
     "warm_up_drift": Part(cause="warm_up_drift", joint=4, shape=(), coefficients=(0.01,)),
     "torque_offset": Part(cause="torque_offset", joint=4, shape=(), coefficients=(0.7,)),
     "torque_scale": Part(cause="torque_scale", joint=4, shape=(), coefficients=(0.1,)),
+    "position_dependent_torque": Part(
+        cause="position_dependent_torque",
+        joint=4,
+        shape=(2.0,),
+        coefficients=(0.3, 0.2, -0.1, 0.4, 0.1),
+    ),
     "payload": Part(cause="payload", joint=0, shape=(), coefficients=PAYLOAD),
     "base_tilt": Part(cause="base_tilt", joint=0, shape=(), coefficients=(0.02, -0.01, FALL)),
     "link_parameters": Part(

@@ -64,7 +64,7 @@ class PositionDependentTorque(Cause):
     judged_by_angle: ClassVar[bool] = True
     rather: ClassVar[tuple[str, ...]] = (ExternalSpring.name,)
     parameters: ClassVar = (
-        Parameter("coefficients_nm", "N·m", size=9),
+        Parameter("coefficients_nm", "N·m", size=7),
         Parameter("order", "1", size=0),
     )
     view: ClassVar = View(
@@ -80,7 +80,7 @@ class PositionDependentTorque(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the orders whose harmonics differ along these angles, highest first."""
         rows = data.block >= 0
-        out = []
+        out: list[Shape] = []
         for k in range(self.settings.most_order, 0, -1):
             x = self.columns(data, joint, (float(k),))[rows]
             x /= np.maximum(np.linalg.norm(x, axis=0), 1e-12)

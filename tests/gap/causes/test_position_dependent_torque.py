@@ -1,0 +1,102 @@
+"""Smooth torque over the angle: harmonics, in MuJoCo too, and what it is taken for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.gap.candidates import RegressorLibrary
+from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.signals.dataset import Data
+from tests.gap.small_logs import data_of, hidden, panda
+
+CAUSE = cause_named("position_dependent_torque")
+COEFFICIENTS = (0.4, 1.0, -0.5, 0.2, 0.3)
+PART = Part(cause=CAUSE.name, joint=4, shape=(2.0,), coefficients=COEFFICIENTS)
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    return data_of(panda(), hidden(panda()))
+
+
+def curve(q: np.ndarray) -> np.ndarray:
+    c, a1, b1, a2, b2 = COEFFICIENTS
+    return c + a1 * np.cos(q) + b1 * np.sin(q) + a2 * np.cos(2 * q) + b2 * np.sin(2 * q)
+
+
+def test_its_torque_is_the_fourier_series_of_the_angle(data: Data) -> None:
+    torque = CAUSE.torque(data, PART)
+    rows = slice(100, -100)  # the filter needs both sides
+    np.testing.assert_allclose(torque[rows, 3], curve(data.q[rows, 3]), atol=1e-3)
+    assert not np.delete(torque, 3, axis=1).any()
+    assert CAUSE.values(np.array(COEFFICIENTS), (2.0,)) == {
+        "coefficients_nm": list(COEFFICIENTS),
+        "order": 2.0,
+    }
+
+
+def test_mujoco_holds_it_exactly(data: Data) -> None:
+    """At any angle, speed and command of others; two of them on a joint add up."""
+    again = replace(PART, level=2)
+    made = extend(data, Nominal(robot="panda", parts=(PART, again)))
+    assert not made.missing
+    assert not made.left_out.any()
+    model = mujoco.MjModel.from_xml_string(made.xml)
+    work = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        work.qpos[:], work.qvel[:] = rng.uniform(-3, 3, (2, 7))
+        work.act[:] = 0.0
+        mujoco.mj_forward(model, work)
+        own = [i for i in range(model.nu) if model.actuator(i).name.count("wave")]
+        own.append(model.actuator("joint4_offset").id)
+        assert work.actuator_force[own].sum() == pytest.approx(-2 * curve(work.qpos[3]), abs=1e-9)
+
+
+def test_a_narrow_range_has_room_for_few_harmonics(data: Data) -> None:
+    def orders(size: float) -> list[float]:
+        middle = data.q.mean(axis=0)
+        q = middle + size * (data.q - middle)
+        some = replace(data, recording=replace(data.recording, q=q))
+        return [x[0] for x in CAUSE.shapes(some, 3, data.rigid[:, 3])]
+
+    assert orders(1.0) == [2.0, 1.0]
+    assert orders(0.3) == [1.0]
+    assert orders(3.0) == [3.0, 2.0, 1.0]
+    assert "turns by" in CAUSE.why_not_identifiable(
+        replace(data, recording=replace(data.recording, q=0.01 * data.q)), 3
+    )
+
+
+def test_lower_orders_share_the_columns_of_the_highest(data: Data) -> None:
+    wide = replace(data, recording=replace(data.recording, q=3.0 * data.q))
+    library = RegressorLibrary(wide, [CAUSE])
+    for j in range(7):
+        assert library.grams.joints[j].xr.shape[1] == 7
+    order2 = next(t for t in library.candidates if t.joint == 3 and t.shape == (2.0,))
+    model = library.model_columns([order2])
+    assert model.columns[3] == (0, 1, 2, 3, 4)
+    assert len(model.low) == 5
+    assert library.complexity([order2]) == 6
+
+
+@pytest.mark.parametrize(
+    ("joint", "moving", "masses"),
+    [(1, "only it", True), (0, "only it", False), (1, "all", False)],
+)
+def test_a_joint_that_moves_by_itself_may_carry_a_wrong_mass(data, joint, moving, masses) -> None:
+    """Joint 1 turns about the vertical, where no mass pulls."""
+    q, dq = data.q.copy(), data.dq.copy()
+    if moving == "only it":
+        others = np.arange(7) != joint
+        q[:, others], dq[:, others] = data.arm.rest[others], 0.0
+    one = replace(data, recording=replace(data.recording, q=q, dq=dq))
+    names = CAUSE.indistinguishable_from(one, joint)
+    assert set(names) >= ({"payload", "base_tilt"} if masses else set())
+    assert bool(names) == masses

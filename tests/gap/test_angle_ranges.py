@@ -1,0 +1,106 @@
+"""Judged by angles that were left out: what is real holds there, what only repeats does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.angle_ranges import AngleRanges, equal_travel, holds_over_angle
+from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.selection import Chooser, gain
+from stiction_envs.gap.signals.dataset import Data
+from tests.gap.small_logs import data_of, hidden, panda, with_torque
+
+BY_NAME = {c.name: c for c in CAUSES}
+JOINT = 3
+SMOOTH = "position_dependent_torque"
+FEW = ("coulomb_friction", "torque_offset", "external_spring", SMOOTH, "base_tilt")
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    return data_of(panda(), hidden(panda(), seconds=30.0, noise=0.05))
+
+
+def library_of(data: Data, torque: np.ndarray, *names: str) -> RegressorLibrary:
+    """Return the candidates of logs with a torque (T,) more on one joint."""
+    more = np.zeros_like(data.q)
+    more[:, JOINT] = torque
+    return RegressorLibrary(with_torque(data, more), [BY_NAME[x] for x in names or FEW])
+
+
+def hump(data: Data) -> np.ndarray:
+    """A Gaussian of 1 N·m, 50 degrees wide."""
+    x = (data.q[:, JOINT] - data.q[:, JOINT].mean() - 0.1) / 0.37
+    return np.exp(-0.5 * x**2)
+
+
+def smooth(order: int) -> Candidate:
+    return Candidate(SMOOTH, JOINT, (float(order),))
+
+
+def test_a_joint_travels_as_far_in_each_range(data: Data) -> None:
+    ranges = equal_travel(data, JOINT, 7)
+    assert np.array_equal(ranges < 0, data.block < 0)
+    rows = ranges >= 0
+    gone = np.bincount(ranges[rows], np.abs(data.dq[rows, JOINT]))
+    np.testing.assert_allclose(gone, gone.mean(), rtol=0.02)
+    q = data.q[:, JOINT]
+    assert all(q[ranges == k].max() <= q[ranges == k + 1].min() for k in range(6))
+
+
+def test_of_poses_each_range_has_as_many(data: Data) -> None:
+    still = replace(data, recording=replace(data.recording, dq=0 * data.dq))
+    ranges = equal_travel(still, JOINT, 7)
+    many = np.bincount(ranges[ranges >= 0])
+    assert np.ptp(many) <= 2
+
+
+def test_a_hump_holds_at_angles_that_were_left_out(data: Data) -> None:
+    library = library_of(data, hump(data))
+    before, after, slope = AngleRanges(library, [smooth(2)], smooth(2)).with_and_without(smooth(2))
+    assert after.sum() < 0.3 * before.sum()
+    assert slope > 5
+    assert {t.cause for t in Chooser(library).choose()} == {SMOOTH}
+
+
+def test_what_only_repeats_does_not_hold(data: Data) -> None:
+    """The trap: blocks of time see the same angles again, and like any curve through them."""
+    q = data.q[:, JOINT]
+    library = library_of(data, 0.2 * np.sin(11 * q))
+    repeats = [t for t in library.candidates if t.cause == SMOOTH and t.joint == JOINT]
+    liked = [t for t in repeats if gain(library, [t], [t]).significant]
+    assert liked
+    assert not any(holds_over_angle(library, [t], t) for t in liked)
+    assert SMOOTH not in {t.cause for t in Chooser(library).choose()}
+
+
+def test_a_straight_pull_is_a_spring(data: Data) -> None:
+    library = library_of(data, 2.0 * (data.q[:, JOINT] + 1.0))
+    assert gain(library, [smooth(1)], [smooth(1)]).significant
+    assert not holds_over_angle(library, [smooth(1)], smooth(1))
+    assert {t.cause for t in Chooser(library).choose()} == {"external_spring"}
+    # which must be among the hypotheses to be preferred
+    without = library_of(data, 2.0 * (data.q[:, JOINT] + 1.0), SMOOTH)
+    assert holds_over_angle(without, [smooth(1)], smooth(1))
+
+
+def test_what_pushes_away_is_no_spring(data: Data) -> None:
+    library = library_of(data, -2.0 * (data.q[:, JOINT] + 1.0))
+    assert {t.cause for t in Chooser(library).choose()} == {SMOOTH}
+
+
+def test_what_acts_on_the_whole_arm_stays_as_it_was_fitted(data: Data) -> None:
+    tilt = Candidate("base_tilt", ARM, ())
+    columns = np.stack([BY_NAME["base_tilt"].columns(data, j, ()) for j in range(7)], axis=1)
+    more = columns @ [0.05, -0.03, 0.0]
+    more[:, JOINT] += hump(data)
+    library = RegressorLibrary(with_torque(data, more), [BY_NAME[x] for x in FEW])
+    both = [tilt, smooth(2)]
+    _, with_tilt, _ = AngleRanges(library, both, smooth(2)).with_and_without(smooth(2))
+    _, without, _ = AngleRanges(library, both[1:], smooth(2)).with_and_without(smooth(2))
+    assert holds_over_angle(library, both, smooth(2))
+    assert with_tilt.sum() < 0.5 * without.sum()
