@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.robots import load_arm
+from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
@@ -43,9 +43,19 @@ def inverse(
     *,
     payload: tuple[float, Array] | None = None,
     tilt: tuple[float, float] = (0.0, 0.0),
+    link: tuple[int, float, Array] | None = None,
 ) -> Array:
-    """(T, n) torque of the arm, of a sphere at its flange, on a base that leans."""
+    """(T, n) torque of the arm, of a sphere at its flange, on a base that leans.
+
+    A link (from 1) may have another mass [kg] and centre [m], each as a difference; its density
+    changes evenly.
+    """
     spec = load_arm(robot).spec()
+    if link is not None:
+        body = list(spec.joints)[link[0] - 1].parent
+        share = 1 + link[1] / body.mass
+        body.fullinertia, body.inertia = body.fullinertia * share, body.inertia * share
+        body.mass, body.ipos = body.mass * share, body.ipos + link[2]
     lean, towards = tilt
     side = np.sin(lean) * np.array([np.cos(towards), np.sin(towards)])
     spec.option.gravity = 9.81 * np.array([*side, -np.cos(lean)])
@@ -66,6 +76,12 @@ def inverse(
         mujoco.mj_inverse(model, data)
         out[i] = data.qfrc_inverse
     return out
+
+
+def believed(cause: str | None, robot: str, size: float = 1.0) -> Arm:
+    """The arm that a log is held against: with a hand of 0.7 kg where that is what is wrong."""
+    hand = (0.7 * size, -0.01, 0.0, 0.03) if cause == "phantom_payload" else None
+    return load_arm(robot, payload=hand)
 
 
 def dahl(q: Array, level: float, stiffness: float) -> Array:
@@ -95,9 +111,9 @@ def plain_log(
     """One log with one cause, or none.
 
     Args:
-        cause: of the contract's table.
+        cause: of the contract's table; ``phantom_payload`` is only in what is `believed`.
         robot: a built-in arm.
-        joints: from 1, where it acts.
+        joints: from 1, where it acts, or the link.
         size: of the effect, 1 being about 1 N·m.
         noise: of the torque, white [N·m].
         rate: rows per second.
@@ -112,7 +128,9 @@ def plain_log(
     t = np.arange(0, seconds, 1 / rate)
     middle = CENTRE if robot == "panda" else MIDDLE
     q, v, a = fourier(rng, t, middle if centre is None else centre, base)
-    load, late = None, 0.0
+    load, late, link = None, 0.0, None
+    if cause == "link_parameters":
+        link = (joints[0], 0.5 * size, np.array([0.005, -0.005, 0.003]) * size)
     tilt = (0.05 * size, 0.7) if cause == "base_tilt" else (0.0, 0.0)
     if cause == "payload":
         load = (size, np.array([0.02, 0.0, 0.05]))
@@ -125,7 +143,7 @@ def plain_log(
         )
         tau = inverse(robot, q2, v2, a2)
     else:
-        tau = inverse(robot, q, v, a, payload=load, tilt=tilt)
+        tau = inverse(robot, q, v, a, payload=load, tilt=tilt, link=link)
     rigid = tau.copy()
     for j in (x - 1 for x in joints):
         tau[:, j] += _effect(cause, q[:, j], v[:, j], a[:, j], rigid[:, j], t, size)
@@ -181,6 +199,10 @@ def _effect(
             return 0.1 * size * rigid
         case "link_inertia":
             return 0.4 * size * a
+        case "smooth_waves":
+            return size * (np.cos(q + 0.3) - 0.5 * np.sin(2 * q))
+        case "smooth_hump":
+            return size * np.exp(-0.5 * ((q - q.mean()) / 0.35) ** 2)
         case "external_spring":
             return 3 * size * (q - 0.2)
         case "backlash":

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiction_envs.gap.causes import registered
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose
-from tests.gap.simulated_logs import MIDDLE, inverse, plain_log
+from tests.gap.simulated_logs import MIDDLE, believed, inverse, plain_log
 
 
 def solved(cause: str | None, robot: str = "panda", **options) -> Diagnosis:
-    return diagnose([plain_log(cause, robot=robot, **options)], robot)
+    believed_arm = believed(cause, robot)
+    return diagnose([plain_log(cause, robot=robot, **options)], believed_arm)
 
 
 def value(named: NamedCause, joint: int, key: str) -> float:
@@ -54,6 +56,38 @@ def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: fl
     if hidden in BESIDE:
         assert hidden in named
     assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize(("hidden", "joint"), [("smooth_waves", 4), ("smooth_hump", 2)])
+def test_a_smooth_torque_over_the_angle_is_named(hidden: str, joint: int) -> None:
+    """And what is found on the joint is the curve that was hidden, at the angles of the log."""
+    found = solved(hidden, joints=(joint,), rate=250.0)
+    first = found.causes[0]
+    assert (first.name, first.joints) == ("position_dependent_torque", (joint,))
+    assert {j for c in found.causes for j in c.joints} == {joint}
+    log = plain_log(hidden, joints=(joint,), rate=250.0, noise=0.0)
+    rigid = plain_log(None, rate=250.0, noise=0.0)
+    truth = np.interp(found.data.t, log.t, (log.tau - rigid.tau)[:, joint - 1])
+    off = found.torque(joint - 1) - truth
+    assert np.sqrt(np.mean(off**2)) < 0.1 * truth.std()
+
+
+@pytest.mark.skipif(
+    not any(c.name == "link_parameters" for c in registered()), reason="no such cause yet"
+)
+def test_a_wrong_link_is_named() -> None:
+    found = solved("link_parameters", joints=(4,), rate=250.0)
+    assert found.causes[0].name == "link_parameters"
+
+
+@pytest.mark.skipif(
+    next(c for c in registered() if c.name == "payload").parameters[0].low >= 0,
+    reason="a payload has positive mass yet",
+)
+def test_a_hand_that_is_not_there_is_a_payload_of_negative_mass() -> None:
+    found = solved("phantom_payload", rate=250.0)
+    assert found.causes[0].name == "payload"
+    assert value(found.causes[0], 0, "mass_kg") == pytest.approx(-0.7, rel=0.1)
 
 
 @pytest.mark.parametrize(
