@@ -75,31 +75,42 @@ def crossings(data: Data, joint: int, gap: float, damping: float, flank: float) 
     M δ̈ = −L, and beyond the gap −L − K(δ ∓ gap/2) − Dδ̇. L is the load at the motor's angle and
     its slope with gravity, to first order in δ. Derived here.
     """
+    return crossings_of_many(data, joint, np.array([gap]), damping, flank)[:, 0]
+
+
+def crossings_of_many(data: Data, joint: int, gaps: Array, damping: float, flank: float) -> Array:
+    """Return (T, K) `crossings` of K gaps."""
     mass, load = mass_matrix(data)[:, joint, joint], data.rigid[:, joint]
     slope = gravity_slope(data)[:, joint, joint]
-    out = np.empty(len(mass))
+    out = np.empty((len(mass), len(gaps)))
     for run in data.runs():
-        out[run] = _fly(load[run], slope[run], mass[run], gap / 2, damping, flank, data.dt)
+        _fly(load[run], slope[run], mass[run], gaps / 2, damping, flank, data.dt, out[run])
     return out
 
 
 @compiled
 def _fly(
-    load: Array, slope: Array, mass: Array, half: float, ratio: float, flank: float, h: float
-) -> Array:
-    """Return (T,) `crossings` of one run, from rest on the flank."""
-    out = np.empty(len(load))
-    x, u = -np.sign(load[0]) * half - load[0] / flank, 0.0
+    load: Array,
+    slope: Array,
+    mass: Array,
+    half: Array,
+    ratio: float,
+    flank: float,
+    h: float,
+    out: Array,
+) -> None:
+    """Put `crossings_of_many` of one run into ``out`` (T, K), from rest on the flank."""
+    x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
     for i in range(len(load)):
-        a, k = -(load[i] + slope[i] * x) / mass[i], flank / mass[i]
-        over = x - min(max(x, -half), half)
-        u += h * (a - k * over)
-        if over != 0.0:
-            # the flank and its damping implicitly, so that stiff ones stay stable
-            u /= 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
-        x += h * u
-        out[i] = x
-    return out
+        k = flank / mass[i]
+        # the flank and its damping implicitly, so that stiff ones stay stable
+        damped = 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
+        for g in range(len(half)):  # inside: the processor takes several gaps at once
+            over = x[g] - min(max(x[g], -half[g]), half[g])
+            u[g] += h * (-(load[i] + slope[i] * x[g]) / mass[i] - k * over)
+            u[g] /= damped if over != 0.0 else 1.0
+            x[g] += h * u[g]
+            out[i, g] = x[g]
 
 
 def dragged(data: Data, joint: int, gap: float) -> Array:
@@ -164,7 +175,8 @@ class Backlash(Cause):
             torque = np.zeros_like(data.q)
             torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, gap)
         else:
-            torque = torque_of(data, joint, self._delta(data, joint, gap, damping))
+            delta = self._deltas(data, joint, np.array([gap]), damping)[:, 0]
+            torque = torque_of(data, joint, delta)
         return data.smooth(torque)[..., None]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -185,9 +197,9 @@ class Backlash(Cause):
         seen = {DRAGGED: target * data.rigid[:, joint]}
         other = seen_by(data, joint, target)
         for damping in (*s.dampings, *held):
-            opened = [self._delta(data, joint, float(g), damping) for g in gaps]
-            along = np.array([seen.get(damping, other) @ x for x in opened])
-            torque = self._own(data, joint, np.stack([opened[k] for k in some], axis=1), damping)
+            opened = self._deltas(data, joint, gaps, damping)
+            along = seen.get(damping, other) @ opened
+            torque = self._own(data, joint, opened[:, some], damping)
             size = np.square(data.smooth(torque)[ok]).sum(axis=0)
             size = np.interp(np.log(gaps), np.log(gaps[some]), size)
             c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
@@ -195,16 +207,17 @@ class Backlash(Cause):
             scored += [(float(x), float(g), damping) for x, g in zip(left, gaps, strict=True)]
         return [(gap, damping) for _, gap, damping in sorted(scored)[: s.best]]
 
-    def _delta(self, data: Data, joint: int, gap: float, damping: float) -> Array:
-        """Return (T,) the part of the load that is missing where it is dragged, else δ [rad]."""
+    def _deltas(self, data: Data, joint: int, gaps: Array, damping: float) -> Array:
+        """Return (T, K) for K gaps the part of the load that is missing where it is dragged, else δ
+        [rad]."""
         if damping == DRAGGED:
-            return dragged(data, joint, gap)
+            return np.stack([dragged(data, joint, float(g)) for g in gaps], axis=1)
         if damping == LOST:
-            return lost(data, joint, gap)
-        return crossings(data, joint, gap, damping, self.settings.flank)
+            return np.stack([lost(data, joint, float(g)) for g in gaps], axis=1)
+        return crossings_of_many(data, joint, gaps, damping, self.settings.flank)
 
     def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
-        """Return (T, k) what `_delta` of k gaps adds to the joint itself, before the filter."""
+        """Return (T, k) what `_deltas` of k gaps add to the joint itself, before the filter."""
         if damping == DRAGGED:
             return np.asarray(data.rigid[:, joint, None] * opened)
         return own_torque_of(data, joint, opened)
