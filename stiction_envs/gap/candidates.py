@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,8 @@ class RegressorLibrary:
         self.candidates: list[Candidate] = []
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
-        self._blocks: list[list[Array]] = [[] for _ in range(data.n)]
+        self._fresh: list[list[Array]] = [[] for _ in range(data.n)]
+        self._summed: list[Array | None] = [None] * data.n
         self._width = [0] * data.n
         self.residual = data.residual
         own = data.settings.candidates
@@ -77,8 +78,8 @@ class RegressorLibrary:
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of what friction does at rest."""
         self.weight = self.certain.copy()
-        self.grams = self._sum()
         self._reweigh()
+        self.grams = JointGrams([self._gram(j) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual without what the common linear causes explain."""
@@ -153,7 +154,7 @@ class RegressorLibrary:
         self._at[term, joint] = tuple(range(start, start + width))
         if start == self._width[joint]:
             self._width[joint] += width
-            self._blocks[joint].append(columns)
+            self._fresh[joint].append(columns)
         if term not in self.candidates:
             self.candidates.append(term)
 
@@ -162,30 +163,52 @@ class RegressorLibrary:
         for term in terms:
             if term not in self.candidates:
                 self._add_all(term)
-        self.grams = self._sum()
+        self.grams = JointGrams([self._grown(j) for j in range(self.data.n)])
 
-    def _sum(self) -> JointGrams:
-        d = self.data
-        grams = []
-        for j in range(d.n):
-            columns = np.concatenate(self._blocks[j], axis=1)
-            weight = self.weight[:, j] / d.noise[j] ** 2
-            grams.append(Gram.of(columns, self.residual[:, j], d.block, weight, d.blocks))
-        return JointGrams(grams)
+    def _gram(self, joint: int) -> Gram:
+        """Return the sums of all columns of a joint."""
+        d, columns = self.data, self._store(joint)
+        weight = self.weight[:, joint] / d.noise[joint] ** 2
+        return Gram.of(columns, self.residual[:, joint], d.block, weight, d.blocks)
+
+    def _grown(self, joint: int) -> Gram:
+        """Return the sums with columns that have come since."""
+        gram, before, d = self.grams.joints[joint], self._summed[joint], self.data
+        if before is None or not self._fresh[joint]:
+            return gram
+        more = np.concatenate(self._fresh[joint], axis=1)
+        weight = self.weight[:, joint] / d.noise[joint] ** 2
+        out = gram.with_columns(before, more, self.residual[:, joint], d.block, weight)
+        self._store(joint)
+        return out
+
+    def _store(self, joint: int) -> Array:
+        """Return (T, P) all columns of a joint, each of them in one piece."""
+        summed, fresh = self._summed[joint], self._fresh[joint]
+        rows = [x.T for x in (*([] if summed is None else [summed]), *fresh)]
+        out = np.concatenate(rows, axis=0).T if rows else np.zeros((len(self.data.t), 0))
+        self._summed[joint], self._fresh[joint] = out, []
+        return out
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""
-        huber = self.data.settings.candidates.huber
-        linear = [t for t in self.candidates if self.causes[t.cause].is_linear]
-        model = self.model_columns(linear)
-        c = self.grams.fit(model)
-        for j in range(self.data.n):
-            e = self.residual[:, j] - self.torque(linear, c, j)
+        huber, d = self.data.settings.candidates.huber, self.data
+        model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
+        columns = [self._store(j).T[list(at)].T for j, at in enumerate(model.columns)]
+        grams = [
+            Gram.of(
+                x, self.residual[:, j], d.block, self.weight[:, j] / d.noise[j] ** 2, d.blocks
+            )
+            for j, x in enumerate(columns)
+        ]
+        among = tuple(tuple(range(len(at))) for at in model.columns)
+        c = JointGrams(grams).fit(replace(model, columns=among))
+        for j, (x, at) in enumerate(zip(columns, model.coefficients, strict=True)):
+            e = self.residual[:, j] - x @ c[list(at)]
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
             self.weight[:, j] = self.certain[:, j] * np.minimum(
                 1.0, huber * scale / np.maximum(np.abs(e), 1e-300)
             )
-        self.grams = self._sum()
 
     # ---- models ------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ blocks is then a small linear system.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,17 +51,57 @@ class Gram:
             weight: (T,) of each row: robust weight over noise variance.
             blocks: number of blocks B.
         """
-        p = columns.shape[1]
+        p, x = columns.shape[1], columns.T
         xx, xr = np.zeros((blocks, p, p)), np.zeros((blocks, p))
         rr, count = np.zeros(blocks), np.zeros(blocks)
-        for b in range(blocks):
-            rows = block == b
-            x, r, w = columns[rows], residual[rows], weight[rows]
-            weighted = x * w[:, None]
-            xx[b], xr[b] = weighted.T @ x, weighted.T @ r
-            rr[b], count[b] = float((w * r * r).sum()), float(w.sum())
+        for b, rows in _rows_of(block, blocks):
+            root = np.sqrt(weight[rows])
+            # a product with its own transpose, of which BLAS works out one half
+            part, left = x[:, rows] * root, residual[rows] * root
+            xx[b], xr[b], rr[b] = part @ part.T, part @ left, left @ left
+            count[b] = weight[rows].sum()
         # in samples of full weight
         return cls(xx, xr, rr, count / max(float(weight.max(initial=0.0)), 1e-300))
+
+    def with_columns(
+        self,
+        before: Array,
+        more: Array,
+        residual: Array,
+        block: NDArray[np.int64],
+        weight: Array,
+    ) -> Gram:
+        """Return the sums with further columns behind those that they have.
+
+        Args:
+            before: (T, P) columns that are summed up.
+            more: (T, K) further ones.
+            residual: (T,) as before, and so are the others.
+            block: (T,).
+            weight: (T,).
+        """
+        old, new = before.shape[1], more.shape[1]
+        xx = np.zeros((len(self.rr), old + new, old + new))
+        xr = np.zeros((len(self.rr), old + new))
+        xx[:, :old, :old], xr[:, :old] = self.xx, self.xr
+        for b, rows in _rows_of(block, len(self.rr)):
+            part = more.T[:, rows] * weight[rows]
+            xx[b, old:, :old], xr[b, old:] = part @ before[rows], part @ residual[rows]
+            own = part @ more[rows]
+            xx[b, old:, old:] = (own + own.T) / 2
+        xx[:, :old, old:] = np.swapaxes(xx[:, old:, :old], 1, 2)
+        return Gram(xx, xr, self.rr, self.count)
+
+
+def _rows_of(
+    block: NDArray[np.int64], blocks: int
+) -> Iterator[tuple[int, slice | NDArray[np.int64]]]:
+    """Yield each block that has rows with them, as a slice where they are neighbours."""
+    for b in range(blocks):
+        rows = np.flatnonzero(block == b)
+        if len(rows):
+            first, last = int(rows[0]), int(rows[-1])
+            yield b, slice(first, last + 1) if last - first == len(rows) - 1 else rows
 
 
 def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:

@@ -110,7 +110,7 @@ class PositionDependentTorque(Cause):
         alone = all(rests(data, j) for j in range(data.n) if j != joint)
         if not alone or data.recording.derived(_across)[joint] < self.settings.level:
             return ()
-        return tuple(c.name for c in registered() if c.arm_wide and c.changes_arm)
+        return tuple(c.name for c in registered() if c.changes_arm)
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Take one cogging motor per harmonic, and an offset, that the motor must overcome."""
