@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -83,7 +84,7 @@ class JointElasticity(Cause):
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
         ok, s = data.block >= 0, self.settings
         tried = [(float(k), ratio) for ratio in s.dampings for k in s.stiffnesses]
-        delta = np.stack([deflection(data, joint, *x) for x in tried], axis=1)
+        delta = deflections(data, joint, tried)
         columns = data.smooth(own_torque_of(data, joint, delta))[ok]
         size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
         c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
@@ -139,24 +140,41 @@ def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> 
     structural dynamics", 1959); D is ``ratio`` of the critical. The load is that of the motor's
     angle and its slope with gravity, to first order in δ.
     """
+    return deflections(data, joint, [(stiffness, ratio)])[:, 0]
+
+
+def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
+    """Return (T, k) `deflection` of k springs, each its stiffness and damping ratio."""
     load, mass = data.rigid[:, joint], mass_matrix(data)[:, joint, joint]
-    damping = 2 * ratio * np.sqrt(stiffness * mass)
-    total = np.maximum(stiffness + gravity_slope(data)[:, joint, joint], 0.1 * stiffness)
-    out = np.empty(len(load))
+    slope = gravity_slope(data)[:, joint, joint]
+    stiffness, ratio = np.array(springs).T
+    out = np.empty((len(load), len(stiffness)))
     for run in data.runs():
-        out[run] = _swing(load[run], mass[run], damping[run], total[run], data.dt)
+        _swing(load[run], mass[run], slope[run], stiffness, ratio, data.dt, out[run])
     return out
 
 
 @compiled
-def _swing(load: Array, mass: Array, damping: Array, stiffness: Array, h: float) -> Array:
-    """Return (T,) `deflection` of one run, from rest."""
-    out = np.empty(len(load))
-    x, v, a = -load[0] / stiffness[0], 0.0, 0.0
+def _swing(
+    load: Array,
+    mass: Array,
+    slope: Array,
+    stiffness: Array,
+    ratio: Array,
+    h: float,
+    out: Array,
+) -> None:
+    """Put `deflections` of one run into ``out`` (T, k), from rest."""
+    springs = len(stiffness)
+    x, v, a = np.empty(springs), np.zeros(springs), np.zeros(springs)
+    for s in range(springs):
+        x[s] = -load[0] / max(stiffness[s] + slope[0], 0.1 * stiffness[s])
     for k in range(len(load)):
-        ahead, faster = x + h * v + h * h * a / 4, v + h * a / 2
-        force = -load[k] - damping[k] * faster - stiffness[k] * ahead
-        a = force / (mass[k] + damping[k] * h / 2 + stiffness[k] * h * h / 4)
-        x, v = ahead + h * h * a / 4, faster + h * a / 2
-        out[k] = x
-    return out
+        for s in range(springs):  # inside: the processor takes several springs at once
+            total = max(stiffness[s] + slope[k], 0.1 * stiffness[s])
+            damping = 2 * ratio[s] * np.sqrt(stiffness[s] * mass[k])
+            ahead, faster = x[s] + h * v[s] + h * h * a[s] / 4, v[s] + h * a[s] / 2
+            force = -load[k] - damping * faster - total * ahead
+            a[s] = force / (mass[k] + damping * h / 2 + total * h * h / 4)
+            x[s], v[s] = ahead + h * h * a[s] / 4, faster + h * a[s] / 2
+            out[k, s] = x[s]

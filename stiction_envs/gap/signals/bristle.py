@@ -33,28 +33,31 @@ def bristles(
         if run.stop - run.start < 2:
             continue
         for j in range(path.shape[1]):
-            out[run, j] = _bristle(path[run, j], distance[j], moves)
+            x = path[run, j]
+            begun = abs(x[min(moves.start_samples, len(x) - 1)] - x[0]) > moves.start_span
+            _follow(x, np.asarray(distance[j], dtype=np.float64), bool(begun), out[run, j])
     return out
 
 
-def _bristle(x: Array, distance: Array, motion: MotionThresholds) -> Array:
-    """Return (K, k) along one segment of one joint."""
-    out = np.zeros((len(x), len(distance)))
-    side = np.sign(np.diff(x))
-    moves = np.flatnonzero(side)
-    if not len(moves):
-        return out
-    turns = moves[1:][side[moves[1:]] != side[moves[:-1]]].tolist()
-    starts = [int(moves[0]), *turns]
-    ends = [*turns, len(x) - 1]
-    begun = abs(x[min(motion.start_samples, len(x) - 1)] - x[0]) > motion.start_span
-    zeta = np.full(len(distance), side[moves[0]] if begun else 0.0)
-    out[: starts[0] + 1] = zeta
-    for a, b in zip(starts, ends, strict=True):
-        gone = np.abs(x[a + 1 : b + 1] - x[a])[:, None]
-        out[a + 1 : b + 1] = side[a] + (zeta - side[a]) * np.exp(-gone / distance)
-        zeta = out[b]
-    return out
+@compiled
+def _follow(x: Array, distance: Array, begun: bool, out: Array) -> None:
+    """Put the bristles of one joint along one segment into ``out`` (K, k), which is zero."""
+    first = 0
+    while first < len(x) - 1 and x[first + 1] == x[first]:
+        first += 1
+    if first == len(x) - 1:
+        return
+    side, turn = np.sign(x[first + 1] - x[first]), first
+    zeta = np.full(len(distance), side if begun else 0.0)
+    out[: first + 1] = zeta
+    for i in range(first + 1, len(x)):
+        step = x[i] - x[i - 1]
+        if step * side < 0:  # a turn: from here on towards the other side
+            side, turn = np.sign(step), i - 1
+            zeta[:] = out[turn]
+        gone = abs(x[i] - x[turn])
+        for k in range(len(distance)):
+            out[i, k] = side + (zeta[k] - side) * np.exp(-gone / distance[k])
 
 
 def grown(
