@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import os
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from stiction_envs.reporting.atomic import write_bytes_atomic
@@ -28,8 +29,14 @@ def save_small(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a PNG of few colours, chosen from the figure's, that is there in full or not at all."""
     from PIL import Image
 
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     out = io.BytesIO()
-    picture = Image.open(io.BytesIO(_png(figure, SMALL_DPI))).convert("RGB")
+    figure.dpi = SMALL_DPI
+    canvas = FigureCanvasAgg(figure)
+    # once: `savefig` draws twice where the layout is worked out, and packs what is packed again
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     # Dither would scatter the flat areas that make a picture small.
     picture = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     picture.save(out, format="png", optimize=True)
