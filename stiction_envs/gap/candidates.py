@@ -53,6 +53,7 @@ class RegressorLibrary:
         self._fresh: list[list[Array]] = [[] for _ in range(data.n)]
         self._summed: list[Array | None] = [None] * data.n
         self._width = [0] * data.n
+        self._limits: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
         self.residual = data.residual
         own = data.settings.candidates
         share = own.diagnosed if data.model.diagnosed else own.given
@@ -220,13 +221,13 @@ class RegressorLibrary:
         high: list[float] = []
         firm: list[float] = []
         for term in terms:
-            lowest, highest = self.bounds(term)
+            lowest, highest = (x.tolist() for x in self.bounds(term))
             firm += (self.prior_rows / np.square(self.prior(term))).tolist()
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
-            low += lowest.tolist()
-            high += highest.tolist()
+            low += lowest
+            high += highest
         return ModelColumns(
             tuple(map(tuple, columns)),
             tuple(map(tuple, where)),
@@ -237,7 +238,10 @@ class RegressorLibrary:
 
     def bounds(self, term: Candidate) -> tuple[Array, Array]:
         """Return lowest and highest coefficients of a candidate, (k,) each."""
-        low, high = self.causes[term.cause].bounds(self.data, term.joint)
+        key = term.cause, term.joint
+        if key not in self._limits:
+            self._limits[key] = self.causes[term.cause].bounds(self.data, term.joint)
+        low, high = self._limits[key]
         return low[: self._size(term)], high[: self._size(term)]
 
     def prior(self, term: Candidate) -> Array:

@@ -118,34 +118,49 @@ def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
     target = xr / scale
     out = np.linalg.solve(normal, target[..., None])[..., 0]
     lows, highs = low * scale, high * scale
-    for b in np.flatnonzero(((out < lows) | (out > highs)).any(axis=1)):
-        out[b] = _bounded(normal[b], target[b], lows[b], highs[b], out[b])
+    beyond = ((out < lows) | (out > highs)).any(axis=1)
+    if beyond.any():
+        some = (x[beyond] for x in (normal, target, lows, highs, out))
+        out[beyond] = _bounded(*some)
     return np.asarray(out / scale)
 
 
 def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
-    """Return the minimum within bounds by an active set; Lawson and Hanson's if that goes round."""
+    """Return the minima (B, P) within bounds by active sets; Lawson and Hanson's where they go round.
+
+    All systems at once: those that are done wait for the others.
+    """
     c, held = np.clip(free, low, high), (free < low) | (free > high)
-    for _ in range(3 * len(free)):
-        loose = ~held
-        if loose.any():
-            rest = target[loose] - normal[np.ix_(loose, held)] @ c[held]
-            c[loose] = np.linalg.solve(normal[np.ix_(loose, loose)], rest)
-        out = loose & ((c < low) | (c > high))
-        if out.any():
-            c[out], held = np.clip(c[out], low[out], high[out]), held | out
-            continue
-        slope = normal @ c - target
-        inward = held & (((c <= low) & (slope < -1e-12)) | ((c >= high) & (slope > 1e-12)))
-        if not inward.any():
+    left = np.arange(len(free))
+    for _ in range(3 * free.shape[1]):
+        n, x, fixed = normal[left], c[left], held[left]
+        loose = ~fixed
+        # what is held keeps its value, the others are solved for given it
+        rest = target[left] - np.einsum("bpq,bq->bp", n, np.where(fixed, x, 0.0))
+        system = np.where(loose[:, :, None] & loose[:, None, :], n, 0.0)
+        system[:, *np.diag_indices(x.shape[1])] += fixed
+        x = np.linalg.solve(system, np.where(loose, rest, x)[..., None])[..., 0]
+        x[fixed] = c[left][fixed]
+        out = loose & ((x < low[left]) | (x > high[left]))
+        x = np.where(out, np.clip(x, low[left], high[left]), x)
+        slope = np.einsum("bpq,bq->bp", n, x) - target[left]
+        inward = ((x <= low[left]) & (slope < -1e-12)) | ((x >= high[left]) & (slope > 1e-12))
+        inward &= fixed & ~out.any(axis=1)[:, None]
+        back = np.flatnonzero(inward.any(axis=1))
+        fixed |= out
+        fixed[back, np.argmax(np.where(inward, np.abs(slope), -1.0), axis=1)[back]] = False
+        c[left], held[left] = x, fixed
+        left = left[out.any(axis=1) | inward.any(axis=1)]
+        if not len(left):
             return c
-        held[np.argmax(np.where(inward, np.abs(slope), -1.0))] = False
-    # blocks that were taken off may leave rounding larger than the ridge
-    size, axes = np.linalg.eigh(normal)
-    root = np.sqrt(np.maximum(size, RIDGE))[:, None] * axes.T
-    bounds = (np.minimum(low, high - 1e-12), high)
-    right = np.linalg.solve(root.T, target)
-    return np.asarray(lsq_linear(root, right, bounds=bounds, method="bvls").x)
+    for b in left:
+        # blocks that were taken off may leave rounding larger than the ridge
+        size, axes = np.linalg.eigh(normal[b])
+        root = np.sqrt(np.maximum(size, RIDGE))[:, None] * axes.T
+        bounds = (np.minimum(low[b], high[b] - 1e-12), high[b])
+        right = np.linalg.solve(root.T, target[b])
+        c[b] = lsq_linear(root, right, bounds=bounds, method="bvls").x
+    return c
 
 
 @dataclass(frozen=True)

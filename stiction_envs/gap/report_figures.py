@@ -82,6 +82,22 @@ def _tidy(axes: Axes) -> None:
     axes.axhline(0, color="0.6", lw=0.7, zorder=0)
 
 
+def _figure(width: float, height: float, *, top: float, bottom: float) -> Figure:
+    """Return a figure whose panels leave room for labels, in inches.
+
+    Layouts that matplotlib works out take as long as all the drawing.
+    """
+    figure = Figure(figsize=(width, height))
+    figure.subplots_adjust(
+        left=0.75 / width,
+        right=1 - 0.15 / width,
+        top=1 - top / height,
+        bottom=bottom / height,
+        hspace=0.3,
+    )
+    return figure
+
+
 def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
     """Draw a cause: residual without it and its torque above, residual with it below.
 
@@ -95,7 +111,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
     clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
     of = [j - 1 for j in cause.joints] or list(range(data.n))
     shown = sorted(sorted(of, key=lambda j: -clear[j])[:JOINTS])
-    figure = Figure(figsize=(max(6.8, 1.4 + 3.4 * len(shown)), 5.6), layout="constrained")
+    figure = _figure(max(6.8, 1.4 + 3.4 * len(shown)), 5.6, top=0.6, bottom=0.85)
     grid = figure.subplots(2, len(shown), squeeze=False, sharex="col", sharey="col")
     for column, j in enumerate(shown):
         term = next(t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM))
@@ -116,6 +132,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
         _dots(lower, x, after, AFTER, "residual with it")
         upper.set_title(f"joint {j + 1}", fontsize=10, loc="left")
         lower.set_xlabel(view.label, fontsize=9)
+        lower.xaxis.set_major_locator(MaxNLocator(6))
         low, high = np.percentile(np.concatenate([before, after]), [0.5, 99.5])
         low, high = min(low, 0.0), max(high, 0.0)
         room = 0.15 * (high - low) + 1e-9
@@ -128,7 +145,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Drawn:
         grid[row, 0].set_ylabel(f"residual{folded},\n{text} the cause [N·m]", fontsize=9)
     handles = [Line2D([], [], color=c, ls=s) for c, s in LINES]
     names = ["residual without it", "what the cause predicts", "residual with it"]
-    figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
+    figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8.5, frameon=False)
     figure.suptitle(f"{cause.name}: {view.note}", fontsize=10.5)
     save_small(figure, path)
     return Drawn(
@@ -160,7 +177,7 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     data = d.data
     before = data.residual[:, joint]
     after = before - d.torque(joint)
-    figure = Figure(figsize=(11.5, 8.2), layout="constrained")
+    figure = _figure(11.5, 8.2, top=0.55, bottom=0.5)
     grid = figure.add_gridspec(3, 3)
     top, under = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
     at = clock(data)
@@ -208,7 +225,7 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Drawn:
     figure.legend(
         handles=[Line2D([], [], color=BEFORE), Line2D([], [], color=AFTER)],
         labels=["residual of the nominal model", "residual of the extended model"],
-        loc="outside upper right",
+        loc="upper right",
         ncols=2,
         fontsize=9,
         frameon=False,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -56,7 +57,7 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     less = left - grams.held_out(model)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
     strict, single = (
-        float(student.ppf(1 - s.chance / tried, grams.blocks - 1))
+        _quantile(1 - s.chance / tried, grams.blocks - 1)
         for tried in (max(len(library.candidates), 1), 1)
     )
     part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
@@ -74,6 +75,12 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
     return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
+
+
+@cache
+def _quantile(part: float, freedom: int) -> float:
+    """Return a quantile of Student's t."""
+    return float(student.ppf(part, freedom))
 
 
 def means_nothing(
