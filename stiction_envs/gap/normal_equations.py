@@ -122,7 +122,8 @@ def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
     if beyond.any():
         some = (x[beyond] for x in (normal, target, lows, highs, out))
         out[beyond] = _bounded(*some)
-    return np.asarray(out / scale)
+    # what is on a bound is on it to the last digit: whoever asks compares with the bound
+    return np.where(out <= lows, low, np.where(out >= highs, high, out / scale))
 
 
 def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:

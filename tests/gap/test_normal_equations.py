@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve, solve_all
 
 RNG = np.random.default_rng(0)
 X, W = RNG.normal(size=(600, 3)), RNG.uniform(0.5, 1.0, 600)
@@ -144,3 +144,14 @@ def test_leaving_a_block_out_keeps_bounds() -> None:
         rest = (R + 1.5 * X[:, 1])[keep] * root
         expected = np.linalg.lstsq(X[keep][:, [0, 2]] * root[:, None], rest, rcond=None)[0]
         assert np.allclose(c[b, [0, 2]], expected, atol=1e-6)
+
+
+def test_what_is_on_a_bound_is_on_it_to_the_last_digit() -> None:
+    """However the columns are scaled, and in every system of many."""
+    rng = np.random.default_rng(8)
+    low, high = np.full(4, -0.3), np.full(4, 1.5)
+    x = rng.normal(size=(300, 50, 4)) * 10 ** rng.uniform(-3, 3, (300, 1, 4))
+    c = solve_all(np.swapaxes(x, 1, 2) @ x, rng.normal(size=(300, 4)) * 100, low, high)
+    near = (np.abs(c - low) < 1e-9) | (np.abs(c - high) < 1e-9)
+    assert near.sum() > 300
+    assert ((c == low) | (c == high))[near].all()
