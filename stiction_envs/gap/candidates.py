@@ -52,8 +52,9 @@ class RegressorLibrary:
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._fresh: list[list[Array]] = [[] for _ in range(data.n)]
         self._summed: list[Array | None] = [None] * data.n
+        self._released: dict[str, Cause] | None = None
         self._width = [0] * data.n
-        self._limits: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
+        self._limits: dict[tuple[str, int], tuple[Array, Array]] = {}
         self.residual = data.residual
         own = data.settings.candidates
         share = own.diagnosed if data.model.diagnosed else own.given
@@ -155,7 +156,8 @@ class RegressorLibrary:
         self._at[term, joint] = tuple(range(start, start + width))
         if start == self._width[joint]:
             self._width[joint] += width
-            self._fresh[joint].append(columns)
+            # rows of their own: a view would keep all that it is a part of
+            self._fresh[joint].append(np.array(columns.T, order="C"))
         if term not in self.candidates:
             self.candidates.append(term)
 
@@ -174,10 +176,10 @@ class RegressorLibrary:
 
     def _grown(self, joint: int) -> Gram:
         """Return the sums with columns that have come since."""
-        gram, before, d = self.grams.joints[joint], self._summed[joint], self.data
-        if before is None or not self._fresh[joint]:
+        gram, d = self.grams.joints[joint], self.data
+        if not self._fresh[joint]:
             return gram
-        more = np.concatenate(self._fresh[joint], axis=1)
+        before, more = self._before(joint), np.concatenate(self._fresh[joint]).T
         weight = self.weight[:, joint] / d.noise[joint] ** 2
         out = gram.with_columns(before, more, self.residual[:, joint], d.block, weight)
         self._store(joint)
@@ -185,11 +187,28 @@ class RegressorLibrary:
 
     def _store(self, joint: int) -> Array:
         """Return (T, P) all columns of a joint, each of them in one piece."""
-        summed, fresh = self._summed[joint], self._fresh[joint]
-        rows = [x.T for x in (*([] if summed is None else [summed]), *fresh)]
-        out = np.concatenate(rows, axis=0).T if rows else np.zeros((len(self.data.t), 0))
-        self._summed[joint], self._fresh[joint] = out, []
-        return out
+        if self._fresh[joint]:
+            parts = [self._before(joint).T, *self._fresh[joint]]
+            self._summed[joint], self._fresh[joint] = np.concatenate(parts).T, []
+        return self._before(joint)
+
+    def _before(self, joint: int) -> Array:
+        """Return (T, P) the columns of a joint that were put in one piece."""
+        if self._released is not None:
+            now, self.causes, self._released = self.causes, self._released, None
+            width = [self._width[j] - sum(map(len, x)) for j, x in enumerate(self._fresh)]
+            rows: list[list[Array]] = [[] for _ in width]
+            for (term, j), at in self._at.items():
+                if at and at[-1] < width[j]:
+                    rows[j].append(np.array(self.columns(term, j).T, order="C"))
+            self._summed = [np.concatenate(x).T if x else None for x in rows]
+            self.causes, self._last = now, None
+        have = self._summed[joint]
+        return np.zeros((len(self.data.t), 0)) if have is None else have
+
+    def release(self) -> None:
+        """Let go of all columns, some hundred megabytes; they are made again if they are needed."""
+        self._summed, self._released = [None] * self.data.n, dict(self.causes)
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""

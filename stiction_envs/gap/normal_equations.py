@@ -127,7 +127,7 @@ def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
 
 
 def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
-    """Return the minima (B, P) within bounds by active sets; Lawson and Hanson's where they go round.
+    """Return minima (B, P) within bounds by active sets; Lawson and Hanson's where they go round.
 
     All systems at once: those that are done wait for the others.
     """

@@ -41,6 +41,7 @@ def refit_given_what_was_found(
             data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
         data = data.carrying(_torque(library, terms, carried), _gravity(library, carried, terms))
+    library.release()  # two libraries at once take too much memory, and this one has had its day
     return RegressorLibrary(data, list(causes.values()))
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary, certain
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
+from stiction_envs.gap.normal_equations import Gram
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
@@ -155,3 +156,32 @@ def test_a_coupled_cause_has_one_coefficient_in_all_torques(data: Data) -> None:
         np.testing.assert_allclose(
             library.torque(terms, np.array([0.3, -1.0]), j), torque[:, j], atol=1e-12
         )
+
+
+def test_columns_that_come_later_sum_up_as_if_they_had_been_there(data: Data) -> None:
+    """One at a time, after the others were let go of, and with a cause changed in between."""
+    names = ("coulomb_friction", "actuator_delay", "stribeck_friction")
+    later = [Candidate("stribeck_friction", 3, (x,)) for x in (0.07, 0.11)]
+    later.append(Candidate("actuator_delay", ARM, (0.003,)))
+    grown, released = (RegressorLibrary(data, causes(*names)) for _ in range(2))
+    for term in later:
+        grown.refine([term])
+    released.release()
+    delay = released.causes.pop("stribeck_friction"), released.causes["actuator_delay"]
+    released.causes = {delay[0].name: delay[0], delay[1].name: delay[1].acting_on(3 * data.tau)}
+    released.causes |= {c.name: c for c in causes("coulomb_friction")}
+    released.refine(later[:2])
+    for library, terms in ((grown, later), (released, later[:2])):
+        for j, gram in enumerate(library.grams.joints):
+            x = np.concatenate(
+                [
+                    (RegressorLibrary.columns(grown, t, j))
+                    for t in [*grown.candidates[: -len(later)], *terms]
+                    if j in grown.affected_joints(t)
+                ],
+                axis=1,
+            )
+            weight = library.weight[:, j] / data.noise[j] ** 2
+            whole = Gram.of(x, data.residual[:, j], data.block, weight, data.blocks)
+            assert np.allclose(gram.xx, whole.xx, rtol=1e-9, atol=1e-9 * np.abs(whole.xx).max())
+            assert np.allclose(gram.xr, whole.xr, rtol=1e-9, atol=1e-9 * np.abs(whole.xr).max())
