@@ -1,6 +1,7 @@
 """Functions compiled by numba where numpy would spend its time between calls on small arrays.
 
-Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch.
+Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch. They let go
+of Python's lock, so that callers may have threads.
 """
 
 from __future__ import annotations
@@ -20,6 +21,6 @@ def compiled(function: F) -> F:
     written, every process compiles anew.
     """
     try:
-        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+        return cast(F, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
     except RuntimeError:  # numba: no locator available
-        return cast(F, numba.njit(error_model="numpy")(function))
+        return cast(F, numba.njit(error_model="numpy", nogil=True)(function))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +18,8 @@ from stiction_envs.gap.signals.recording import rate
 Array = NDArray[np.float64]
 ARM = -1
 """In the place of a joint, in a `Candidate` of all of them."""
+THREADS = 4
+"""That make columns, at most: each takes memory of its own."""
 
 
 def certain(data: Data, joint: int) -> Array:
@@ -68,15 +72,16 @@ class RegressorLibrary:
             self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
         self.prior_rows = own.prior_rows * self.independent_rows
         """Rows that a prior weighs as much as."""
-        for j in range(data.n):
-            left = self._cleaned(j)
-            for cause in causes:
-                if cause.arm_wide:
-                    continue
-                self._offer(cause, j, left)
-        for cause in causes:
-            if cause.arm_wide:
-                self._offer_arm(cause)
+        arm_wide = [c for c in causes if c.arm_wide]
+        each = [c for c in causes if not c.arm_wide]
+        made = [self._made(0, each)]  # the first makes what all of them ask the recording for
+        with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
+            made += pool.map(lambda j: self._made(j, each), range(1, data.n))
+        for cause in arm_wide:
+            made.append(self._offered(cause, ARM, self.residual[:, 0]))
+        for offered in made:
+            for term, columns in offered:
+                self._add(term, columns)
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of what friction does at rest."""
         self.weight = self.certain.copy()
@@ -96,21 +101,22 @@ class RegressorLibrary:
         x = np.concatenate(parts, axis=1)
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
-    def _offer(self, cause: Cause, joint: int, left: Array) -> None:
-        reason = cause.why_not_identifiable(self.data, joint)
+    def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Array]]]:
+        """Return the candidates of a joint with their columns; joints do not know one another."""
+        left = self._cleaned(joint)
+        return [x for cause in causes for x in self._offered(cause, joint, left)]
+
+    def _offered(
+        self, cause: Cause, joint: int, left: Array
+    ) -> list[tuple[Candidate, list[Array]]]:
+        reason = cause.why_not_identifiable(self.data, max(joint, 0))
         if reason:
             self.not_identifiable[cause.name, joint] = reason
-            return
-        for shape in cause.shapes(self.data, joint, left):
-            self._add_all(Candidate(cause.name, joint, shape))
-
-    def _offer_arm(self, cause: Cause) -> None:
-        reason = cause.why_not_identifiable(self.data, 0)
-        if reason:
-            self.not_identifiable[cause.name, ARM] = reason
-            return
-        for shape in cause.shapes(self.data, 0, self.residual[:, 0]):
-            self._add_all(Candidate(cause.name, ARM, shape))
+            return []
+        terms = (
+            Candidate(cause.name, joint, x) for x in cause.shapes(self.data, max(joint, 0), left)
+        )
+        return [(t, self._rows(t)) for t in terms]
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
@@ -122,14 +128,18 @@ class RegressorLibrary:
             return list(range(self.data.n))
         return [term.joint]
 
-    def _add_all(self, term: Candidate) -> None:
-        cause = self.causes[term.cause]
-        spread = None
+    def _rows(self, term: Candidate) -> list[Array]:
+        """Return the (k, T) columns on each joint that a candidate acts on.
+
+        Rows of their own: a view would keep all that it is a part of.
+        """
+        cause, joints = self.causes[term.cause], self.affected_joints(term)
         if cause.coupled:
             spread = cause.spread(self.data, term.joint, term.shape)
-        for joint in self.affected_joints(term):
-            own = spread[:, joint] if spread is not None else None
-            self._add(term, joint, own if own is not None else self.columns(term, joint))
+            return [np.array(spread[:, j].T, order="C") for j in joints]
+        return [
+            np.array(cause.columns(self.data, j, term.shape).T, order="C") for j in joints
+        ]
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return causes that one needs in a model: none where the nominal model has friction."""
@@ -147,25 +157,24 @@ class RegressorLibrary:
             for t in terms
         )
 
-    def _add(self, term: Candidate, joint: int, columns: Array) -> None:
-        width = columns.shape[1]
-        start = self._width[joint]
-        if self.causes[term.cause].nested:
-            wider = [t for t in self.candidates if (t.cause, t.joint) == (term.cause, term.joint)]
-            start = next((self._at[t, joint][0] for t in wider), start)
-        self._at[term, joint] = tuple(range(start, start + width))
-        if start == self._width[joint]:
-            self._width[joint] += width
-            # rows of their own: a view would keep all that it is a part of
-            self._fresh[joint].append(np.array(columns.T, order="C"))
-        if term not in self.candidates:
-            self.candidates.append(term)
+    def _add(self, term: Candidate, rows: list[Array]) -> None:
+        nested = self.causes[term.cause].nested
+        wider = [t for t in self.candidates if (t.cause, t.joint) == (term.cause, term.joint)]
+        for joint, columns in zip(self.affected_joints(term), rows, strict=True):
+            start = self._width[joint]
+            if nested and wider:
+                start = self._at[wider[0], joint][0]
+            self._at[term, joint] = tuple(range(start, start + len(columns)))
+            if start == self._width[joint]:
+                self._width[joint] += len(columns)
+                self._fresh[joint].append(columns)
+        self.candidates.append(term)
 
     def refine(self, terms: Iterable[Candidate]) -> None:
         """Add candidates with other nonlinear parameters, and sum up again."""
         for term in terms:
             if term not in self.candidates:
-                self._add_all(term)
+                self._add(term, self._rows(term))
         self.grams = JointGrams([self._grown(j) for j in range(self.data.n)])
 
     def _gram(self, joint: int) -> Gram:
@@ -200,7 +209,7 @@ class RegressorLibrary:
             rows: list[list[Array]] = [[] for _ in width]
             for (term, j), at in self._at.items():
                 if at and at[-1] < width[j]:
-                    rows[j].append(np.array(self.columns(term, j).T, order="C"))
+                    rows[j].append(self.columns(term, j).T.copy())
             self._summed = [np.concatenate(x).T if x else None for x in rows]
             self.causes, self._last = now, None
         have = self._summed[joint]

@@ -55,6 +55,8 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     rest = library.model_columns([t for t in terms if t not in added])
     left = grams.held_out(rest)
     less = left - grams.held_out(model)
+    if less.sum() <= 0:  # it is not real then, whatever else may be
+        return Gain(less, np.zeros(len(less), dtype=bool), False)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
     strict, single = (
         _quantile(1 - s.chance / tried, grams.blocks - 1)

@@ -27,9 +27,8 @@ def save_full(figure: Figure, path: str | os.PathLike[str]) -> None:
 
 def save_small(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a PNG of few colours, chosen from the figure's, that is there in full or not at all."""
-    from PIL import Image
-
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
 
     out = io.BytesIO()
     figure.dpi = SMALL_DPI

@@ -63,9 +63,7 @@ def _turns(x: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 @compiled
-def _follow(
-    side: Array, turn: NDArray[np.int64], left: Array, begun: float, out: Array
-) -> None:
+def _follow(side: Array, turn: NDArray[np.int64], left: Array, begun: float, out: Array) -> None:
     """Put bristles that leave a turn by ``left`` (K, k) into ``out`` (K, k)."""
     zeta = np.full(left.shape[1], side[0] * begun)
     at = -1
