@@ -1,4 +1,4 @@
-"""N arms in lockstep: the only place that steps the project's physics (others': `steering`).
+"""N arms in lockstep: the only place of the project that steps physics.
 
 One `Plant` runs N simulations of one sticking model on `mujoco.batch.Batch`. Each simulation has
 its own joints' friction, pose, torque and servo. Results are the same bits for any number of
@@ -13,7 +13,7 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -412,3 +412,39 @@ def rollout(
         )
         _raise_if_stopped(batch)
         yield {"time": time, **out}
+
+
+def steer(
+    model: mujoco.MjModel,
+    start: Mapping[str, Array],
+    law: Callable[[int, Batch], Array],
+    steps: int,
+    *,
+    fastest: float = np.inf,
+    nthread: int = 0,
+) -> Array:
+    """Step N simulations of any model, each step under the controls of a feedback law.
+
+    Args:
+        model: the model.
+        start: `MjData` state fields to start from, such as qpos (N, nq) and qvel (N, nv).
+        law: of a step's number and the batch, its (N, nu) controls.
+        steps: steps in all.
+        fastest: speed that is no joint's any more [rad/s].
+        nthread: threads, 0 for all processors.
+
+    Returns:
+        (N, steps, nq) positions after each step, NaN after a stop of the engine or ``fastest``.
+    """
+    nsim = len(start["qpos"])
+    batch = Batch(model, nsim, nthread)
+    for name, value in start.items():
+        batch.bind(name)[:] = value
+    out, going = np.full((nsim, steps, model.nq), np.nan), np.arange(nsim)
+    for k in range(steps):
+        batch.bind("ctrl")[:] = law(k, batch)
+        batch.step(ids=going)
+        slow = (np.abs(batch.bind("qvel")[going]) <= fastest).all(axis=1)  # false for NaN too
+        going = going[slow & ~batch.warning[going, :, 1].any(axis=1)]
+        out[going, k] = batch.bind("qpos")[going]
+    return out

@@ -16,7 +16,7 @@ FLOW = (
     ("stiction_envs.robots", "stiction_envs.dither"),
     ("stiction_envs.measured",),
     ("stiction_envs.friction",),
-    ("stiction_envs.plant", "stiction_envs.steering"),
+    ("stiction_envs.plant",),
     ("stiction_envs.control",),
     ("stiction_envs.experiments",),
     ("stiction_envs.gap",),

@@ -12,6 +12,8 @@ with too few there is a reason in place of a result.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,7 +30,7 @@ from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.settings import ForwardSettings
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.steering import steer
+from stiction_envs.plant import steer
 
 if TYPE_CHECKING:
     from stiction_envs.gap.diagnosis import Diagnosis
@@ -114,7 +116,8 @@ def prove(diagnosis: Diagnosis, *, nthread: int = 0) -> Proof | str:
     try:
         for model in (nominal, found):
             made = extend(base, model)
-            rolls.append(_simulate(made.xml, base, windows, made.left_out, nthread))
+            with silent_engine():
+                rolls.append(_simulate(made.xml, base, windows, made.left_out, nthread))
     except StictionError as error:
         return str(error)
     ends = np.minimum(*(roll.ends for roll in rolls))
@@ -173,6 +176,22 @@ def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) 
         spline = CubicSpline(np.arange(w.stop - w.start) * data.dt, signal[w])
         out.append(spline(_times(data.settings.forward), order))
     return np.array(out)
+
+
+@contextmanager
+def silent_engine() -> Iterator[None]:
+    """Keep MuJoCo from writing warnings to the console and to a MUJOCO_LOG.TXT.
+
+    For those who look at the engine's warning counters themselves. The switch is the process's: its
+    other threads are as silent meanwhile.
+    """
+    before, silent = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
+    silent.logto_console = silent.logto_file = False
+    silent.set()
+    try:
+        yield
+    finally:
+        before.set()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

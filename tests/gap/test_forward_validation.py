@@ -15,7 +15,7 @@ from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import Extension, extend
-from stiction_envs.gap.forward_validation import Proof, prove
+from stiction_envs.gap.forward_validation import Proof, prove, silent_engine
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.method_settings import override
@@ -138,3 +138,19 @@ def test_windows_that_end_early_count_as_far_as_they_go(stretched):
     # before the end nothing is different
     same = np.isin(whole.start, proof.start)
     np.testing.assert_array_equal(proof.nominal.angle[kept], whole.nominal.angle[same][kept])
+
+
+def test_the_engine_speaks_again_afterwards():
+    """Also after an error within."""
+    before = mujoco.MjLogConfig.get()
+    with silent_engine():
+        assert not mujoco.MjLogConfig.get().logto_file
+
+    def fails() -> None:
+        with silent_engine():
+            raise ValueError("stop")
+
+    with pytest.raises(ValueError, match="stop"):
+        fails()
+    after = mujoco.MjLogConfig.get()
+    assert (after.logto_file, after.logto_console) == (before.logto_file, before.logto_console)
