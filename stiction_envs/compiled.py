@@ -1,7 +1,7 @@
 """Functions compiled by numba where numpy would spend its time between calls on small arrays.
 
-Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch. They let go
-of Python's lock, so that callers may have threads.
+Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch. They let
+go of Python's lock, so that callers may have threads.
 """
 
 from __future__ import annotations

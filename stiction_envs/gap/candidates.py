@@ -137,9 +137,7 @@ class RegressorLibrary:
         if cause.coupled:
             spread = cause.spread(self.data, term.joint, term.shape)
             return [np.array(spread[:, j].T, order="C") for j in joints]
-        return [
-            np.array(cause.columns(self.data, j, term.shape).T, order="C") for j in joints
-        ]
+        return [np.array(cause.columns(self.data, j, term.shape).T, order="C") for j in joints]
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return causes that one needs in a model: none where the nominal model has friction."""
@@ -225,9 +223,7 @@ class RegressorLibrary:
         model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
         columns = [self._store(j).T[list(at)].T for j, at in enumerate(model.columns)]
         grams = [
-            Gram.of(
-                x, self.residual[:, j], d.block, self.weight[:, j] / d.noise[j] ** 2, d.blocks
-            )
+            Gram.of(x, self.residual[:, j], d.block, self.weight[:, j] / d.noise[j] ** 2, d.blocks)
             for j, x in enumerate(columns)
         ]
         among = tuple(tuple(range(len(at))) for at in model.columns)

@@ -135,23 +135,25 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
     left = np.arange(len(free))
     for _ in range(3 * free.shape[1]):
         n, x, fixed = normal[left], c[left], held[left]
-        loose = ~fixed
+        loose = np.logical_not(fixed)
         # what is held keeps its value, the others are solved for given it
         rest = target[left] - np.einsum("bpq,bq->bp", n, np.where(fixed, x, 0.0))
         system = np.where(loose[:, :, None] & loose[:, None, :], n, 0.0)
-        system[:, *np.diag_indices(x.shape[1])] += fixed
+        diagonal = np.arange(x.shape[1])
+        system[:, diagonal, diagonal] += fixed
         x = np.linalg.solve(system, np.where(loose, rest, x)[..., None])[..., 0]
         x[fixed] = c[left][fixed]
         out = loose & ((x < low[left]) | (x > high[left]))
         x = np.where(out, np.clip(x, low[left], high[left]), x)
         slope = np.einsum("bpq,bq->bp", n, x) - target[left]
         inward = ((x <= low[left]) & (slope < -1e-12)) | ((x >= high[left]) & (slope > 1e-12))
-        inward &= fixed & ~out.any(axis=1)[:, None]
+        done = np.asarray(out.any(axis=1))
+        inward &= fixed & np.logical_not(done)[:, None]
         back = np.flatnonzero(inward.any(axis=1))
         fixed |= out
         fixed[back, np.argmax(np.where(inward, np.abs(slope), -1.0), axis=1)[back]] = False
         c[left], held[left] = x, fixed
-        left = left[out.any(axis=1) | inward.any(axis=1)]
+        left = left[done | inward.any(axis=1)]
         if not len(left):
             return c
     for b in left:
