@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise StictionError(f"{log}: no such file")
 
     from stiction_envs.gap.diagnose import default_nominal, diagnose
+    from stiction_envs.gap.stages import Stages
     from stiction_envs.robots.files import robot_files
 
     if args.nominal is None:
@@ -85,11 +86,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     inputs |= {f"check{k}": log for k, log in enumerate(args.check, 1)}
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
     folder = common.output_folder(args, args.robot, inputs)
-    with Progress("per cent") as progress:
-
-        def say(stage: str, part: float) -> None:
-            progress.set(stage, 100 * part, 100)
-
+    with Progress() as progress:
+        say = Stages(progress.whole)
         # an error up to here is one of the data: bad input
         result = diagnose(
             args.logs,

@@ -62,6 +62,24 @@ class Progress:
                 flush=True,
             )
 
+    def whole(self, stage: str, share: float | None) -> None:
+        """Say how much of all work is done: one bar, or a line per stage.
+
+        Args:
+            stage: what is being done.
+            share: of the whole that is done [0 to 1]; None where it is not known.
+        """
+        if sys.stderr.isatty() and share is not None:
+            if self._bar is None:
+                self._stage = stage
+                self._draw(0.0, 100.0)
+            self._bar.set_description(stage, refresh=False)
+            self._draw(100 * share, 100.0)
+        elif stage != self._stage:
+            known = "" if share is None else f"{100 * share:3.0f} % "
+            print(f"{known}{stage}", file=sys.stderr, flush=True)
+        self._stage = stage
+
     def _draw(self, shown: float, total: float) -> None:
         if self._bar is None:
             from tqdm import tqdm

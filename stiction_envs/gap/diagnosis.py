@@ -213,10 +213,14 @@ def diagnose(
         causes = [c for c in causes if c.shown_at_rest]
     library = RegressorLibrary(data, causes)
 
-    def choose(library: RegressorLibrary, *some: Sequence[Candidate]) -> list[Candidate]:
-        return Chooser(library, lambda k: say("choosing causes", k / (k + 3)), *some).choose()
+    def choose(
+        library: RegressorLibrary, *some: Sequence[Candidate], stage: str = "refitting"
+    ) -> list[Candidate]:
+        return Chooser(library, lambda k: say(stage, k / (k + 12)), *some).choose()
 
-    terms = choose(library)
+    say("choosing causes", 0.0)
+    terms = choose(library, stage="choosing causes")
+    say("refitting", 0.0)
     again = refit_given_what_was_found(library, terms)
     if again is not None and found_again(terms, refitted := choose(again)):
         library, terms = again, refitted

@@ -155,6 +155,7 @@ class LogDiagnosis(DiagnosisResult):
             squares=self.lines,
             provenance=self._rows(hashes),
         )
+        say("report", 1.0)
 
     def _rows(self, hashes: dict[str, str]) -> list[tuple[str, str]]:
         """Return what made the result, for the end of the report."""

@@ -45,6 +45,32 @@ def test_progress_on_a_terminal_is_a_bar(monkeypatch):
     assert "|" in text
 
 
+def test_progress_of_the_whole_off_a_terminal_is_a_line_per_stage(capsys):
+    with Progress() as progress:
+        for stage, share in (("reading", 0.0), ("reading", 0.04), ("columns", 0.05)):
+            progress.whole(stage, share)
+        progress.whole("report", 0.876)
+        progress.whole("simulating", None)
+    assert capsys.readouterr().err.splitlines() == [
+        "  0 % reading",
+        "  5 % columns",
+        " 88 % report",
+        "simulating",
+    ]
+
+
+def test_progress_of_the_whole_on_a_terminal_is_one_bar(monkeypatch):
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with Progress() as progress:
+        progress.whole("reading", 0.0)
+        bar = progress._bar
+        progress.whole("report", 0.75)
+        assert progress._bar is bar
+        assert (bar.desc, bar.n, bar.total) == ("report: ", 75.0, 100.0)
+
+
 def test_unexpected_error_is_one_line(cli, work, monkeypatch):
     def broken(args):
         raise RuntimeError("two\nlines")

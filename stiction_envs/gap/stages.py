@@ -1,0 +1,52 @@
+"""How far a diagnosis of logs is: its stages, and what share of the whole each one takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from itertools import accumulate
+
+WEIGHTS = {
+    "reading": 6,
+    "inverse dynamics": 3,
+    "columns of all causes": 17,
+    "choosing causes": 15,
+    "refitting": 31,
+    "evidence": 6,
+    "extended model": 1,
+    "forward validation": 2,
+    "check": 5,
+    "report": 19,
+}
+"""Seconds that each takes of a hundred, in their order: mean of the real logs of a Panda and of an
+iiwa 14 that benchmarks/diagnose_speed.md tells of; ``check``, where logs are held back for one, is
+assumed."""
+
+
+class Stages:
+    """Turns a stage and its part done into the share of the whole, which only ever grows."""
+
+    def __init__(
+        self, say: Callable[[str, float | None], None], without: Collection[str] = ("check",)
+    ) -> None:
+        """Begin at nothing.
+
+        Args:
+            say: called with a stage and the share of the whole that is done [0 to 1]; None for a
+                stage of which no share is known.
+            without: stages that will not come.
+        """
+        self._say = say
+        weights = {k: 0 if k in without else x for k, x in WEIGHTS.items()}
+        whole = sum(weights.values())
+        ends = accumulate(weights.values(), initial=0)
+        self._span = {k: (a / whole, x / whole) for (k, x), a in zip(weights.items(), ends)}
+        self._share = 0.0
+
+    def __call__(self, stage: str, part: float) -> None:
+        """Say that a part [0 to 1] of a stage is done."""
+        if stage not in self._span:
+            self._say(stage, None)
+            return
+        start, own = self._span[stage]
+        self._share = max(self._share, start + own * min(max(part, 0.0), 1.0))
+        self._say(stage, min(self._share, 1.0))
