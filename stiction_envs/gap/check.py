@@ -41,7 +41,8 @@ from stiction_envs.gap.candidates import certain
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.settings import CheckSettings, GapSettings
+from stiction_envs.gap.model_settings import CheckSettings
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques

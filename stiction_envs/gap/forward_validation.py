@@ -28,7 +28,7 @@ from stiction_envs.friction.model import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COU
 from stiction_envs.gap.diagnosis import model_of
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
-from stiction_envs.gap.settings import ForwardSettings
+from stiction_envs.gap.model_settings import ForwardSettings
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant import steer
 

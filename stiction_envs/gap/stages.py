@@ -39,7 +39,9 @@ class Stages:
         weights = {k: 0 if k in without else x for k, x in WEIGHTS.items()}
         whole = sum(weights.values())
         ends = accumulate(weights.values(), initial=0)
-        self._span = {k: (a / whole, x / whole) for (k, x), a in zip(weights.items(), ends)}
+        self._span = {
+            k: (a / whole, x / whole) for (k, x), a in zip(weights.items(), ends, strict=False)
+        }
         self._share = 0.0
 
     def __call__(self, stage: str, part: float) -> None:
