@@ -15,11 +15,11 @@ A cause **does not transfer** where its presence makes a joint worse. Let p be t
 parts add to the model with all others, and e what is left without them. Their share that came true,
 a = Σpe/Σpp, is one where p is right and zero where p has nothing to do with e; the squared error
 grows where a < 1/2. That must be beyond the scatter of a between blocks of time (Student's t of its
-standard error, as in `selection.gain`: ``chance`` is shared out over all causes and joints, but not
-for what adds more than ``clear`` of the joint's squared error), p must be at least ``least_torque``
-of the noise floor, and what is added at least ``harm`` of the squared error. A cause that acts on
-several joints with the same coefficients is one statement: it is named only if it does not make up
-for that on other joints, Σ log((without² + noise²)/(with² + noise²)) < 0 over all of them.
+standard error, at ``chance``; a cause that is right lies many of them above), p must be at least
+``least_torque`` of the noise floor, and what is added more than ``harm`` of the joint's squared
+error. A cause that acts on several joints with the same coefficients is one statement: it is named
+only if it does not make up for that on other joints, over all of which then
+Σ log((without² + noise²)/(with² + noise²)) < 0.
 
 Rows in which a joint rests off its steady friction count little, as in the diagnosis: there the
 torque may be anything within the friction.
@@ -47,6 +47,7 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import inverted, signs
+from stiction_envs.gap.slope import came_true
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
@@ -253,10 +254,7 @@ def _transfers(
     names = list(dict.fromkeys(p.cause for p in new))
     block = blocks(base, s)
     count, out = int(block.max()) + 1, []
-    tried = max(len(names) * base.n, 1)
-    strict, single = (
-        float(student.ppf(1 - s.chance / x, count - 1)) if count > 1 else np.inf for x in (tried, 1)
-    )
+    limit = float(student.ppf(1 - s.chance, count - 1)) if count > 1 else np.inf
     for name in names:
         rest = [p for p in new if p.cause != name]
         less = replace(found, parts=(*baseline.parts, *rest)).extend(base).nominal
@@ -266,7 +264,6 @@ def _transfers(
         torque = np.sqrt(pp.sum(axis=0) / weight.sum(axis=0))
         before = ee.sum(axis=0)
         grown = before - 2 * pe.sum(axis=0) + pp.sum(axis=0)
-        limit = np.where(grown > (1 + s.clear) * before, single, strict)
         harmed = (
             (share + limit * error < 0.5)
             & (torque > s.least_torque * base.noise)
@@ -309,35 +306,18 @@ def _sums(x: Array, block: NDArray[np.int64], count: int) -> Array:
     return out
 
 
-def came_true(pe: Array, pp: Array) -> tuple[Array, Array]:
-    """Return (n,) the part of a predicted torque that came true, and its standard error [-].
-
-    Args:
-        pe: (B, n) sums over blocks of predicted torque times what is left without it.
-        pp: (B, n) of predicted torque squared.
-
-    Returns:
-        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (Liang and Zeger 1986); NaN
-        without a torque, an infinite error with a single block.
-    """
-    total = pp.sum(axis=0)
-    some = np.where(total > 0, total, np.nan)
-    a = pe.sum(axis=0) / some
-    if len(pp) < 2:
-        return a, np.where(np.isnan(a), np.nan, np.inf)
-    spread = np.sqrt(np.square(pe - a * pp).sum(axis=0) * len(pp) / (len(pp) - 1))
-    return a, spread / some
-
-
 def describe(check: Check) -> str:
     """Return the verdict in a sentence or two."""
     many = "the log that took no part" if len(check.logs) == 1 else "logs that took no part"
-    before, after = check.nominal_rms.mean(), check.extended_rms.mean()
-    error = f"error there {before:.3g} N·m without it, {after:.3g} N·m with it (mean of joints)"
+    before, after = check.nominal_rms, check.extended_rms
     if check.worse_joints:
-        text = f"On {many} the model does not hold on {joint_list(check.worse_joints)}: {error}."
+        each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in check.worse_joints)
+        text = f"does not hold on {joint_list(check.worse_joints)}, where errors rise ({each} N·m)"
+    elif not check.transfers:
+        text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
     else:
-        text = f"On {many} the model holds: {error}."
+        text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with it"
+    text = f"On {many} the model {text}" + ("." if check.worse_joints else " (mean of joints).")
     harm = [f"{x.name} ({joint_list(x.harmed)})" for x in check.transfers if x.fails]
     if harm:
         text += f" Not transferring: {', '.join(harm)}."

@@ -25,9 +25,9 @@ from scipy.linalg import eigh
 from scipy.stats import t as student
 
 from stiction_envs.gap.candidates import Candidate, RegressorLibrary
-from stiction_envs.gap.check import came_true
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.normal_equations import RIDGE, solve
+from stiction_envs.gap.slope import came_true
 
 Array = NDArray[np.float64]
 STIFF = 1e6

@@ -16,13 +16,11 @@ class CheckSettings:
     noise: float
     """The error that is added, over the noise floor, above which it is [-]."""
     chance: float
-    """Chance that noise names any cause as not transferring [-]."""
+    """Chance that scatter between blocks names a cause as not transferring [-]."""
     least_torque: float
     """Least torque of a cause, root mean square, over the noise floor of a joint [-]."""
     harm: float
     """Part of a joint's squared error that a cause must add to it [-]."""
-    clear: float
-    """The same from which on it is not held against chance over all that is tried [-]."""
     blocks: int
     """Of time into which each log is cut to see the scatter."""
     shortest_block: float

@@ -24,3 +24,23 @@ def slope(pe: Array, pp: Array) -> float:
     a = float(pe.sum()) / total
     error = float(np.sqrt(np.sum(np.square(pe - a * pp)) * len(pp) / (len(pp) - 1))) / total
     return a / max(error, 1e-12)
+
+
+def came_true(pe: Array, pp: Array) -> tuple[Array, Array]:
+    """Return (n,) the part of a predicted torque that came true, and its standard error [-].
+
+    Args:
+        pe: (B, n) sums over blocks of predicted torque times what is left without it.
+        pp: (B, n) of predicted torque squared.
+
+    Returns:
+        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (Liang and Zeger 1986); NaN
+        without a torque, an infinite error with a single block.
+    """
+    total = pp.sum(axis=0)
+    some = np.where(total > 0, total, np.nan)
+    a = pe.sum(axis=0) / some
+    if len(pp) < 2:
+        return a, np.where(np.isnan(a), np.nan, np.inf)
+    spread = np.sqrt(np.square(pe - a * pp).sum(axis=0) * len(pp) / (len(pp) - 1))
+    return a, spread / some

@@ -10,9 +10,10 @@ import pytest
 import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named, default_settings
-from stiction_envs.gap.check import blocks, came_true, check_logs, describe, hold
+from stiction_envs.gap.check import blocks, check_logs, describe, hold
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.slope import came_true
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, hidden, motion, panda, sliding, write_csv
@@ -99,7 +100,8 @@ def test_diagnose_holds_its_model_against_logs_that_took_no_part(two, tmp_path):
     log, other = hidden(two, dry, seconds=8.0), hidden(two, dry, seed=7, seconds=8.0)
     write_csv(tmp_path / "other.csv", other)
     third = replace(hidden(two, dry, seed=8, seconds=8.0), source="third")
-    found = st.diagnose(log, two, check=[tmp_path / "other.csv", third])
+    found = st.diagnose(log, two, check=[tmp_path / "other.csv", third], cutoff_hz=7.0)
+    assert found.check.data.cutoff == 7.0
     assert found.check.verdict == "holds"
     assert [x.source for x in found.check.logs] == [str(tmp_path / "other.csv"), "third"]
     assert "On logs that took no part the model holds" in found.summary
@@ -129,8 +131,35 @@ def test_a_joint_at_its_noise_floor_is_not_worse(two, friction):
         assert check.worse_joints == worse
 
 
-def test_noise_names_nothing(two, sprung):
-    """A spring whose torque turned out right in half of the blocks and wrong in the others."""
+def partly(arm: Arm, part: float, until: float = 1.0) -> JointLog:
+    """A log with part of the spring in the first part of the time."""
+
+    def add(q, dq, ddq):
+        there = np.arange(len(q))[:, None] < until * len(q)
+        return dry(q, dq, ddq) + part * there * SPRING * q
+
+    return hidden(arm, add, seed=7, noise=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("part", "until", "named"),
+    [
+        (0.4, 1.0, True),  # it adds (0.6² − 0.4²)/0.4² to the squared error, everywhere
+        (0.8, 0.5, False),  # the same in the mean, but right in half of the blocks
+        (0.46, 1.0, True),
+        (0.485, 1.0, False),  # everywhere, but 6 % of the squared error is no harm
+        (0.6, 1.0, False),
+    ],
+)
+def test_what_scatters_or_hardly_harms_is_not_named(two, sprung, part, until, named):
+    check = held(sprung, partly(two, part, until))
+    spring = next(x for x in check.transfers if x.name == "external_spring")
+    assert spring.share[0] == pytest.approx(part * until, abs=0.15 if until < 1 else 0.01)
+    assert check.not_transferring == (("external_spring",) if named else ())
+
+
+def test_noise_names_nothing():
+    """A torque that turned out right in half of the blocks and wrong in the others."""
     pp = np.ones((12, 1))
     pe = np.where(np.arange(12) % 2, 1.2, -0.6)[:, None]
     a, error = came_true(pe, pp)
@@ -143,7 +172,7 @@ def test_noise_names_nothing(two, sprung):
 
 
 def test_blocks_are_of_one_log_and_long_enough(two, friction):
-    check = held(friction, hidden(two, dry, seed=7, seconds=8.0), hidden(two, dry, seed=8))
+    check = held(friction, hidden(two, dry, seed=7, seconds=4.0), hidden(two, dry, seed=8))
     block = blocks(check.data, OWN.check)
     log = check.data.recording.log
     assert set(log) == {0, 1}
