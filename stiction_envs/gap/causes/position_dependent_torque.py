@@ -24,6 +24,8 @@ from stiction_envs.gap.causes.external_spring import ExternalSpring
 from stiction_envs.gap.causes.motion import rests
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.registry import registered
+from stiction_envs.gap.causes.torque_offset import TorqueOffset
+from stiction_envs.gap.causes.torque_scale import TorqueScale
 from stiction_envs.gap.causes.view import View, angle
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
@@ -39,6 +41,9 @@ class PositionDependentTorqueSettings:
     distinct: float
     """Least eigenvalue of the correlations of its columns from which on the logs tell them apart
     [-]: ten times the ridge of the fits."""
+    beyond: float
+    """Torque over a whole turn over that at the angles of the logs, both peak to peak, above which
+    its harmonics only cancel each other there [-]."""
     level: float
     """Part of gravity across a joint's axis from which on a mass can pull at it [-]."""
 
@@ -62,7 +67,7 @@ class PositionDependentTorque(Cause):
     nested: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     judged_by_angle: ClassVar[bool] = True
-    rather: ClassVar[tuple[str, ...]] = (ExternalSpring.name,)
+    rather: ClassVar[tuple[str, ...]] = (ExternalSpring.name, TorqueScale.name, TorqueOffset.name)
     parameters: ClassVar = (
         Parameter("coefficients_nm", "N·m", size=7),
         Parameter("order", "1", size=0),
@@ -73,9 +78,8 @@ class PositionDependentTorque(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones, then cosine and sine of each harmonic."""
-        q = data.q[:, joint, None] * np.arange(1, int(shape[0]) + 1)
-        waves = np.stack([np.cos(q), np.sin(q)], axis=2).reshape(len(q), -1)
-        return np.concatenate([np.ones((len(q), 1)), data.smooth(waves)], axis=1)
+        x = harmonics(data.q[:, joint], int(shape[0]))
+        return np.concatenate([x[:, :1], data.smooth(x[:, 1:])], axis=1)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the orders whose harmonics differ along these angles, highest first."""
@@ -94,8 +98,11 @@ class PositionDependentTorque(Cause):
         return -free, free
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Never: nothing bounds it."""
-        return False
+        """Whether harmonics cancel at the angles of the logs and are huge elsewhere."""
+        low, high = np.percentile(data.q[data.block >= 0, joint], [1, 99])
+        turn, seen = np.linspace(0, 2 * np.pi, 100), np.linspace(low, high, 100)
+        most = self.settings.beyond * np.ptp(series(coefficients, seen))
+        return bool(np.ptp(series(coefficients, turn)) > most)
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Never: left-out ranges of the angle say whether an order is too high."""
@@ -125,6 +132,18 @@ class PositionDependentTorque(Cause):
         """Return whether the joint turns too little."""
         span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.wide_span
         return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+
+
+def harmonics(q: Array, order: int) -> Array:
+    """Return (T, 1 + 2 order) ones, then cosine and sine of each harmonic of angles (T,)."""
+    k = np.multiply.outer(q, np.arange(1, order + 1))
+    waves = np.stack([np.cos(k), np.sin(k)], axis=2).reshape(len(q), -1)
+    return np.concatenate([np.ones((len(q), 1)), waves], axis=1)
+
+
+def series(coefficients: Array, q: Array) -> Array:
+    """Return (T,) torque of coefficients (1 + 2 order,) at angles (T,) [N·m]."""
+    return np.asarray(harmonics(q, len(coefficients) // 2) @ coefficients)
 
 
 def _across(recording: Recording) -> Array:

@@ -86,6 +86,17 @@ def test_lower_orders_share_the_columns_of_the_highest(data: Data) -> None:
     assert library.complexity([order2]) == 6
 
 
+def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_mean_nothing(data: Data) -> None:
+    """Law checked: the iiwa's joint 3 fits as well with 48 N·m that cancel; found on its log."""
+    q = data.q.copy()
+    q[:, 2] = np.linspace(-0.8, 0.8, len(q))
+    sweep = replace(data, recording=replace(data.recording, q=q))
+    cancelling = np.array([31.18, -47.822, -1.293, 20.511, 1.147, -3.69, -0.212])
+    smaller = np.array([2.154, -3.128, -0.497, 1.16, 0.442])
+    assert CAUSE.on_bound(cancelling, sweep, 2)
+    assert not CAUSE.on_bound(smaller, sweep, 2)
+
+
 @pytest.mark.parametrize(
     ("joint", "moving", "masses"),
     [(1, "only it", True), (0, "only it", False), (1, "all", False)],
