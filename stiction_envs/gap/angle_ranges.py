@@ -82,21 +82,27 @@ class AngleRanges:
         return grams.held_out(without)[0], grams.held_out(model)[0], slope(pe[0], pp[0])
 
     def bear_out(self) -> bool:
-        """Whether the term predicts what is left out, and no simpler one does as well."""
+        """Whether the term predicts what is left out, and no simpler one does as well.
+
+        Of its own cause a simpler one, with fewer columns, must predict it less well; one of
+        another cause clearly so.
+        """
         library, term = self._library, self._term
+        cause = library.causes[term.cause]
         before, after, came = self.with_and_without(term)
         limit = float(student.ppf(1 - self._settings.chance, max(len(before) - 1, 1)))
         if after.sum() >= before.sum() or came <= limit:
             return False
-        simpler = [
-            t
-            for t in library.candidates
-            if t.joint == term.joint
-            and t.cause in library.causes[term.cause].rather
-            and t not in self._own
-        ]
-        others = [self.with_and_without(t)[1] for t in simpler]
-        return all(x.sum() > after.sum() and _worse(x, after) > limit for x in others)
+        for other in library.candidates:
+            if other.joint != term.joint or other in self._own:
+                continue
+            fewer = other.cause == term.cause and other.shape < term.shape
+            if not fewer and other.cause not in cause.rather:
+                continue
+            less = self.with_and_without(other)[1]
+            if less.sum() <= after.sum() or not (fewer or _worse(less, after) > limit):
+                return False
+        return True
 
 
 def _worse(one: Array, other: Array) -> float:

@@ -78,6 +78,15 @@ def test_what_only_repeats_does_not_hold(data: Data) -> None:
     assert SMOOTH not in {t.cause for t in Chooser(library).choose()}
 
 
+def test_an_order_must_predict_more_than_a_lower_one(data: Data) -> None:
+    q = data.q[:, JOINT]
+    first = library_of(data, 1.5 * np.cos(q + 2.0))
+    both = library_of(data, 1.5 * np.cos(q + 2.0) + 0.8 * np.sin(2 * q))
+    assert [holds_over_angle(first, [smooth(k)], smooth(k)) for k in (1, 2)] == [True, False]
+    assert holds_over_angle(both, [smooth(2)], smooth(2))
+    assert Chooser(first).choose() == [smooth(1)]
+
+
 def test_a_straight_pull_is_a_spring(data: Data) -> None:
     library = library_of(data, 2.0 * (data.q[:, JOINT] + 1.0))
     assert gain(library, [smooth(1)], [smooth(1)]).significant
