@@ -342,6 +342,13 @@ def main() -> None:
         "iiwa7's joints (`make tune` 7.4 %), 3.2 % the iiwa14's (3.0 %); the error left at "
         "goals stays at 92 to 106 % on both. Tables are in `search/`.",
         "",
+        "## In a browser",
+        "",
+        "`optuna-dashboard sqlite:///runs/panda/study.db` opens the studies as they are, one per "
+        "joint of the SJE, one of the GTE:",
+        "",
+        "![the GTE search in optuna-dashboard](search_dashboard.png)",
+        "",
     ]
     write_text_atomic(HERE / "search.md", "\n".join(lines))
     picture(listed, out, HERE / "compensation.png")
