@@ -131,7 +131,9 @@ def estimates(
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
-                ci95=_interval(
+                ci95=[value, value]
+                if isinstance(value, int)  # a choice among few, not a measure
+                else _interval(
                     np.array([x[key] for x in samples]), np.array(value), neutral.get(key, 0.0), s
                 ),
                 on_bound=bound,

@@ -110,7 +110,7 @@ class PositionDependentTorque(Cause):
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
-        return {"coefficients_nm": [float(x) for x in coefficients], "order": shape[0]}
+        return {"coefficients_nm": [float(x) for x in coefficients], "order": int(shape[0])}
 
     def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
         """Return what wrong masses and a tilt are called, if this joint moves by itself."""
