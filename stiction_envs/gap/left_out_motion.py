@@ -30,7 +30,9 @@ from stiction_envs.gap.normal_equations import RIDGE, solve
 from stiction_envs.gap.slope import came_true
 
 Array = NDArray[np.float64]
-STIFF = 1e6
+LEAST = 1e-6
+"""Part of all motions' information below which there is none but rounding [-]."""
+STIFF = 1e3
 """Weight of the prior on what other motions do not show, over all motions' information [-]."""
 TRANSFERS, HARMS, UNCLEAR, ONE_MOTION = (
     *("transfers", "does not transfer", "cannot tell"),
@@ -216,8 +218,8 @@ def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array
     across = np.outer(scale, scale)
     metric = whole / across + RIDGE * np.eye(len(xr))
     share, v = eigh(xx / across, metric)
-    share = np.maximum(share, 1e-300)
-    value = v.T @ (xr / scale) / share
+    informed, share = share > LEAST, np.maximum(share, LEAST)
+    value = np.where(informed, v.T @ (xr / scale) / share, 0.0)
     # a block's part of the information, and how far the estimate moves when it is left out
     some = np.flatnonzero(weight > 0)
     each, along = _of_blocks(d.library, terms, v / scale[:, None], some)
@@ -225,7 +227,7 @@ def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array
     moved = (along - each @ value) / (share * np.maximum(1 - part, s.single_block))
     spread = np.sqrt(np.square(moved).sum(axis=0) * len(some) / max(len(some) - 1, 1))
     limit = float(student.ppf(1 - s.chance / 2, max(len(some) - 1, 1)))
-    known = (np.abs(value) > limit * spread) & (part.max(axis=0) < 1 - s.single_block)
+    known = informed & (np.abs(value) > limit * spread) & (part.max(axis=0) < 1 - s.single_block)
     unknown = metric @ v[:, ~known]
     held = xx + STIFF * across * (unknown @ unknown.T)
     c = solve(held, xr, np.array(model.low), np.array(model.high))
