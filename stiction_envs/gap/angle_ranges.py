@@ -81,28 +81,28 @@ class AngleRanges:
         pe, pp = grams.cross_predicted(model, without, np.arange(size) >= rest)
         return grams.held_out(without)[0], grams.held_out(model)[0], slope(pe[0], pp[0])
 
-    def bear_out(self) -> bool:
+    def bear_out(self, term: Candidate | None = None) -> bool:
         """Whether the term predicts what is left out, and no simpler one does as well.
 
-        Of its own cause a simpler one, with fewer columns, must predict it less well; one of
-        another cause clearly so.
+        One of a cause that it gives way to must predict it clearly less well, one of its own with
+        fewer columns, that is borne out itself, less well.
         """
-        library, term = self._library, self._term
-        cause = library.causes[term.cause]
+        term = term or self._term
+        cause = self._library.causes[term.cause]
         before, after, came = self.with_and_without(term)
         limit = float(student.ppf(1 - self._settings.chance, max(len(before) - 1, 1)))
         if after.sum() >= before.sum() or came <= limit:
             return False
-        for other in library.candidates:
-            if other.joint != term.joint or other in self._own:
-                continue
-            fewer = other.cause == term.cause and other.shape < term.shape
-            if not fewer and other.cause not in cause.rather:
-                continue
-            less = self.with_and_without(other)[1]
-            if less.sum() <= after.sum() or not (fewer or _worse(less, after) > limit):
-                return False
-        return True
+        here = [t for t in self._library.candidates if t.joint == term.joint and t not in self._own]
+        for other in here:
+            if other.cause in cause.rather:
+                less = self.with_and_without(other)[1]
+                if less.sum() <= after.sum() or _worse(less, after) <= limit:
+                    return False
+        fewer = [t for t in here if t.cause == term.cause and t.shape < term.shape]
+        return all(
+            _worse(self.with_and_without(t)[1], after) > 0 or not self.bear_out(t) for t in fewer
+        )
 
 
 def _worse(one: Array, other: Array) -> float:

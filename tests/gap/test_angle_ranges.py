@@ -81,10 +81,11 @@ def test_what_only_repeats_does_not_hold(data: Data) -> None:
 def test_an_order_must_predict_more_than_a_lower_one(data: Data) -> None:
     q = data.q[:, JOINT]
     first = library_of(data, 1.5 * np.cos(q + 2.0))
-    both = library_of(data, 1.5 * np.cos(q + 2.0) + 0.8 * np.sin(2 * q))
+    both = library_of(data, 1.5 * np.cos(q + 2.0) - 0.8 * np.sin(2 * q + 1.0))
     assert [holds_over_angle(first, [smooth(k)], smooth(k)) for k in (1, 2)] == [True, False]
     assert holds_over_angle(both, [smooth(2)], smooth(2))
     assert Chooser(first).choose() == [smooth(1)]
+    assert Chooser(both).choose() == [smooth(2)]
 
 
 def test_a_straight_pull_is_a_spring(data: Data) -> None:
