@@ -41,9 +41,12 @@ class PositionDependentTorqueSettings:
     distinct: float
     """Least eigenvalue of the correlations of its columns from which on the logs tell them apart
     [-]: ten times the ridge of the fits."""
+    aside: float
+    """How far beyond the angles of the logs it must be believed, on either side, in their span
+    [-]."""
     beyond: float
-    """Torque over a whole turn over that at the angles of the logs, both peak to peak, above which
-    its harmonics only cancel each other there [-]."""
+    """Torque there over that at the angles of the logs, both peak to peak, above which harmonics
+    only cancel each other in the logs [-]."""
     level: float
     """Part of gravity across a joint's axis from which on a mass can pull at it [-]."""
 
@@ -100,9 +103,10 @@ class PositionDependentTorque(Cause):
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Whether harmonics cancel at the angles of the logs and are huge elsewhere."""
         low, high = np.percentile(data.q[data.block >= 0, joint], [1, 99])
-        turn, seen = np.linspace(0, 2 * np.pi, 100), np.linspace(low, high, 100)
+        more = self.settings.aside * (high - low)
+        seen, wider = np.linspace(low, high, 100), np.linspace(low - more, high + more, 200)
         most = self.settings.beyond * np.ptp(series(coefficients, seen))
-        return bool(np.ptp(series(coefficients, turn)) > most)
+        return bool(np.ptp(series(coefficients, wider)) > most)
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Never: left-out ranges of the angle say whether an order is too high."""
