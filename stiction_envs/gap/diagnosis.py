@@ -224,8 +224,10 @@ def diagnose(
     again = refit_given_what_was_found(library, terms)
     if again is not None and found_again(terms, refitted := choose(again)):
         library, terms = again, refitted
+    say("refitting", 0.6)
     terms = settle(library, sharpen(library, terms))
     terms = contested(library, terms)
+    say("refitting", 0.8)
     kept = pruned(library, terms)
     if len(kept) < len(terms):
         # what is none after all may have kept out something better

@@ -127,11 +127,12 @@ def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
 
 
 def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
-    """Return minima (B, P) within bounds by active sets; Lawson and Hanson's where they go round.
+    """Return the minima (B, P) within bounds by active sets, all systems at once.
 
-    All systems at once: those that are done wait for the others.
+    Lawson and Hanson's where they go round.
     """
-    c, held = np.clip(free, low, high), (free < low) | (free > high)
+    c = np.asarray(np.clip(free, low, high))
+    held: NDArray[np.bool_] = np.asarray((free < low) | (free > high))
     left = np.arange(len(free))
     for _ in range(3 * free.shape[1]):
         n, x, fixed = normal[left], c[left], held[left]
@@ -139,11 +140,10 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
         # what is held keeps its value, the others are solved for given it
         rest = target[left] - np.einsum("bpq,bq->bp", n, np.where(fixed, x, 0.0))
         system = np.where(loose[:, :, None] & loose[:, None, :], n, 0.0)
-        diagonal = np.arange(x.shape[1])
-        system[:, diagonal, diagonal] += fixed
+        system += fixed[:, :, None] * np.eye(x.shape[1])
         x = np.linalg.solve(system, np.where(loose, rest, x)[..., None])[..., 0]
         x[fixed] = c[left][fixed]
-        out = loose & ((x < low[left]) | (x > high[left]))
+        out: NDArray[np.bool_] = np.asarray(loose & ((x < low[left]) | (x > high[left])))
         x = np.where(out, np.clip(x, low[left], high[left]), x)
         slope = np.einsum("bpq,bq->bp", n, x) - target[left]
         inward = ((x <= low[left]) & (slope < -1e-12)) | ((x >= high[left]) & (slope > 1e-12))

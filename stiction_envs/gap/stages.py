@@ -6,20 +6,19 @@ from collections.abc import Callable, Collection
 from itertools import accumulate
 
 WEIGHTS = {
-    "reading": 6,
-    "inverse dynamics": 3,
-    "columns of all causes": 17,
-    "choosing causes": 15,
-    "refitting": 31,
-    "evidence": 6,
+    "reading": 7,
+    "inverse dynamics": 1,
+    "columns of all causes": 22,
+    "choosing causes": 6,
+    "refitting": 43,
+    "evidence": 7,
     "extended model": 1,
-    "forward validation": 2,
-    "check": 5,
-    "report": 19,
+    "forward validation": 1,
+    "check": 10,
+    "report": 12,
 }
-"""Seconds that each takes of a hundred, in their order: mean of the real logs of a Panda and of an
-iiwa 14 that benchmarks/diagnose_speed.md tells of; ``check``, where logs are held back for one, is
-assumed."""
+"""What each takes of a hundred, in their order: mean of the real logs of a Panda and of an iiwa 14
+in benchmarks/diagnose_speed.md; ``check``, where there are logs to check with, is assumed."""
 
 
 class Stages:
