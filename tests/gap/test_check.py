@@ -158,6 +158,25 @@ def test_what_scatters_or_hardly_harms_is_not_named(two, sprung, part, until, na
     assert check.not_transferring == (("external_spring",) if named else ())
 
 
+@pytest.mark.parametrize(("joint", "named"), [(1, ()), (0, ("payload",))])
+def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(tmp_path, joint, named):
+    """A payload that one joint does not feel: the load is most of joint 1's torque."""
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    arm, loaded = load_arm(path), load_arm(path, payload=(0.5, 0.0, 0.0, 0.05))
+    d = diagnose([hidden(arm, true=loaded)], arm, causes=[cause_named("payload")])
+    assert [c.name for c in d.causes] == ["payload"]
+
+    def unfelt(q, dq, ddq):
+        with_it, without = (inverse_dynamics(x.pinocchio(), q, dq, ddq) for x in (loaded, arm))
+        return (without - with_it) * np.eye(2)[joint]
+
+    check = held(d, hidden(arm, unfelt, true=loaded, seed=7))
+    assert check.transfers[0].harmed == (joint + 1,)
+    assert check.worse_joints == (joint + 1,)
+    assert check.not_transferring == named
+
+
 def test_noise_names_nothing():
     """A torque that turned out right in half of the blocks and wrong in the others."""
     pp = np.ones((12, 1))
