@@ -20,7 +20,6 @@ from stiction_envs.gap.causes.deflection import (
 from stiction_envs.gap.causes.motion import rests, reversals
 from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.reversal_path import play
 from stiction_envs.method_settings import check_numbers
 
 DRAGGED, LOST = 0.0, -1.0
@@ -67,19 +66,14 @@ class BacklashSettings:
         return np.geomspace(self.smallest, self.largest, self.count)
 
 
-def crossings(data: Data, joint: int, gap: float, damping: float, flank: float) -> Array:
-    """Return (T,) the link's angle less the motor's, δ, in a joint with a gap [rad].
+def crossings(data: Data, joint: int, gaps: Array, damping: float, flank: float) -> Array:
+    """Return (T, K) the link's angle less the motor's, δ, in a joint with each of K gaps [rad].
 
     The load L presses the link on one flank of stiffness K, which yields. When L changes sign the
     link flies over to the other flank, and comes back from it:
     M δ̈ = −L, and beyond the gap −L − K(δ ∓ gap/2) − Dδ̇. L is the load at the motor's angle and
     its slope with gravity, to first order in δ. Derived here.
     """
-    return crossings_of_many(data, joint, np.array([gap]), damping, flank)[:, 0]
-
-
-def crossings_of_many(data: Data, joint: int, gaps: Array, damping: float, flank: float) -> Array:
-    """Return (T, K) `crossings` of K gaps."""
     mass, load = mass_matrix(data)[:, joint, joint], data.rigid[:, joint]
     slope = gravity_slope(data)[:, joint, joint]
     out = np.empty((len(mass), len(gaps)))
@@ -99,7 +93,7 @@ def _fly(
     h: float,
     out: Array,
 ) -> None:
-    """Put `crossings_of_many` of one run into ``out`` (T, K), from rest on the flank."""
+    """Put `crossings` of one run into ``out`` (T, K), from rest on the flank."""
     x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
     for i in range(len(load)):
         k = flank / mass[i]
@@ -113,18 +107,17 @@ def _fly(
             out[i, g] = x[g]
 
 
-def dragged(data: Data, joint: int, gap: float) -> Array:
-    """Return (T,) part of the load, −1 or 0, that is missing after reversals of the motor."""
-    out = np.empty(len(data.q))
+def dragged(data: Data, joint: int, gaps: Array) -> Array:
+    """Return (T, K) part of the load, −1 or 0, that K gaps miss after reversals of the motor."""
+    out = np.zeros((len(data.q), len(gaps)))
     for run in data.runs():
-        out[run] = _missing(data.reversal_path[run, joint], gap)
+        _missing(data.reversal_path[run, joint], gaps, out[run])
     return out
 
 
 @compiled
-def _missing(path: Array, gap: float) -> Array:
-    """Return (T,) `dragged` of one run."""
-    out = np.zeros(len(path))
+def _missing(path: Array, gaps: Array, out: Array) -> None:
+    """Put `dragged` of one run into ``out`` (T, K), which is zero."""
     side, turn, turned = 0.0, 0.0, False
     for i in range(1, len(path)):
         step = np.sign(path[i] - path[i - 1])
@@ -132,22 +125,32 @@ def _missing(path: Array, gap: float) -> Array:
             if side != 0.0:
                 turn, turned = path[i - 1], True
             side = step
-        if turned and abs(path[i] - turn) < gap:
-            out[i] = -1.0
-    return out
+        if turned:
+            way = abs(path[i] - turn)
+            for g in range(len(gaps)):
+                out[i, g] = -1.0 if way < gaps[g] else 0.0
 
 
-def lost(data: Data, joint: int, gap: float) -> Array:
-    """Return (T,) the link's angle less the motor's where friction holds the link [rad].
+def lost(data: Data, joint: int, gaps: Array) -> Array:
+    """Return (T, K) the link's angle less the motor's where friction holds the link [rad].
 
-    The motor drags it along by a slot of that gap: play as in Tao and Kokotović, "Adaptive control
-    of systems with actuator and sensor nonlinearities", 1996.
+    The motor drags it along by a slot of each of K gaps: play as in Tao and Kokotović, "Adaptive
+    control of systems with actuator and sensor nonlinearities", 1996.
     """
-    out = np.empty(len(data.q))
+    out = np.zeros((len(data.q), len(gaps)))
     for run in data.runs():
-        x = data.reversal_path[run, joint]
-        out[run] = play(x, gap / 2) - x
+        _behind(data.reversal_path[run, joint], gaps / 2, out[run])
     return out
+
+
+@compiled
+def _behind(path: Array, half: Array, out: Array) -> None:
+    """Put `lost` of one run into ``out`` (T, K), from the middle of the slots."""
+    pen = np.full(len(half), path[0])
+    for i in range(len(path)):
+        for g in range(len(half)):
+            pen[g] = min(max(pen[g], path[i] - half[g]), path[i] + half[g])
+            out[i, g] = pen[g] - path[i]
 
 
 class Backlash(Cause):
@@ -173,7 +176,7 @@ class Backlash(Cause):
         gap, damping = (*shape, self.settings.usual_damping)[:2]
         if damping == DRAGGED:
             torque = np.zeros_like(data.q)
-            torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, gap)
+            torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, np.array([gap]))[:, 0]
         else:
             delta = self._deltas(data, joint, np.array([gap]), damping)[:, 0]
             torque = torque_of(data, joint, delta)
@@ -211,10 +214,10 @@ class Backlash(Cause):
         """Return (T, K) for K gaps the part of the load that is missing where it is dragged, else δ
         [rad]."""
         if damping == DRAGGED:
-            return np.stack([dragged(data, joint, float(g)) for g in gaps], axis=1)
+            return dragged(data, joint, gaps)
         if damping == LOST:
-            return np.stack([lost(data, joint, float(g)) for g in gaps], axis=1)
-        return crossings_of_many(data, joint, gaps, damping, self.settings.flank)
+            return lost(data, joint, gaps)
+        return crossings(data, joint, gaps, damping, self.settings.flank)
 
     def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
         """Return (T, k) what `_deltas` of k gaps add to the joint itself, before the filter."""

@@ -194,7 +194,12 @@ def test_a_grown_bristle_is_the_difference_of_two() -> None:
 def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     """To half the gap and what the flank yields when it is struck."""
     flank = 1e4
-    delta = crossings(data, 2, 0.02, 0.3, flank)
+    gaps = np.array([0.01, 0.02, 0.05])
+    each = crossings(data, 2, gaps, 0.3, flank)
+    delta = each[:, 1]
+    # a gap does not know those that are worked out with it
+    assert np.array_equal(crossings(data, 2, gaps[1:2], 0.3, flank)[:, 0], delta)
+    assert np.all(np.diff(np.ptp(each, axis=0)) > 0)
     yields = 5 * np.abs(data.rigid[:, 2]).max() / flank
     assert 0.01 <= delta.max() < 0.01 + yields
     assert -0.01 >= delta.min() > -0.01 - yields
@@ -203,7 +208,7 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
 def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
     q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
     one = SimpleNamespace(reversal_path=q, q=q, runs=lambda: [slice(0, len(q))])
-    behind = lost(one, 0, 0.02)
+    behind = lost(one, 0, np.array([0.02, 0.5]))[:, 0]
     forth, back = np.arange(201) < 101, np.arange(201) >= 120
     assert np.allclose(behind[forth][11:], -0.01)
     assert np.allclose(behind[back], 0.01)
@@ -214,7 +219,7 @@ def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
 def test_a_dragged_link_carries_nothing_until_the_gap_is_crossed() -> None:
     q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
     one = SimpleNamespace(reversal_path=q, q=q, runs=lambda: [slice(0, len(q))])
-    missing = dragged(one, 0, 0.02)
+    missing = dragged(one, 0, np.array([0.02, 0.5]))[:, 0]
     crossing = (np.arange(len(q)) > 100) & (q[:, 0] > 0.08 + 1e-9)
     assert np.array_equal(missing, np.where(crossing, -1.0, 0.0))
 

@@ -383,3 +383,16 @@ def test_real_logs(name: str, n: int, low: float, high: float) -> None:
         # Speeds and accelerations agree with the angles they come from.
         dq = np.gradient(segment.q, signals.dt, axis=0)
         assert np.std(dq - segment.dq) < 0.02 * np.std(segment.dq)
+
+
+@pytest.mark.parametrize("shape", [(3000, 4), (3000, 7, 1), (60, 5)])
+def test_many_columns_pass_the_filter_as_each_by_itself(shape: tuple[int, ...]) -> None:
+    """To the last digit, whichever way they are filtered."""
+    x = np.random.default_rng(3).normal(size=shape)
+    kept = x.copy()
+    out = lowpass(x, 1000.0, 20.0)
+    assert out.shape == shape
+    assert np.array_equal(x, kept)
+    flat = x.reshape(len(x), -1)
+    for k, column in enumerate(out.reshape(len(x), -1).T):
+        assert np.array_equal(column, lowpass(flat[:, k], 1000.0, 20.0))
