@@ -173,8 +173,8 @@ def page(found: dict[str, tuple[Case, Measured]]) -> str:
             "# Time and memory of `stiction diagnose`",
             "",
             f"Written by `python benchmarks/diagnose_speed.py` with {os.cpu_count()} processors, "
-            "from files to the report, imports and pictures included. Seconds are of this machine at "
-            "that moment; compare the ratios to a loop of plain Python (`reference_loop.py`, "
+            "from files to the report, imports and pictures included. Seconds are of this machine "
+            "at that moment; compare the ratios to a loop of plain Python (`reference_loop.py`, "
             f"{sum(m.loop for _, m in found.values()) / len(found):.1f} s here, 1.4 s where it is "
             "quiet).",
             "",
