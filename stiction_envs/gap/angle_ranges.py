@@ -88,21 +88,32 @@ class AngleRanges:
         fewer columns, that is borne out itself, less well.
         """
         term = term or self._term
-        cause = self._library.causes[term.cause]
         before, after, came = self.with_and_without(term)
         limit = float(student.ppf(1 - self._settings.chance, max(len(before) - 1, 1)))
         if after.sum() >= before.sum() or came <= limit:
             return False
-        here = [t for t in self._library.candidates if t.joint == term.joint and t not in self._own]
-        for other in here:
-            if other.cause in cause.rather:
-                less = self.with_and_without(other)[1]
+        simpler = [
+            t
+            for t in self._library.candidates
+            if t not in self._own and simpler_by_angle(self._library, term, t)
+        ]
+        for other in simpler:
+            less = self.with_and_without(other)[1]
+            if other.cause != term.cause:
                 if less.sum() <= after.sum() or _worse(less, after) <= limit:
                     return False
-        fewer = [t for t in here if t.cause == term.cause and t.shape < term.shape]
-        return all(
-            _worse(self.with_and_without(t)[1], after) > 0 or not self.bear_out(t) for t in fewer
-        )
+            elif _worse(less, after) <= 0 and self.bear_out(other):
+                return False
+        return True
+
+
+def simpler_by_angle(library: RegressorLibrary, term: Candidate, other: Candidate) -> bool:
+    """Whether left-out ranges of angle choose between a term and a simpler one of its joint."""
+    cause = library.causes[term.cause]
+    if not cause.judged_by_angle or other.joint != term.joint:
+        return False
+    fewer = other.cause == term.cause and other.shape < term.shape
+    return fewer or other.cause in cause.rather
 
 
 def _worse(one: Array, other: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from stiction_envs.gap.angle_ranges import holds_over_angle
+from stiction_envs.gap.angle_ranges import holds_over_angle, simpler_by_angle
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
 from stiction_envs.gap.slope import slope as _slope
@@ -214,6 +214,8 @@ class Chooser:
         for other in sorted(offers, key=lambda x: (size(x.added), -x.found.total)):
             if size(other.added) >= size(best.added):
                 break
+            if simpler_by_angle(self.library, best.added[-1], other.added[-1]):
+                continue  # ranges of angle have refuted it already
             each = (best.found.less - other.found.less).sum(axis=0)
             error = float(each.std(ddof=1) * np.sqrt(len(each)))
             lost = float(each.sum())
