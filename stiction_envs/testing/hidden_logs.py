@@ -254,7 +254,10 @@ def _build(w: World) -> mujoco.MjModel:
 def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden."""
     true = dataclasses.replace(w, phantom=None)
-    model, plain = _build(true), _build(World(rotor=w.rotor, phantom=w.phantom))
+    model, plain = _build(true), _build(World(rotor=w.rotor))
+    # the robot's own controller knows that there is no such body
+    believed = _build(World(rotor=w.rotor, phantom=w.phantom)) if w.phantom else None
+    thought = mujoco.MjData(believed or plain)
     d, calm = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
     heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt, links=w.links))
@@ -323,7 +326,14 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
         q[k], tau[k] = x, command
         mujoco.mj_step(model, d)
         acceleration = (d.qvel[outer] - before) / STEP
-        nominal[k] = mass @ acceleration + calm.qfrc_bias + known
+        bias = calm.qfrc_bias
+        if believed is not None:
+            thought.qpos[:], thought.qvel[:] = x, before
+            mujoco.mj_fwdPosition(believed, thought)
+            mujoco.mj_fwdVelocity(believed, thought)
+            mujoco.mj_fullM(believed, thought, mass)
+            bias = thought.qfrc_bias
+        nominal[k] = mass @ acceleration + bias + known
         if w.load.any():
             felt.qpos[:], felt.qvel[:] = x, calm.qvel
             mujoco.mj_fwdPosition(heavy, felt)
