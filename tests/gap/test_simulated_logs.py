@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import registered
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose
 from tests.gap.simulated_logs import MIDDLE, believed, inverse, plain_log
 
@@ -72,18 +71,11 @@ def test_a_smooth_torque_over_the_angle_is_named(hidden: str, joint: int) -> Non
     assert np.sqrt(np.mean(off**2)) < 0.1 * truth.std()
 
 
-@pytest.mark.skipif(
-    not any(c.name == "link_parameters" for c in registered()), reason="no such cause yet"
-)
 def test_a_wrong_link_is_named() -> None:
     found = solved("link_parameters", joints=(4,), rate=250.0)
     assert found.causes[0].name == "link_parameters"
 
 
-@pytest.mark.skipif(
-    next(c for c in registered() if c.name == "payload").parameters[0].low >= 0,
-    reason="a payload has positive mass yet",
-)
 def test_a_hand_that_is_not_there_is_a_payload_of_negative_mass() -> None:
     found = solved("phantom_payload", rate=250.0)
     assert found.causes[0].name == "payload"
