@@ -20,6 +20,8 @@ MOST = 12
 STEP = 0.002
 """Of the simulations [s]."""
 ITERATIONS = 25
+STILL = 1e-3
+"""Largest angle [rad] or speed [rad/s] of a joint that holds still in a window."""
 
 
 class Sysid:
@@ -89,14 +91,17 @@ class Sysid:
             ],
         )
         self.start = params.as_vector().copy()
-        residual = sysid.build_residual_fn(models_sequences=[sequences])
-        self.params, result = sysid.optimize(
-            params,
-            residual,
-            optimizer="mujoco",
-            max_iters=ITERATIONS,
-            verbose=False,
+        # residuals are over each signal's own size, which a joint that holds still has not
+        sizes = [np.abs(x).max(axis=0).min() for q, dq, _ in windows for x in (q, dq)]
+        moving = min(sizes) > STILL
+        transform = sysid.SignalTransform(normalize=moving)
+        residual = sysid.build_residual_fn(
+            models_sequences=[sequences], modify_residual=transform.apply
         )
+        self.params, result = sysid.optimize(
+            params, residual, optimizer="mujoco", max_iters=ITERATIONS, verbose=False
+        )
+        self.stopped = len(result.extras["objective"]) >= ITERATIONS
         left, *_ = residual(result.x, self.params)
         _, self.half = sysid.calculate_intervals([x.ravel() for x in left], result.jac)
         self.model = sysid.apply_param_modifiers(self.params, spec)
@@ -121,7 +126,8 @@ class Sysid:
             "causes": f"{len(x)} parameters that the user chose (mass and centre of each link, "
             "damping, friction loss and armature of each joint); none is said to be a fault",
             "trust": f"{wide} of {len(x)} parameters with a 95 % interval wider than 30 %, "
-            f"{near} on a bound",
+            f"{near} on a bound"
+            + (f"; stopped after {ITERATIONS} iterations, still falling" if self.stopped else ""),
         }
 
 

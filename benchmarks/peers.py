@@ -43,8 +43,9 @@ from stiction_envs.reporting.atomic import write_text_atomic  # noqa: E402
 from stiction_envs.reporting.markdown import table_text  # noqa: E402
 from stiction_envs.robots import Arm, load_arm  # noqa: E402
 
-ROWS = 6000
-"""Samples that the peers are given: they need no more, and take as long as there are."""
+ROWS, OVERSAMPLED = 6000, 6.0
+"""Samples that the peers are given at least, and their rate over the filter's cutoff: they need no
+more, and take as long as there are."""
 Array = np.ndarray
 
 
@@ -163,7 +164,10 @@ def peer(kind: Any) -> Callable[[Parts], dict[str, Any]]:
     """Return what runs a peer."""
 
     def run(parts: Parts) -> dict[str, Any]:
-        given = parts.signals(parts.fit, ROWS)
+        whole = parts.signals(parts.fit)
+        seconds = sum(len(s.t) for s in whole.segments) * whole.dt
+        rows = max(ROWS, int(OVERSAMPLED * whole.cutoff_hz * seconds))
+        given = parts.signals(parts.fit, rows)
         model = kind(parts.arm, list(given.segments), given.dt)
         return {"rms": rms(parts, model), **model.says()}
 
