@@ -54,6 +54,10 @@ class JointElasticitySettings:
         return np.geomspace(self.softest, self.stiffest, self.count)
 
 
+SPRINGS = 20
+"""That are moved at once: more take more memory than they save time."""
+
+
 class JointElasticity(Cause):
     """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ."""
 
@@ -84,12 +88,14 @@ class JointElasticity(Cause):
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
         ok, s = data.block >= 0, self.settings
         tried = [(float(k), ratio) for ratio in s.dampings for k in s.stiffnesses]
-        delta = deflections(data, joint, tried)
-        columns = data.smooth(own_torque_of(data, joint, delta))[ok]
-        size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
-        c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
-        left = c * c * size - 2 * c * along
-        return [tried[k] for k in np.argsort(left, kind="stable")[: s.best]]
+        left = []
+        for at in range(0, len(tried), SPRINGS):
+            delta = deflections(data, joint, tried[at : at + SPRINGS])
+            columns = data.smooth(own_torque_of(data, joint, delta))[ok]
+            size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
+            c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
+            left.append(c * c * size - 2 * c * along)
+        return [tried[k] for k in np.argsort(np.concatenate(left), kind="stable")[: s.best]]
 
     def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
         """Return the neighbours on the grid of stiffnesses."""
