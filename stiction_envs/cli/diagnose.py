@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
     folder = common.output_folder(args, args.robot, inputs)
     with Progress() as progress:
-        say = Stages(progress.whole)
+        say = Stages(progress.whole, without=() if args.check else ("check",))
         # an error up to here is one of the data: bad input
         result = diagnose(
             args.logs,

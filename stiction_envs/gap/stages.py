@@ -12,9 +12,9 @@ WEIGHTS = {
     "choosing causes": 6,
     "refitting": 43,
     "evidence": 7,
+    "check": 10,
     "extended model": 1,
     "forward validation": 1,
-    "check": 10,
     "report": 12,
 }
 """What each takes of a hundred, in their order: mean of the real logs of a Panda and of an iiwa 14
