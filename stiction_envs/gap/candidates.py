@@ -221,15 +221,24 @@ class RegressorLibrary:
         """Let what no linear model explains (spikes, contacts) weigh less."""
         huber, d = self.data.settings.candidates.huber, self.data
         model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
-        columns = [self._store(j).T[list(at)].T for j, at in enumerate(model.columns)]
+
+        def columns(joint: int) -> Array:
+            return self._store(joint).T[list(model.columns[joint])].T
+
         grams = [
-            Gram.of(x, self.residual[:, j], d.block, self.weight[:, j] / d.noise[j] ** 2, d.blocks)
-            for j, x in enumerate(columns)
+            Gram.of(
+                columns(j),
+                self.residual[:, j],
+                d.block,
+                self.weight[:, j] / d.noise[j] ** 2,
+                d.blocks,
+            )
+            for j in range(d.n)
         ]
         among = tuple(tuple(range(len(at))) for at in model.columns)
         c = JointGrams(grams).fit(replace(model, columns=among))
-        for j, (x, at) in enumerate(zip(columns, model.coefficients, strict=True)):
-            e = self.residual[:, j] - x @ c[list(at)]
+        for j, at in enumerate(model.coefficients):
+            e = self.residual[:, j] - columns(j) @ c[list(at)]
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
             self.weight[:, j] = self.certain[:, j] * np.minimum(
                 1.0, huber * scale / np.maximum(np.abs(e), 1e-300)

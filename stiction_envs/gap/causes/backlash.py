@@ -27,6 +27,10 @@ DRAGGED, LOST = 0.0, -1.0
 after a reversal: all of the load is missing, or the link just stays behind."""
 
 
+AT_ONCE = 32
+"""Gaps that are opened at once: more take more memory than they save time."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class BacklashSettings:
     """Gaps that are tried."""
@@ -200,9 +204,15 @@ class Backlash(Cause):
         seen = {DRAGGED: target * data.rigid[:, joint]}
         other = seen_by(data, joint, target)
         for damping in (*s.dampings, *held):
-            opened = self._deltas(data, joint, gaps, damping)
-            along = seen.get(damping, other) @ opened
-            torque = self._own(data, joint, opened[:, some], damping)
+            along = np.concatenate(
+                [
+                    seen.get(damping, other)
+                    @ self._deltas(data, joint, gaps[k : k + AT_ONCE], damping)
+                    for k in range(0, len(gaps), AT_ONCE)
+                ]
+            )
+            opened = self._deltas(data, joint, gaps[some], damping)
+            torque = self._own(data, joint, opened, damping)
             size = np.square(data.smooth(torque)[ok]).sum(axis=0)
             size = np.interp(np.log(gaps), np.log(gaps[some]), size)
             c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
