@@ -48,7 +48,13 @@ PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 SWEEPS = {j: f"iiwa14_joint_friction/joint{j}.csv.gz" for j in (1, 2, 3, 5, 6, 7)}
 POSES = "iiwa14_joint_friction/static_poses.csv.gz"
 TX40 = "staubli_tx40/tx40.csv.gz"
-BODILESS = {"payload", "base_tilt", "torque_scale", "load_dependent_friction"} | {
+BODILESS = {
+    "payload",
+    "link_parameters",
+    "base_tilt",
+    "torque_scale",
+    "load_dependent_friction",
+} | {
     "joint_elasticity",
     "backlash",
     "actuator_delay",
