@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from stiction_envs.gap.signals.recording import rate
 Array = NDArray[np.float64]
 ARM = -1
 """In the place of a joint, in a `Candidate` of all of them."""
+ROOM = 256
+"""Columns of a joint that there is room for at first."""
 THREADS = 4
 """That make columns, at most: each takes memory of its own."""
 
@@ -54,8 +57,7 @@ class RegressorLibrary:
         self.candidates: list[Candidate] = []
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
-        self._fresh: list[list[Array]] = [[] for _ in range(data.n)]
-        self._summed: list[Array | None] = [None] * data.n
+        self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._released: dict[str, Cause] | None = None
         self._width = [0] * data.n
         self._limits: dict[tuple[str, int], tuple[Array, Array]] = {}
@@ -74,13 +76,15 @@ class RegressorLibrary:
         """Rows that a prior weighs as much as."""
         arm_wide = [c for c in causes if c.arm_wide]
         each = [c for c in causes if not c.arm_wide]
-        made = [self._made(0, each)]  # the first makes what all of them ask the recording for
+        first = self._made(0, each)  # makes what all of them ask the recording for
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
-            made += pool.map(lambda j: self._made(j, each), range(1, data.n))
+            for offered in chain(
+                [first], pool.map(lambda j: self._made(j, each), range(1, data.n))
+            ):
+                for term, columns in offered:
+                    self._add(term, columns)
         for cause in arm_wide:
-            made.append(self._offered(cause, ARM, self.residual[:, 0]))
-        for offered in made:
-            for term, columns in offered:
+            for term, columns in self._offered(cause, ARM, self.residual[:, 0]):
                 self._add(term, columns)
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of what friction does at rest."""
@@ -156,17 +160,23 @@ class RegressorLibrary:
         )
 
     def _add(self, term: Candidate, rows: list[Array]) -> None:
-        nested = self.causes[term.cause].nested
-        wider = [t for t in self.candidates if (t.cause, t.joint) == (term.cause, term.joint)]
         for joint, columns in zip(self.affected_joints(term), rows, strict=True):
             start = self._width[joint]
-            if nested and wider:
-                start = self._at[wider[0], joint][0]
             self._at[term, joint] = tuple(range(start, start + len(columns)))
-            if start == self._width[joint]:
-                self._width[joint] += len(columns)
-                self._fresh[joint].append(columns)
+            self._width[joint] += len(columns)
+            self._put(joint, start, columns)
         self.candidates.append(term)
+
+    def _put(self, joint: int, start: int, columns: Array) -> None:
+        """Keep (k, T) columns, in room for more: what is not used yet takes no memory."""
+        if self._released is not None:
+            self._make_again()
+        end = start + len(columns)
+        if end > len(self._rows_of[joint]):
+            before = self._rows_of[joint][:start]
+            self._rows_of[joint] = np.empty((max(ROOM, 2 * end), len(self.data.t)))
+            self._rows_of[joint][:start] = before
+        self._rows_of[joint][start:end] = columns
 
     def refine(self, terms: Iterable[Candidate]) -> None:
         """Add candidates with other nonlinear parameters, and sum up again."""
@@ -184,38 +194,33 @@ class RegressorLibrary:
     def _grown(self, joint: int) -> Gram:
         """Return the sums with columns that have come since."""
         gram, d = self.grams.joints[joint], self.data
-        if not self._fresh[joint]:
+        had = gram.xr.shape[1]
+        if had == self._width[joint]:
             return gram
-        before, more = self._before(joint), np.concatenate(self._fresh[joint]).T
+        columns = self._store(joint)
         weight = self.weight[:, joint] / d.noise[joint] ** 2
-        out = gram.with_columns(before, more, self.residual[:, joint], d.block, weight)
-        self._store(joint)
-        return out
+        residual = self.residual[:, joint]
+        return gram.with_columns(columns[:, :had], columns[:, had:], residual, d.block, weight)
 
     def _store(self, joint: int) -> Array:
         """Return (T, P) all columns of a joint, each of them in one piece."""
-        if self._fresh[joint]:
-            parts = [self._before(joint).T, *self._fresh[joint]]
-            self._summed[joint], self._fresh[joint] = np.concatenate(parts).T, []
-        return self._before(joint)
-
-    def _before(self, joint: int) -> Array:
-        """Return (T, P) the columns of a joint that were put in one piece."""
         if self._released is not None:
-            now, self.causes, self._released = self.causes, self._released, None
-            width = [self._width[j] - sum(map(len, x)) for j, x in enumerate(self._fresh)]
-            rows: list[list[Array]] = [[] for _ in width]
-            for (term, j), at in self._at.items():
-                if at and at[-1] < width[j]:
-                    rows[j].append(self.columns(term, j).T.copy())
-            self._summed = [np.concatenate(x).T if x else None for x in rows]
-            self.causes, self._last = now, None
-        have = self._summed[joint]
-        return np.zeros((len(self.data.t), 0)) if have is None else have
+            self._make_again()
+        return self._rows_of[joint][: self._width[joint]].T
 
     def release(self) -> None:
         """Let go of all columns, some hundred megabytes; they are made again if they are needed."""
-        self._summed, self._released = [None] * self.data.n, dict(self.causes)
+        self._rows_of = [np.empty((0, len(self.data.t)))] * self.data.n
+        self._released = dict(self.causes)
+
+    def _make_again(self) -> None:
+        """Make the columns that were let go of, with the causes of then."""
+        assert self._released is not None
+        now, self.causes, self._released = self.causes, self._released, None
+        for (term, joint), at in self._at.items():
+            if at and at[-1] < self.grams.joints[joint].xr.shape[1]:
+                self._put(joint, at[0], self.columns(term, joint).T)
+        self.causes, self._last = now, None
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""
