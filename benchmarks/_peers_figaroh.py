@@ -24,6 +24,8 @@ EDGE = 10
 def urdf_of(arm: Arm) -> str:
     """Return an arm as a URDF: FIGAROH reads nothing else."""
     model = arm.pinocchio()
+    work = model.createData()
+    pin.computeJointJacobians(model, work, np.zeros(model.nq))
     text = ['<robot name="arm"><link name="link0"/>']
     for j in range(1, model.njoints):
         body, place = model.inertias[j], model.jointPlacements[j]
@@ -31,12 +33,14 @@ def urdf_of(arm: Arm) -> str:
         rpy = " ".join(f"{x:.12g}" for x in pin.rpy.matrixToRpy(place.rotation))
         com = " ".join(f"{x:.12g}" for x in body.lever)
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
+        turns = pin.getJointJacobian(model, work, j, pin.ReferenceFrame.LOCAL)[3:, j - 1]
+        axis = " ".join(f"{x:.12g}" for x in turns)
         text.append(
             f'<link name="link{j}"><inertial><origin xyz="{com}"/><mass value="{body.mass:.12g}"/>'
             f'<inertia ixx="{xx:.12g}" ixy="{xy:.12g}" ixz="{xz:.12g}" iyy="{yy:.12g}" '
             f'iyz="{yz:.12g}" izz="{zz:.12g}"/></inertial></link>'
             f'<joint name="joint{j}" type="revolute"><parent link="link{j - 1}"/>'
-            f'<child link="link{j}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            f'<child link="link{j}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
             '<limit lower="-6.3" upper="6.3" velocity="10" effort="500"/></joint>'
         )
     return "\n".join([*text, "</robot>"])
