@@ -119,8 +119,6 @@ class Cause(ABC):
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""
 
-    nested: ClassVar[bool] = False
-    """Whether the columns of each nonlinear parameter begin those of the first that is tried."""
     judged_by_angle: ClassVar[bool] = False
     """Whether left-out ranges of the joint's angle must bear it out, besides blocks of time."""
     rather: ClassVar[tuple[str, ...]] = ()

@@ -67,7 +67,6 @@ class PositionDependentTorque(Cause):
     is_linear: ClassVar[bool] = False
     refinable: ClassVar[bool] = False
     multimodal: ClassVar[bool] = True
-    nested: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     judged_by_angle: ClassVar[bool] = True
     rather: ClassVar[tuple[str, ...]] = (ExternalSpring.name, TorqueScale.name, TorqueOffset.name)

@@ -74,16 +74,16 @@ def test_a_narrow_range_has_room_for_few_harmonics(data: Data) -> None:
     )
 
 
-def test_lower_orders_share_the_columns_of_the_highest(data: Data) -> None:
+def test_an_order_has_its_own_bounds_and_columns(data: Data) -> None:
     wide = replace(data, recording=replace(data.recording, q=3.0 * data.q))
     library = RegressorLibrary(wide, [CAUSE])
-    for j in range(7):
-        assert library.grams.joints[j].xr.shape[1] == 7
-    order2 = next(t for t in library.candidates if t.joint == 3 and t.shape == (2.0,))
-    model = library.model_columns([order2])
-    assert model.columns[3] == (0, 1, 2, 3, 4)
-    assert len(model.low) == 5
-    assert library.complexity([order2]) == 6
+    orders = [t for t in library.candidates if t.joint == 3]
+    assert [t.shape for t in orders] == [(3.0,), (2.0,), (1.0,)]
+    model = library.model_columns([orders[1]])
+    assert len(model.columns[3]) == len(model.low) == 5
+    assert library.complexity([orders[1]]) == 6
+    widest = library.columns(orders[0], 3)
+    np.testing.assert_array_equal(library.columns(orders[1], 3), widest[:, :5])
 
 
 def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_mean_nothing(data: Data) -> None:
