@@ -103,7 +103,7 @@ class Payload(Cause):
         """Return which of the two has it."""
         mass = float(coefficients[0])
         if mass >= 0:
-            return self.what
+            return f"{self.what}, or a last link that is heavier than the model's"
         return f"the model carries {-mass:.3g} kg too much on the flange"
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
