@@ -30,8 +30,8 @@ class LinkParametersSettings:
     """How far its centre may be off, in each direction [m]."""
     left: float
     """Part of a link's mass that is there at least [-]."""
-    small: float
-    """Part of a link's mass under which a difference is none [-]."""
+    farthest: float
+    """Distance from its centre in the model beyond which a centre is none of the link's [m]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -86,6 +86,13 @@ class LinkParameters(Cause):
         """Return standard deviations about the nominal."""
         mass = float(data.recording.derived(_masses)[joint])
         return mass * np.array([self.settings.mass_sd, *[self.settings.centre_sd] * 3])
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether it would be another link: next to no mass, or a centre far outside."""
+        low, _ = self.bounds(data, joint)
+        mass = float(data.recording.derived(_masses)[joint]) + float(coefficients[0])
+        moved = float(np.linalg.norm(coefficients[1:])) / max(mass, 1e-9)
+        return bool(coefficients[0] <= low[0]) or moved > self.settings.farthest
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Never: nothing is tried."""

@@ -135,6 +135,14 @@ def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> N
     assert np.abs(exact).max() > 1e-4
 
 
+def test_a_centre_far_from_the_link_is_none_of_it(data: Data) -> None:
+    cause, mass = BY_NAME["link_parameters"], float(inertial_parameters(data.pinocchio)[3, 0])
+    for moved, far in ((0.14, False), (0.16, True)):
+        change = np.array([-0.5 * mass, 0.5 * mass * moved, 0.0, 0.0])
+        assert cause.on_bound(change, data, 3) == far
+    assert cause.on_bound(np.array([-0.95 * mass, 0.0, 0.0, 0.0]), data, 3)
+
+
 def test_what_cannot_be_a_body_becomes_one_of_the_same_mass_and_centre() -> None:
     was = sphere(2.0, np.array([0.0, 0.0, 0.1]))
     less = was - sphere(1.0, np.array([0.1, 0.0, 0.0]))
