@@ -151,6 +151,8 @@ def _values(e: Estimate) -> tuple[str, str]:
     if isinstance(e.value, list):
         value = ", ".join(short(x) for x in e.value)
         return value, ", ".join(f"{short(a)} to {short(b)}" for a, b in e.ci95)
+    if isinstance(e.value, int):  # a choice, not a measure
+        return str(e.value), ""
     return short(e.value), f"{short(e.ci95[0])} to {short(e.ci95[1])}"
 
 
