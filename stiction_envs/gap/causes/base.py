@@ -268,6 +268,8 @@ class Cause(ABC):
             StictionError: a part with other than as many coefficients as there are columns.
         """
         c, out = np.array(part.coefficients), np.zeros_like(data.q)
+        if not np.isfinite(data.dt) and not self.shown_at_rest:
+            return out  # poses have no motion, and what friction holds there nobody knows
         if self.coupled:
             spread = self.spread(data, part.joint - 1, part.shape)
             columns = {j: spread[:, j] for j in range(data.n)}

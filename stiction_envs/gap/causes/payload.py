@@ -38,6 +38,8 @@ class PayloadSettings:
     """Part of the last link's mass that stays with it at least [-]."""
     inertia_sd: float
     """How far an inertia may be off a point's [kg·m²]: a kilogram 10 cm about its centre."""
+    most_inertia: float
+    """The same at most [kg·m²]: slow motion shows none, and the fit is then free to want any."""
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -84,10 +86,15 @@ class Payload(Cause):
         return False
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return any mass, and what may be taken off the last link."""
-        low = np.full(10, -np.inf)
+        """Return any mass, and what may be taken off the last link; an inertia of its size."""
+        most = np.array([*[np.inf] * 4, *[self.settings.most_inertia] * 6])
+        low = -most
         low[0] = -(1 - self.settings.left) * float(data.recording.derived(_last_mass)[0])
-        return low, np.full(10, np.inf)
+        return low, most
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether nothing is left of the last link; its inertia is not what it is about."""
+        return bool(coefficients[0] <= self.bounds(data, joint)[0][0])
 
     def prior(self, data: Data, joint: int) -> Array:
         """Return any mass and centre, and an inertia like a point's."""

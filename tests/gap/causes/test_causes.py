@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.candidates import certain
-from stiction_envs.gap.causes import CAUSES, parameter_units
+from stiction_envs.gap.causes import CAUSES, Part, parameter_units
 from stiction_envs.gap.causes.backlash import (
     DRAGGED,
     LOST,
@@ -112,6 +112,28 @@ def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
     stick = payload_of(np.array([mass, *(mass * com), long, *[0.0] * 5]))
     spread = pseudo_inertia(stick)[:3, :3] - pseudo_inertia(payload_of(coefficients))[:3, :3]
     assert np.allclose(spread, np.diag([long, 0.0, 0.0]))
+
+
+def test_an_inertia_that_no_motion_shows_stays_possible(data: Data) -> None:
+    """Bounds of its size hold it; to be on them says nothing against the payload itself."""
+    cause = BY_NAME["payload"]
+    low, high = cause.bounds(data, -1)
+    most = cause.settings.most_inertia
+    assert np.all(high[4:] == most)
+    assert np.all(low[4:] == -most)
+    assert not cause.on_bound(np.array([1.0, 0.0, 0.0, 0.1, *[most] * 6]), data, -1)
+    assert cause.on_bound(np.array([low[0], 0.0, 0.0, 0.1, *[0.0] * 6]), data, -1)
+
+
+def test_poses_have_no_torque_of_motion(data: Data) -> None:
+    rest = replace(data, recording=replace(data.recording, dt=float("nan")))
+    viscous = Part(cause="viscous_friction", joint=2, shape=(), coefficients=(1.0,))
+    backlash = Part(cause="backlash", joint=2, shape=(0.01, 0.2), coefficients=(1.0,))
+    offset = Part(cause="torque_offset", joint=2, shape=(), coefficients=(0.5,))
+    for part in (viscous, backlash):
+        assert BY_NAME[part.cause].torque(data, part).any()
+        assert not BY_NAME[part.cause].torque(rest, part).any()
+    assert np.all(BY_NAME["torque_offset"].torque(rest, offset)[:, 1] == 0.5)
 
 
 def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> None:
