@@ -16,6 +16,7 @@ OBJECTIVES = ("sje", "gte", "both")
 FREE = ("waveform", "offset")
 GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", "feedforward", "push")
+PRICES = ("shaking", "power", "torque_rate")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
@@ -100,9 +101,11 @@ def _add_search_options(parser: Any) -> None:
     )
     group.add_argument(
         "--pareto",
-        action="store_true",
-        default=None,
-        help="two objectives: shaking is one, and no constraint (pareto.csv)",
+        nargs="?",
+        const=PRICES[0],
+        choices=PRICES,
+        help="a second objective (pareto.csv): shaking, which is no constraint then (default), "
+        "power, or torque_rate",
     )
     group.add_argument(
         "--search",

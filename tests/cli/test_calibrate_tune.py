@@ -177,4 +177,5 @@ def test_names_written_out_for_help_are_the_packages_own():
     assert tune_command.OBJECTIVES == options.OBJECTIVES
     assert tune_command.GATES == options.GATES
     assert tune_command.COMPENSATIONS == options.COMPENSATIONS
+    assert tune_command.PRICES == options.PRICES
     assert set(tune_command.FREE) == set(bounds.OPTIONS)

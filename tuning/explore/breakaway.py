@@ -54,7 +54,7 @@ class BreakawayObjective:
         *,
         iterations: int,
         limits: Sequence[AmplitudeRow] = (),
-        pareto: bool = False,
+        pareto: str | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Measure the base torques, and how far a table shakes each joint.
@@ -65,7 +65,7 @@ class BreakawayObjective:
             frictions: under which every setting is measured.
             iterations: repeats per configuration and friction.
             limits: a table whose displacement no setting may pass, where ``bounds`` has none.
-            pareto: whether the displacement is a second objective, in place of a constraint.
+            pareto: second objective, of `options.PRICES`; None for one objective only.
             progress: called with simulated seconds.
 
         Raises:
@@ -141,16 +141,26 @@ class BreakawayObjective:
         limit = self.displacement[row.joint - 1]
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: as if it did nothing
-            return Outcome(values=(1.0, 0.0)[: 1 + self.pareto], constraints=(0.0, *forbidden))
+            none = (1.0,) if self.pareto is None else (1.0, 0.0)
+            return Outcome(values=none, constraints=(0.0, *forbidden))
         shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
-        values = (found.left, found.displacement)[: 1 + self.pareto]
+        rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
+        prices = {
+            "shaking": found.displacement,
+            # apparent power, rms torque times rms speed: what moves is not in phase
+            "power": rate * found.displacement / np.sqrt(2),
+            "torque_rate": rate,
+        }
+        price = () if self.pareto is None else (prices[self.pareto],)
         return Outcome(
-            values=values if np.isfinite(found.left) else None,
-            constraints=(0.0 if self.pareto else shaken, *forbidden),
+            values=(found.left, *price) if np.isfinite(found.left) else None,
+            constraints=(0.0 if self.pareto == "shaking" else shaken, *forbidden),
             measures={
                 **about,
                 "left": found.left,
                 "displacement_rad": found.displacement,
+                "power_w": prices["power"],
+                "torque_rate_nm_s": rate,
                 "tau": found.tau.tolist(),
                 "ratio": found.ratio.tolist(),
                 LIMITS: [shaken],

@@ -178,8 +178,9 @@ def importance(records: Mapping[str, Sequence[Record]], path: Path) -> None:
     save_full(figure, path)
 
 
-def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
+def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> None:
     """Draw both objectives of all trials, and those that none beats."""
+    scale = 1e3 if price == "shaking" else 1.0
     group = [
         (stage, k, r) for stage, records_ in records.items() for k, r in enumerate(records_, 1)
     ]
@@ -190,7 +191,7 @@ def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
             (front(record.trials), COLOURS[0], "none is better"),
         ):
             axis.plot(
-                [1e3 * t.values[1] for t in trials],
+                [scale * t.values[1] for t in trials],
                 [100 * (t.values[0] if stage == "sje" else np.exp(t.values[0])) for t in trials],
                 "o",
                 color=colour,
@@ -198,9 +199,14 @@ def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
                 label=label,
             )
         sje = stage == "sje"
+        label = {
+            "shaking": "displacement, rms [mrad]" if sje else "vibration, rms [mm]",
+            "power": "apparent power [W]" if sje else "power of the dither, mean [W]",
+            "torque_rate": "torque rate [N·m/s]",
+        }[price]
         axis.set(
             title=f"joint {k}" if sje else "GTE",
-            xlabel="displacement, rms [mrad]" if sje else "vibration, rms [mm]",
+            xlabel=label,
             ylabel="torque left [%]" if sje else "error left [%]",
         )
         axis.grid(alpha=0.3)

@@ -17,6 +17,9 @@ from tuning.settings import SearchSettings
 OBJECTIVES = ("sje", "gte", "both")
 GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", *KINDS)
+PRICES = ("shaking", "power", "torque_rate")
+"""Second objectives: displacement (SJE) or vibration (GTE) [rad, m], mean power of the dither [W],
+rate of its torque [N·m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +30,9 @@ class Options:
     """One of `OBJECTIVES`."""
     sampler: str | None = None
     """One of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
-    pareto: bool = False
-    """Whether the shaking is a second objective, in place of a constraint."""
+    pareto: str | None = None
+    """One of `PRICES`, the second objective; shaking is a constraint unless it is that. None: one
+    objective."""
     free: tuple[str, ...] = ()
     """Of `bounds.OPTIONS`: what is searched besides amplitude and frequency."""
     gates: str = "none"
@@ -45,6 +49,8 @@ class Options:
             raise unknown("objective", self.objective, OBJECTIVES)
         if self.sampler is not None and self.sampler not in SAMPLERS:
             raise unknown("sampler", self.sampler, SAMPLERS)
+        if self.pareto is not None and self.pareto not in PRICES:
+            raise unknown("pareto", self.pareto, PRICES)
         if self.gates not in GATES:
             raise unknown("gates", self.gates, GATES)
         if self.compensation not in COMPENSATIONS:
@@ -73,6 +79,11 @@ class Options:
             )
         if self.sampler == "nsga2" and not self.pareto:
             raise StictionError("sampler nsga2: expected pareto (two objectives)")
+
+    @property
+    def objectives(self) -> int:
+        """Number of objectives."""
+        return 1 if self.pareto is None else 2
 
     def sampler_of(self, objective: str) -> str:
         """Return the sampler of a stage."""

@@ -89,7 +89,7 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
             not allowed(t) for g in searched.values() for r in g for t in complete(r.trials)
         ),
         landscape="sje" in found.records,
-        pareto=found.options.pareto,
+        pareto=found.options.pareto is not None,
         draws=found.settings.verify_draws,
         spread=found.settings.spread,
     )
@@ -153,8 +153,8 @@ def _draw(found: Found, searched: Records, folder: Path, verified: Verified) -> 
         )
     figures.history(searched, folder / "history.png")
     figures.importance(searched, folder / "importance.png")
-    if found.options.pareto:
-        figures.pareto(searched, folder / "pareto.png")
+    if found.options.pareto is not None:
+        figures.pareto(searched, found.options.pareto, folder / "pareto.png")
     if verified.tracking:
         figures.tables(verified, folder / "comparison.png")
 

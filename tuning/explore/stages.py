@@ -131,7 +131,7 @@ class Stages:
             StictionError: a storage that cannot be opened, or a study of something else.
         """
         first = "gte" if self.options.objective == "gte" else "sje-joint1"
-        self.record(first, 1 + self.options.pareto)
+        self.record(first, self.options.objectives)
 
     def _filled(self, stage: str, searches: list[Search], evaluate: Any) -> None:
         progress = self._progress
@@ -183,7 +183,7 @@ class Stages:
             return [self.objective.outcome(r, found[r], -np.inf) for r in wanted]
 
         progress = self._progress
-        record = self.record("grid", 1 + self.options.pareto)
+        record = self.record("grid", self.options.objectives)
         self.records["grid"] = [record]
         known = measured_once(
             record,
@@ -204,7 +204,7 @@ class Stages:
             population = s.population if name == "cmaes" or options.pareto else 1
             searches.append(
                 Search(
-                    record=self.record(f"sje-joint{j}", 1 + options.pareto),
+                    record=self.record(f"sje-joint{j}", options.objectives),
                     space=space,
                     sampler=sampler(
                         name,
@@ -263,7 +263,7 @@ class Stages:
         first = objective.parameters(gentle or self.limits)
         population = s.population if name in ("cmaes", "nsga2") else 1
         one = Search(
-            record=self.record("gte", 1 + options.pareto),
+            record=self.record("gte", options.objectives),
             space=space,
             sampler=sampler(
                 name,

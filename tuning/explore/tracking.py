@@ -122,7 +122,7 @@ class TrackingObjective:
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
-        pareto: bool = False,
+        pareto: str | None = None,
         settings: BoundsSettings | None = None,
     ) -> None:
         """Measure the arm without dither, and how much a table shakes it.
@@ -140,7 +140,7 @@ class TrackingObjective:
             gates: "none", "one" for one gate speed of all joints, "each" for one per joint.
             limits: a table whose vibration no other may pass, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint: for samplers that know none.
-            pareto: whether the vibration is a second objective, in place of a constraint.
+            pareto: second objective, of `options.PRICES`; None for one objective only.
             settings: how far compensation is searched; None for those of ``settings.toml``.
         """
         self.pareto = pareto
@@ -258,6 +258,15 @@ class TrackingObjective:
             for k in range(len(treatments))
         ]
 
+    def _price(self, found: Tracking) -> tuple[float, ...]:
+        """Return the second objective, where there is one."""
+        prices = {
+            "shaking": float(found.shaking[0]),
+            "power": float(found.power.mean()),
+            "torque_rate": float(found.torque_rate.max()),
+        }
+        return () if self.pareto is None else (prices[self.pareto],)
+
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
         treatments = [self.treatment(parameters) for _, parameters in asked]
@@ -274,8 +283,8 @@ class TrackingObjective:
         """Return what is written down of a table; ``found`` is None in a forbidden band."""
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: as if it did nothing
-            values = (self.penalty * depth, float(self.plain.shaking[0]))
-            return Outcome(values=values[: 1 + self.pareto], constraints=(0.0, 0.0, *forbidden))
+            values = (self.penalty * depth, *self._price(self.plain))
+            return Outcome(values=values, constraints=(0.0, 0.0, *forbidden))
         position, orientation = found.left(self.plain)
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
@@ -284,11 +293,11 @@ class TrackingObjective:
             shaken / limit - 1.0 if np.isfinite(limit) else -1.0
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
         ]
-        constraints = (*([0.0, 0.0] if self.pareto else over), *forbidden)
+        constraints = (*([0.0, 0.0] if self.pareto == "shaking" else over), *forbidden)
         moving, resting = found.shaking
-        values = (value + self.penalty * sum(max(c, 0.0) for c in constraints), moving)
+        penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return Outcome(
-            values=values[: 1 + self.pareto],
+            values=(penalised, *self._price(found)),
             constraints=constraints,
             measures={
                 "objective": value,

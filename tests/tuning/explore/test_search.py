@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 
 import optuna
 import pytest
@@ -87,12 +88,17 @@ def test_a_forbidden_band_is_never_simulated(small, tmp_path):
     assert all(r.frequency_hz >= 40.0 for r in found.final if r.amplitude_nm)
 
 
-def test_two_objectives_make_a_front(small, tmp_path):
-    small("out", pareto=True, sampler="random", evaluations=8)
+@pytest.mark.parametrize("price", ["shaking", "power", "torque_rate"])
+def test_two_objectives_make_a_front(small, tmp_path, price):
+    small("out", pareto=price, sampler="random", evaluations=8)
     front = rows(tmp_path / "out" / "pareto.csv")
     assert front
     for one in front:
         same = [r for r in front if r["study"] == one["study"]]
+        rate = 2 * math.pi * float(one["frequency_hz"]) * float(one["amplitude_nm"])
+        shaking = float(one["displacement_rad"])
+        prices = {"shaking": shaking, "torque_rate": rate, "power": rate * shaking / math.sqrt(2)}
+        assert float(one["value_1"]) == pytest.approx(prices[price])
         assert not any(
             float(r["value_0"]) < float(one["value_0"])
             and float(r["value_1"]) <= float(one["value_1"])
@@ -108,7 +114,8 @@ def test_two_objectives_make_a_front(small, tmp_path):
         ({"evaluations": 0}, "1 or more"),
         ({"gates": "one"}, "gte or both"),
         ({"sampler": "nsga2"}, "pareto"),
-        ({"sampler": "gp", "pareto": True}, "two objectives"),
+        ({"sampler": "gp", "pareto": "power"}, "two objectives"),
+        ({"pareto": "weight"}, "torque_rate"),
         ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
         ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
         ({"free": ("phase",)}, "phase"),

@@ -47,6 +47,21 @@ def test_nothing_leaves_all_and_the_limiting_table_is_allowed(make):
     assert outcome.values[0] == outcome.measures["objective"] < 0
 
 
+@pytest.mark.parametrize("price", ["shaking", "power", "torque_rate"])
+def test_a_second_objective_is_what_it_is_called(make, price):
+    """Shaking is a constraint, unless it is the second objective."""
+    objective = make(pareto=price)
+    found = objective.measure([Treatment(dither=thesis_final_dither())])[0]
+    outcome = objective.outcome(found, -np.inf)
+    measures = {"shaking": "vibration_m", "power": "power_w", "torque_rate": "torque_rate_nm_s"}
+    assert outcome.values == (outcome.measures["objective"], outcome.measures[measures[price]])
+    assert outcome.values[1] > 0
+    twice = dataclasses.replace(found, vibration=2 * found.vibration)
+    over = objective.outcome(twice, -np.inf).constraints[0]
+    assert over == pytest.approx(0.0 if price == "shaking" else 1.0)
+    assert len(objective.outcome(None, 0.5).values) == 2
+
+
 def test_errors_are_those_of_the_experiment(make, experiment):
     objective = make()
     treatment = Treatment(dither=thesis_final_dither())
