@@ -27,7 +27,7 @@ from optuna.samplers import BaseSampler
 from optuna.storages import fail_stale_trials
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
-from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, PendingRollbackError
 
 from stiction_envs.errors import ExperimentError
 from tuning import record
@@ -87,6 +87,11 @@ def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | Non
                 return
             else:  # others have the last trials, and may die
                 time.sleep(settings.poll_s)
+
+
+BEATS = 2.5
+"""Signs of life that are missing before the database counts as away, though no call failed [-]: a
+connection may hang, and end well; assumed."""
 
 
 class _Desk:
@@ -166,7 +171,9 @@ class _Desk:
 
     def _look(self) -> list[FrozenTrial]:
         """Return all trials, those of dead workers queued again."""
-        if self._trouble != self._patience.troubles:
+        settings = self.search.record.settings
+        silent = time.monotonic() - self._patience.beaten > BEATS * settings.heartbeat_s
+        if silent or self._trouble != self._patience.troubles:
             # others could not give signs of life either
             self._trouble = self._patience.troubles
             self._vouched.clear()
@@ -261,6 +268,8 @@ class _Patience:
         self._place, self._settings = place, settings
         self.troubles = 0
         """How often it did not answer."""
+        self.beaten = time.monotonic()
+        """When this worker last gave its signs of life [s]."""
 
     def __call__(self, ask: Callable[[], T]) -> T:
         """Return what ``ask`` returns; it may be called again after half of it was done."""
@@ -302,6 +311,7 @@ class _Pulse:
         self._thread = threading.Thread(target=self._beat, daemon=True)
 
     def __enter__(self) -> None:
+        self._patience.beaten = time.monotonic()
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
@@ -314,6 +324,10 @@ class _Pulse:
             try:
                 for desk in self._desks:
                     desk.beat()
+                now = time.monotonic()
+                if now - self._patience.beaten > BEATS * self._settings.heartbeat_s:
+                    self._patience.troubles += 1  # it hung, and ended well
+                self._patience.beaten = now
                 wait = self._settings.heartbeat_s
             except (StorageInternalError, DBAPIError):
                 # the main thread says so, if it is still so when it has something to tell
@@ -361,7 +375,8 @@ def _out_of_reach(error: BaseException) -> bool:
     """Return whether a database may answer later: no connection, a restart, a deadlock."""
     cause: BaseException | None = error
     while cause is not None:
-        if isinstance(cause, OperationalError | InterfaceError):
+        # the last is what is left of a connection that broke while Optuna tried another query
+        if isinstance(cause, OperationalError | InterfaceError | PendingRollbackError):
             return True
         if isinstance(cause, DBAPIError) and cause.connection_invalidated:
             return True
