@@ -186,6 +186,7 @@ class _Desk:
                 self._storage.record_heartbeat(t._trial_id)
                 self._vouched.add(t.number)
         if others:
+            self.beat()  # after a silence our own would be called dead first
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
                 fail_stale_trials(self.study)
