@@ -8,24 +8,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def slope(pe: Array, pp: Array) -> float:
-    """Return the slope of what came over what was predicted, in standard errors.
-
-    Its standard error is that between blocks, √(Σ(pᵀe − a pᵀp)²·B/(B − 1))/Σpᵀp (Liang and Zeger,
-    "Longitudinal data analysis using generalized linear models", 1986).
-
-    Args:
-        pe: (B,) prediction times what was left, summed over each block.
-        pp: (B,) prediction squared.
-    """
-    total = float(pp.sum())
-    if total <= 0 or len(pp) < 2:
-        return 0.0
-    a = float(pe.sum()) / total
-    error = float(np.sqrt(np.sum(np.square(pe - a * pp)) * len(pp) / (len(pp) - 1))) / total
-    return a / max(error, 1e-12)
-
-
 def came_true(pe: Array, pp: Array) -> tuple[Array, Array]:
     """Return (n,) the part of a predicted torque that came true, and its standard error [-].
 
@@ -34,7 +16,8 @@ def came_true(pe: Array, pp: Array) -> tuple[Array, Array]:
         pp: (B, n) of predicted torque squared.
 
     Returns:
-        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (Liang and Zeger 1986); NaN
+        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (K.-Y. Liang, S. Zeger,
+        "Longitudinal data analysis using generalized linear models", Biometrika 1986); NaN
         without a torque, an infinite error with a single block.
     """
     total = pp.sum(axis=0)
@@ -44,3 +27,16 @@ def came_true(pe: Array, pp: Array) -> tuple[Array, Array]:
         return a, np.where(np.isnan(a), np.nan, np.inf)
     spread = np.sqrt(np.square(pe - a * pp).sum(axis=0) * len(pp) / (len(pp) - 1))
     return a, spread / some
+
+
+def slope(pe: Array, pp: Array) -> float:
+    """Return the slope of what came over what was predicted, in standard errors: see `came_true`.
+
+    Args:
+        pe: (B,) prediction times what was left, summed over each block.
+        pp: (B,) prediction squared.
+    """
+    if float(pp.sum()) <= 0 or len(pp) < 2:
+        return 0.0
+    a, error = (float(x[0]) for x in came_true(pe[:, None], pp[:, None]))
+    return a / max(error, 1e-12)
