@@ -23,9 +23,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfilt_zi, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
-from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
@@ -99,46 +98,7 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float6
     if 2 * cutoff_hz >= rate_hz or len(x) < 2:
         return x.copy()
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    sections = _sections(rate_hz, cutoff_hz)
-    if x.size < FEW_COLUMNS * len(x):
-        return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad))
-    flat = x.reshape(len(x), -1)
-    ends = 2 * flat[0] - flat[pad:0:-1], 2 * flat[-1] - flat[-2 : -pad - 2 : -1]
-    long = np.concatenate([ends[0], flat, ends[1]])
-    settled = sosfilt_zi(sections)
-    _cascade(long, sections, settled)
-    _cascade(long[::-1], sections, settled)
-    return long[pad : pad + len(x)].reshape(x.shape).copy()
-
-
-FEW_COLUMNS = 4
-"""From which on it is quicker to filter row by row."""
-
-
-@compiled
-def _cascade(
-    x: NDArray[np.float64], sections: NDArray[np.float64], settled: NDArray[np.float64]
-) -> None:
-    """Filter (T, k) signals in place as `scipy.signal.sosfilt` does, from rest at their first row.
-
-    All columns at a time, which the processor takes several of at once.
-    """
-    columns, count = x.shape[1], len(sections)
-    state = np.empty((count, 2, columns))
-    for s in range(count):
-        for i in range(2):
-            for k in range(columns):
-                state[s, i, k] = settled[s, i] * x[0, k]
-    for row in range(len(x)):
-        for s in range(count):
-            b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
-            a1, a2 = sections[s, 4], sections[s, 5]
-            for k in range(columns):
-                old = x[row, k]
-                new = b0 * old + state[s, 0, k]
-                state[s, 0, k] = b1 * old - a1 * new + state[s, 1, k]
-                state[s, 1, k] = b2 * old - a2 * new
-                x[row, k] = new
+    return np.asarray(sosfiltfilt(_sections(rate_hz, cutoff_hz), x, axis=0, padlen=pad))
 
 
 @lru_cache

@@ -387,7 +387,7 @@ def test_real_logs(name: str, n: int, low: float, high: float) -> None:
 
 @pytest.mark.parametrize("shape", [(3000, 4), (3000, 7, 1), (60, 5)])
 def test_many_columns_pass_the_filter_as_each_by_itself(shape: tuple[int, ...]) -> None:
-    """To the last digit, whichever way they are filtered."""
+    """To the last digit."""
     x = np.random.default_rng(3).normal(size=shape)
     kept = x.copy()
     out = lowpass(x, 1000.0, 20.0)
