@@ -20,6 +20,7 @@ from stiction_envs.gap.causes.deflection import (
 from stiction_envs.gap.causes.motion import rests, reversals
 from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.reversal_path import play
 from stiction_envs.method_settings import check_numbers
 
 DRAGGED, LOST = 0.0, -1.0
@@ -143,18 +144,9 @@ def lost(data: Data, joint: int, gaps: Array) -> Array:
     """
     out = np.zeros((len(data.q), len(gaps)))
     for run in data.runs():
-        _behind(data.reversal_path[run, joint], gaps / 2, out[run])
+        path = data.reversal_path[run, joint]
+        out[run] = play(path, gaps / 2) - path[:, None]
     return out
-
-
-@compiled
-def _behind(path: Array, half: Array, out: Array) -> None:
-    """Put `lost` of one run into ``out`` (T, K), from the middle of the slots."""
-    pen = np.full(len(half), path[0])
-    for i in range(len(path)):
-        for g in range(len(half)):
-            pen[g] = min(max(pen[g], path[i] - half[g]), path[i] + half[g])
-            out[i, g] = pen[g] - path[i]
 
 
 class Backlash(Cause):

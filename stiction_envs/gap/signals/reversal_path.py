@@ -33,21 +33,20 @@ def angle_noise(q: Array) -> float:
     return float(np.sqrt(kept.mean() / 0.62 / 70))
 
 
-def play(x: Array, half: float) -> Array:
-    """Return (K,) a pen that is dragged along by a slot of half width ``half``."""
-    return _dragged(x, half) if half > 0 and len(x) else x
-
-
 @compiled
-def _dragged(x: Array, half: float) -> Array:
-    """Return `play` of a slot that is not closed."""
-    out, pen = np.empty(len(x)), x[0]
+def play(x: Array, half: Array) -> Array:
+    """Return (T, K) pens that are dragged along by slots of half widths ``half`` (K,), from x[0].
+
+    Args:
+        x: (T,) path of the slots' middle.
+        half: (K,) half widths from 0, in units of the path; 0 gives the path itself.
+    """
+    out = np.empty((len(x), len(half)))
+    pen = np.full(len(half), x[0] if len(x) else 0.0)
     for i in range(len(x)):
-        if x[i] - half > pen:
-            pen = x[i] - half
-        elif x[i] + half < pen:
-            pen = x[i] + half
-        out[i] = pen
+        for k in range(len(half)):
+            pen[k] = min(max(pen[k], x[i] - half[k]), x[i] + half[k])
+            out[i, k] = pen[k]
     return out
 
 
@@ -70,4 +69,4 @@ def reversal_path(
     s = settings or gap_settings().reversal_path
     wide = min(s.wider * cutoff_hz, rate_hz / 2)
     left = angle_noise(q) * np.sqrt(2 * wide / rate_hz)
-    return play(lowpass(q, rate_hz, wide), s.noise_band * left)
+    return np.asarray(play(lowpass(q, rate_hz, wide), np.array([s.noise_band * left]))[:, 0])

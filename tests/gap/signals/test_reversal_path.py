@@ -21,8 +21,9 @@ def test_the_noise_of_an_angle_is_found_beside_its_motion() -> None:
 
 def test_a_pen_follows_beyond_its_slot_only() -> None:
     x = np.array([0.0, 0.5, 2.0, 1.5, 0.5, -1.0])
-    assert np.allclose(play(x, 1.0), [0, 0, 1, 1, 1, 0])
-    assert np.array_equal(play(x, 0.0), x)
+    pens = play(x, np.array([1.0, 0.0]))
+    assert np.allclose(pens[:, 0], [0, 0, 1, 1, 1, 0])
+    assert np.array_equal(pens[:, 1], x)
 
 
 def test_noise_at_rest_makes_hardly_any_way() -> None:
