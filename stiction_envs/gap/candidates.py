@@ -58,7 +58,6 @@ class RegressorLibrary:
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
-        self._released: dict[str, Cause] | None = None
         self._width = [0] * data.n
         self._limits: dict[tuple[str, int], tuple[Array, Array]] = {}
         self.residual = data.residual
@@ -169,8 +168,6 @@ class RegressorLibrary:
 
     def _put(self, joint: int, start: int, columns: Array) -> None:
         """Keep (k, T) columns, in room for more: what is not used yet takes no memory."""
-        if self._released is not None:
-            self._make_again()
         end = start + len(columns)
         if end > len(self._rows_of[joint]):
             before = self._rows_of[joint][:start]
@@ -204,23 +201,7 @@ class RegressorLibrary:
 
     def _store(self, joint: int) -> Array:
         """Return (T, P) all columns of a joint, each of them in one piece."""
-        if self._released is not None:
-            self._make_again()
         return self._rows_of[joint][: self._width[joint]].T
-
-    def release(self) -> None:
-        """Let go of all columns, some hundred megabytes; they are made again if they are needed."""
-        self._rows_of = [np.empty((0, len(self.data.t)))] * self.data.n
-        self._released = dict(self.causes)
-
-    def _make_again(self) -> None:
-        """Make the columns that were let go of, with the causes of then."""
-        assert self._released is not None
-        now, self.causes, self._released = self.causes, self._released, None
-        for (term, joint), at in self._at.items():
-            if at and at[-1] < self.grams.joints[joint].xr.shape[1]:
-                self._put(joint, at[0], self.columns(term, joint).T)
-        self.causes, self._last = now, None
 
     def _reweigh(self) -> None:
         """Let what no linear model explains (spikes, contacts) weigh less."""

@@ -28,7 +28,7 @@ from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.contest import contested
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
-from stiction_envs.gap.refit import found_again, refit_given_what_was_found, settle
+from stiction_envs.gap.refit import found_again, given_what_was_found, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -221,9 +221,15 @@ def diagnose(
     say("choosing causes", 0.0)
     terms = choose(library, stage="choosing causes")
     say("refitting", 0.0)
-    again = refit_given_what_was_found(library, terms)
-    if again is not None and found_again(terms, refitted := choose(again)):
-        library, terms = again, refitted
+    if (given := given_what_was_found(library, terms)) is not None:
+        del library  # two at once take too much memory
+        library = RegressorLibrary(*given)
+        refitted = choose(library)
+        if found_again(terms, refitted):
+            terms = refitted
+        else:
+            library = RegressorLibrary(data, causes)
+            library.refine(terms)
     say("refitting", 0.6)
     terms = settle(library, sharpen(library, terms))
     terms = contested(library, terms)

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Shape, TorqueShift
+from stiction_envs.gap.causes import Cause, Shape, TorqueShift
 from stiction_envs.gap.causes.bodies import leaned
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
 
 
-def refit_given_what_was_found(
+def given_what_was_found(
     library: RegressorLibrary, terms: Sequence[Candidate]
-) -> RegressorLibrary | None:
-    """Return columns as they are given what the whole arm has, None if that is nothing."""
+) -> tuple[Data, list[Cause]] | None:
+    """Return data and causes as they are given what the whole arm has, None if that is nothing."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
     late = _late(library, terms)
@@ -41,8 +41,7 @@ def refit_given_what_was_found(
             data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
         data = data.carrying(_torque(library, terms, carried), _gravity(library, carried, terms))
-    library.release()  # two libraries at once take too much memory, and this one has had its day
-    return RegressorLibrary(data, list(causes.values()))
+    return data, list(causes.values())
 
 
 def _gravity(
