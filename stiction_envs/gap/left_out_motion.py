@@ -30,10 +30,6 @@ from stiction_envs.gap.normal_equations import RIDGE, solve
 from stiction_envs.gap.slope import came_true
 
 Array = NDArray[np.float64]
-LEAST = 1e-6
-"""Part of all motions' information below which there is none but rounding [-]."""
-STIFF = 1e3
-"""Weight of the prior on what other motions do not show, over all motions' information [-]."""
 TRANSFERS, HARMS, UNCLEAR, ONE_MOTION = (
     *("transfers", "does not transfer", "cannot tell"),
     "one motion shows it",
@@ -107,6 +103,7 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
     errors, sums = np.zeros((2, *shape)), np.zeros((len(names), 3, *shape))
     judged = np.zeros((len(names), *shape), dtype=bool)
     none, least = np.zeros_like(d.coefficients), d.settings.check.least_torque
+    known_share = d.settings.check.seen
     count = np.stack([g.count for g in grams.joints])
     for log in numbers:
         mine = log_of == log
@@ -124,7 +121,7 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
                 for x in (known, d.coefficients)
             )
             seen = whole > least**2 * count[:, mine].sum(axis=1)
-            judged[i][:, mine] = ((part >= 0.25 * whole) & seen)[:, None]
+            judged[i][:, mine] = ((part >= known_share**2 * whole) & seen)[:, None]
     titles = [Path(d.logs[k].source).name for k in numbers]
     noise, total = d.data.noise, count.sum(axis=1)
     nominal_rms, extended_rms = (np.sqrt(e.sum(axis=1) / total) * noise for e in errors)
@@ -218,36 +215,23 @@ def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array
     across = np.outer(scale, scale)
     metric = whole / across + RIDGE * np.eye(len(xr))
     share, v = eigh(xx / across, metric)
-    informed, share = share > LEAST, np.maximum(share, LEAST)
+    informed, share = share > s.informed, np.maximum(share, s.informed)
     value = np.where(informed, v.T @ (xr / scale) / share, 0.0)
     # a block's part of the information, and how far the estimate moves when it is left out
     some = np.flatnonzero(weight > 0)
-    each, along = _of_blocks(d.library, terms, v / scale[:, None], some)
+    blocks_xx, blocks_xr = (x[some] for x in grams.block_systems(model))
+    directions = v / scale[:, None]
+    each, along = directions.T @ blocks_xx @ directions, blocks_xr @ directions
     part = np.minimum(np.einsum("bii->bi", each) / share, 1.0)
     moved = (along - each @ value) / (share * np.maximum(1 - part, s.single_block))
     spread = np.sqrt(np.square(moved).sum(axis=0) * len(some) / max(len(some) - 1, 1))
     limit = float(student.ppf(1 - s.chance / 2, max(len(some) - 1, 1)))
     known = informed & (np.abs(value) > limit * spread) & (part.max(axis=0) < 1 - s.single_block)
     unknown = metric @ v[:, ~known]
-    held = xx + STIFF * across * (unknown @ unknown.T)
+    held = xx + s.stiff * across * (unknown @ unknown.T)
     c = solve(held, xr, np.array(model.low), np.array(model.high))
     best = grams.fit(model) * scale
     return c, np.asarray(v[:, known] @ (v[:, known].T @ metric @ best) / scale)
-
-
-def _of_blocks(
-    library: RegressorLibrary, terms: Sequence[Candidate], v: Array, some: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Return vᵀxx v (B, P, P) and vᵀxr (B, P) of some blocks, v (P, P) directions."""
-    model = library.model_columns(terms)
-    xx, xr = np.zeros((len(some), len(v), len(v))), np.zeros((len(some), len(v)))
-    for gram, columns, where in zip(
-        library.grams.joints, model.columns, model.coefficients, strict=True
-    ):
-        cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
-        xx[:, at[:, None], at] += gram.xx[some[:, None, None], cols[:, None], cols]
-        xr[:, at] += gram.xr[some[:, None], cols]
-    return v.T @ xx @ v, xr @ v
 
 
 def _sums(

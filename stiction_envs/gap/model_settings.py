@@ -28,9 +28,16 @@ class CheckSettings:
     single_block: float
     """Part of the information on coefficients that must lie outside any one block for them to be
     predicted on a motion that is left out [-]."""
+    seen: float
+    """Part of a cause's torque on a motion, root mean square, that the others must know for it to
+    be judged there [-]."""
+    informed: float
+    """Part of all motions' information below which there is none but rounding [-]."""
+    stiff: float
+    """Weight of the prior on what other motions do not show, over all motions' information [-]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("chance", "single_block"), from_zero=("worse", "harm"))
+        check_numbers(self, shares=("chance", "single_block", "seen"), from_zero=("worse", "harm"))
 
 
 @dataclass(frozen=True, kw_only=True)

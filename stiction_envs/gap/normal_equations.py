@@ -243,10 +243,8 @@ class JointGrams:
         self._errors[model] = np.maximum(out, 0.0)
         return self._errors[model]
 
-    def leave_one_block_out(self, model: ModelColumns) -> Array:
-        """Return (B, P) the fit to all blocks but each."""
-        if model in self._left_out:
-            return self._left_out[model]
+    def block_systems(self, model: ModelColumns) -> tuple[Array, Array]:
+        """Return xx (B, P, P) and xr (B, P) of a model in each block, without its prior."""
         p = len(model.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
         for gram, columns, where in zip(
@@ -256,6 +254,13 @@ class JointGrams:
                 cols, at = np.array(columns), np.array(where)
                 xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
                 xr[:, at] += gram.xr[:, cols]
+        return xx, xr
+
+    def leave_one_block_out(self, model: ModelColumns) -> Array:
+        """Return (B, P) the fit to all blocks but each."""
+        if model in self._left_out:
+            return self._left_out[model]
+        xx, xr = self.block_systems(model)
         low, high = np.array(model.low), np.array(model.high)
         prior = np.diag(model.prior)
         out = solve_all(xx.sum(axis=0) - xx + prior, xr.sum(axis=0) - xr, low, high)

@@ -20,10 +20,10 @@ from stiction_envs.robots.own import read_own
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles
 from stiction_envs.robots.tables import (
     Limits,
-    generic,
     hand_yaw,
     lookup,
     on_floor,
+    payload_radius,
     per_joint,
 )
 
@@ -149,7 +149,7 @@ def load_arm(
     if any(lean):
         mjcf.tilt_base(root, fields["link_names"][0], (lean[0], lean[1]))
     if load is not None and load[0] > 0:
-        mjcf.add_payload(root, fields["end_effector"], load, lookup(generic(), "payload_radius"))
+        mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
     if any(lean) or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False

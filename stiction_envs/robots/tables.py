@@ -67,6 +67,11 @@ def lookup(table: Mapping[str, Any], key: str) -> Any:
     return node.get("value") if isinstance(node, Mapping) else None
 
 
+def payload_radius() -> float:
+    """Return the radius of the solid sphere that a payload is [m]."""
+    return float(lookup(generic(), "payload_radius"))
+
+
 def on_floor(table: Mapping[str, Any], where: str) -> bool:
     """Whether ``mounting`` says that the arm stands on a floor at its world's z = 0.
 

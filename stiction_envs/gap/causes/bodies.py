@@ -6,8 +6,8 @@ parameter identification", IEEE RA-L 2018): torque is linear in J, and a body ca
 positive definite. Two families stay within that, and take four numbers each:
 
 * a link as it was, but heavier by a factor and moved: J' = (1 + s) T(δ) J T(δ)ᵀ;
-* a payload, a solid sphere of `PAYLOAD_RADIUS` about its centre: a point mass but for its last bit,
-  with six more numbers for an inertia that is not a point's, where the motion shows it.
+* a payload, a solid sphere of `load_arm`'s radius about its centre: a point mass but for its last
+  bit, with six more numbers for an inertia that is not a point's, where the motion shows it.
 
 What torques do not excite stays at the nominal, or at a point's.
 """
@@ -30,18 +30,15 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
     torque_regressor,
 )
+from stiction_envs.robots.tables import payload_radius
 
 Array = NDArray[np.float64]
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):
     _SPREADS[_k, _a, _b] = _SPREADS[_k, _b, _a] = 1.0
-PAYLOAD_RADIUS = 0.03
-"""Of the solid sphere of a payload [m]; as `load_arm`, assumed."""
 ROWS = 4000
 """That are worked out at once: all of them would fill the memory."""
-LEAST = 1e-3
-"""Least eigenvalue of what is left of a link, over the link's own [-]; assumed."""
 
 
 def body_columns(recording: Recording, *gravity: float) -> Array:
@@ -100,7 +97,7 @@ def payload_directions(centre: Array) -> Array:
     given, and right where the payload's is the same: it is of first degree in (m, h). The last six
     are what Σ has besides, xx, yy, zz, xy, xz, yz.
     """
-    c, own = np.asarray(centre, float), 0.2 * PAYLOAD_RADIUS**2 * np.eye(3)
+    c, own = np.asarray(centre, float), _sphere()
     out = [_parameters(own - np.outer(c, c), np.zeros(3), 1.0)]
     for axis in np.eye(3):
         out.append(_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0))
@@ -108,22 +105,27 @@ def payload_directions(centre: Array) -> Array:
     return np.stack(out, axis=1)
 
 
-def payload_of(coefficients: Array) -> Array:
+def payload_of(coefficients: Array, least: float) -> Array:
     """Return (10,) parameters about the flange of a payload that can exist, or of one less.
 
     Args:
         coefficients: (10,) of `payload_directions`.
+        least: as for `possible`.
     """
     mass, more = float(coefficients[0]), np.tensordot(coefficients[4:], _SPREADS, axes=1)
     phi = sphere(mass, coefficients[1:4] / mass) + _parameters(more, np.zeros(3), 0.0)
-    return possible(phi, sphere(mass, np.zeros(3))) if mass > 0 else phi
+    return possible(phi, sphere(mass, np.zeros(3)), least) if mass > 0 else phi
 
 
 def sphere(mass: float, centre: Array) -> Array:
     """Return (10,) parameters of a payload with its centre at (3,) [m]."""
     c = np.asarray(centre, float)
-    own = 0.2 * PAYLOAD_RADIUS**2 * np.eye(3)
-    return mass * _parameters(own + np.outer(c, c), c, 1.0)
+    return mass * _parameters(_sphere() + np.outer(c, c), c, 1.0)
+
+
+def _sphere() -> Array:
+    """Return (3, 3) Σ of a kilogram about its centre [m²]."""
+    return 0.2 * payload_radius() ** 2 * np.eye(3)
 
 
 def from_flange(model: pin.Model, arm: Arm) -> Array:
@@ -134,18 +136,19 @@ def from_flange(model: pin.Model, arm: Arm) -> Array:
     )
 
 
-def with_payload(arm: Arm, phi: Array) -> Arm:
+def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
     """Return an arm with a body on its flange; one of negative mass is taken out of what is there.
 
     Args:
         arm: the arm.
         phi: (10,) of the body about the flange.
+        least: as for `possible`.
     """
     if phi[0] > 0:
         root, body = ET.fromstring(arm.xml), pin.Inertia.FromDynamicParameters(phi)
         before = set(root.iter("body"))
         x, y, z = (float(v) for v in body.lever)
-        mjcf.add_payload(root, arm.end_effector, (float(body.mass), x, y, z), PAYLOAD_RADIUS)
+        mjcf.add_payload(root, arm.end_effector, (float(body.mass), x, y, z), payload_radius())
         (new,) = set(root.iter("body")) - before
         element, i = new.find("inertial"), body.inertia
         assert element is not None
@@ -155,7 +158,7 @@ def with_payload(arm: Arm, phi: Array) -> Arm:
         return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
     model = arm.pinocchio()
     links = inertial_parameters(model)
-    links[-1] = possible(links[-1] + from_flange(model, arm) @ phi, links[-1])
+    links[-1] = possible(links[-1] + from_flange(model, arm) @ phi, links[-1], least)
     return with_inertias(arm, links)
 
 
@@ -172,20 +175,22 @@ def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
     return with_inertias(arm, phi)
 
 
-def possible(phi: Array, was: Array) -> Array:
+def possible(phi: Array, was: Array, least: float) -> Array:
     """Return a body like (10,) ``phi`` that can exist: same mass and centre, inertia not too small.
 
     Args:
         phi: parameters that may be no body's; their mass is positive.
         was: those of a body, whose size is the measure.
+        least: eigenvalue of its inertia about the centre, at least, over the mean of that one's
+            [-].
     """
     sigma, h, m = _parts(phi)
     before, moment, mass = _parts(was)
-    least = LEAST * float(np.trace(before - np.outer(moment, moment) / mass)) / 3
+    smallest = least * float(np.trace(before - np.outer(moment, moment) / mass)) / 3
     values, vectors = np.linalg.eigh(sigma - np.outer(h, h) / m)
-    if values[0] >= least:
+    if values[0] >= smallest:
         return np.asarray(phi)
-    own = (vectors * np.maximum(values, least)) @ vectors.T
+    own = (vectors * np.maximum(values, smallest)) @ vectors.T
     return _parameters(own + np.outer(h, h) / m, h, m)
 
 

@@ -94,10 +94,6 @@ class LinkParameters(Cause):
         moved = float(np.linalg.norm(coefficients[1:])) / max(mass, 1e-9)
         return bool(coefficients[0] <= low[0]) or moved > self.settings.farthest
 
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Never: nothing is tried."""
-        return False
-
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the link, and what its mass [kg] and centre [m] in its axes differ by."""
         more = float(coefficients[0])

@@ -40,6 +40,9 @@ class PayloadSettings:
     """How far an inertia may be off a point's [kg·m²]: a kilogram 10 cm about its centre."""
     most_inertia: float
     """The same at most [kg·m²]: slow motion shows none, and the fit is then free to want any."""
+    least_inertia: float
+    """Least eigenvalue of the inertia of what is left of a link about its centre, or of a payload,
+    over the mean of the link's own, or of a small sphere's [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -119,7 +122,7 @@ class Payload(Cause):
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return the ten parameters of the body about the flange."""
-        return payload_of(coefficients), ()
+        return payload_of(coefficients, self.settings.least_inertia), ()
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm with the body, or without it."""
@@ -129,7 +132,7 @@ class Payload(Cause):
                 f"cause {self.name}: no body has the parameters {list(part.coefficients)}: "
                 "expected mass, first moment (3) and inertia (6) about the flange"
             )
-        return with_payload(arm, phi)
+        return with_payload(arm, phi, self.settings.least_inertia)
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say where it is; the body itself is the arm's."""
