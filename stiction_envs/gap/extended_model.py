@@ -110,7 +110,7 @@ def extended_nominal(path: str | Path, data: Data) -> Array:
         StictionError: a file without [arm], or of another arm.
     """
     nominal = read(Path(path))
-    nominal.check(data.arm)
+    nominal.check(data.arm, path)
     return nominal.extend(data).nominal
 
 
@@ -137,7 +137,7 @@ def load_model(path: str | Path, robot: str | Path | None = None) -> StickingMod
     if nominal.robot is None:
         return sticking_model(robot, path)
     arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt)
-    nominal.check(arm)
+    nominal.check(arm, path)
     friction = with_rotors(load_friction(path, arm.n), arm)
     return sticking_model(changed_arm(arm, nominal.parts), friction)
 

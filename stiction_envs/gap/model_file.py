@@ -40,8 +40,16 @@ class Nominal:
     distance: tuple[float, ...] | None = None
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
 
-    def check(self, arm: Arm) -> None:
-        """Raise if an arm is not the one the parts were found on, or they leave it no body."""
+    def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
+        """Raise if an arm is not the one the parts were found on, or they leave it no body.
+
+        Args:
+            arm: the arm.
+            where: what the parts were read from, for the message.
+
+        Raises:
+            StictionError: another arm, payload or tilt, a joint that it lacks, an impossible body.
+        """
         if self.robot is None:
             return
         for what, mine, given in (
@@ -51,19 +59,19 @@ class Nominal:
         ):
             if mine != given:
                 raise StictionError(
-                    f"nominal model is of {what} {mine}, but the arm has {given}: expected the "
+                    f"{where}: of {what} {mine}, but the arm has {given}: expected the "
                     "arm it was diagnosed on"
                 )
         for part in self.parts:
             if part.joint > arm.n:
                 raise StictionError(
-                    f"nominal model: cause {part.cause} on joint {part.joint}: {arm.name} has "
+                    f"{where}: cause {part.cause} on joint {part.joint}: {arm.name} has "
                     f"{arm.n} joints"
                 )
         try:
             changed_arm(arm, self.parts)
         except StictionError as error:
-            raise StictionError(f"nominal model: {error}") from None
+            raise StictionError(f"{where}: {error}") from None
 
     def extend(self, data: Data) -> Data:
         """Return data against the nominal model with its causes."""
@@ -134,7 +142,7 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
     if path.suffix != ".toml":
         raise StictionError(f"nominal {nominal}: expected rigid, shipped or a path to a .toml")
     found = read(path)
-    found.check(arm)
+    found.check(arm, f"nominal {path}")
     if found.friction is None and found.robot is None:
         return Nominal(friction=load_friction(path, arm.n))
     return found
