@@ -33,18 +33,16 @@ def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) ->
 def contested(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
     """Return a model in which a wide cause has taken the place of what it makes needless.
 
-    Every cause that acts on all joints, and is not in the model, is put into it and all that is
-    then no longer significant taken out; the shortest of these models stands, if it is shorter than
-    the one that was given.
+    Every cause that changes the arm (a payload, a tilt, a link), and is not in the model, is put
+    into it and all that is then no longer significant taken out; the shortest of these models
+    stands, if it is shorter than the one that was given.
     """
     out, best = list(terms), description_length(library, terms)
     while True:
         have = {(t.cause, t.joint) for t in out}
         found: list[Candidate] | None = None
         for wide in library.candidates:
-            if (wide.cause, wide.joint) in have or len(library.affected_joints(wide)) == 1:
-                continue
-            if not library.causes[wide.cause].changes_arm:
+            if (wide.cause, wide.joint) in have or not library.causes[wide.cause].changes_arm:
                 continue
             model = [*out, wide]
             if (
