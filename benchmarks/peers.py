@@ -40,7 +40,7 @@ from stiction_envs.gap.signals.dataset import assemble  # noqa: E402
 from stiction_envs.gap.signals.prepare import Signals, prepare  # noqa: E402
 from stiction_envs.measured.logs.reader import JointLog, read_logs  # noqa: E402
 from stiction_envs.reporting.atomic import write_text_atomic  # noqa: E402
-from stiction_envs.reporting.markdown import table_text  # noqa: E402
+from stiction_envs.reporting.markdown import joints, table_text  # noqa: E402
 from stiction_envs.robots import Arm, load_arm  # noqa: E402
 
 ROWS, OVERSAMPLED = 6000, 6.0
@@ -145,7 +145,7 @@ def ours(parts: Parts) -> dict[str, Any]:
     for name in ("fit", "held_out", "check"):
         data = assemble(parts.arm, parts.signals(getattr(parts, name)), link_side=True)
         left[name] = np.sqrt(np.mean(np.square(model.extend(data).residual), axis=0)).tolist()
-    causes = ", ".join(f"{c.name} ({_numbers(c.joints)})" for c in found.causes)
+    causes = ", ".join(f"{c.name} ({joints(c.joints)})" for c in found.causes)
     bound = sum(e.on_bound for c in found.causes for p in c.parameters.values() for e in p.values())
     confused = sum(bool(c.confused_with) for c in found.causes)
     return {
@@ -154,10 +154,6 @@ def ours(parts: Parts) -> dict[str, Any]:
         "trust": f"verdict: {found.verdict}; intervals of all parameters, {bound} on a bound; "
         f"{confused} causes told to be confused with others, with the motion that tells them apart",
     }
-
-
-def _numbers(joints: tuple[int, ...]) -> str:
-    return "joints " + ", ".join(map(str, joints)) if joints else "whole arm"
 
 
 def peer(kind: Any) -> Callable[[Parts], dict[str, Any]]:

@@ -16,7 +16,7 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.slope import came_true
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
-from tests.gap.small_logs import RATE, hidden, motion, panda, sliding, write_csv
+from tests.gap.small_logs import RATE, dry, found, hidden, motion, panda, write_csv
 from tests.robots.own_arms import chain
 
 OWN = default_settings()
@@ -24,25 +24,8 @@ NOISE = 0.01
 SPRING = np.array([3.0, 0.0])
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory) -> Arm:
-    """An arm of two joints that feel gravity."""
-    path = tmp_path_factory.mktemp("arm") / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
-    return load_arm(path)
-
-
-def dry(q, dq, ddq):
-    return 0.5 * sliding(q)
-
-
 def dry_and_sprung(q, dq, ddq):
     return dry(q, dq, ddq) + SPRING * q
-
-
-def found(arm: Arm, *logs: JointLog) -> Diagnosis:
-    names = ("coulomb_friction", "external_spring", "torque_offset")
-    return diagnose(logs, arm, causes=[cause_named(x) for x in names])
 
 
 @pytest.fixture(scope="module")

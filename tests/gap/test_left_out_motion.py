@@ -7,30 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
 from stiction_envs.gap.left_out_motion import leave_out_motions
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.robots import Arm, load_arm
-from tests.gap.small_logs import hidden, sliding
-from tests.robots.own_arms import chain
-
-
-@pytest.fixture(scope="module")
-def two(tmp_path_factory) -> Arm:
-    path = tmp_path_factory.mktemp("arm") / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
-    return load_arm(path)
-
-
-def dry(q, dq, ddq):
-    return 0.5 * sliding(q)
-
-
-def found(arm: Arm, *logs: JointLog) -> Diagnosis:
-    named = [replace(x, source=f"log{k}.csv") for k, x in enumerate(logs, 1)]
-    names = ("coulomb_friction", "external_spring", "torque_offset")
-    return diagnose(named, arm, causes=[cause_named(x) for x in names])
+from stiction_envs.robots import Arm
+from tests.gap.small_logs import dry, found, hidden
 
 
 def sprung(arm: Arm, stiffness: float, seed: int) -> JointLog:
