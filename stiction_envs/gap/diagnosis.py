@@ -229,7 +229,6 @@ def diagnose(
             terms = refitted
         else:
             library = RegressorLibrary(data, causes)
-            library.refine(terms)
     say("refitting", 0.6)
     terms = settle(library, sharpen(library, terms))
     terms = contested(library, terms)
