@@ -59,7 +59,7 @@ class RegressorLibrary:
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._width = [0] * data.n
-        self._limits: dict[tuple[str, int], tuple[Array, Array]] = {}
+        self._limits: dict[Candidate, tuple[list[float], list[float], list[float]]] = {}
         self.residual = data.residual
         own = data.settings.candidates
         share = own.diagnosed if data.model.diagnosed else own.given
@@ -240,13 +240,13 @@ class RegressorLibrary:
         high: list[float] = []
         firm: list[float] = []
         for term in terms:
-            lowest, highest = (x.tolist() for x in self.bounds(term))
-            firm += (self.prior_rows / np.square(self.prior(term))).tolist()
+            lowest, highest, precision = self._held(term)
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += range(len(low), len(low) + len(lowest))
             low += lowest
             high += highest
+            firm += precision
         return ModelColumns(
             tuple(map(tuple, columns)),
             tuple(map(tuple, where)),
@@ -255,12 +255,17 @@ class RegressorLibrary:
             tuple(firm),
         )
 
+    def _held(self, term: Candidate) -> tuple[list[float], list[float], list[float]]:
+        """Return lowest and highest coefficients of a candidate, and their prior's precision."""
+        if term not in self._limits:
+            low, high = self.bounds(term)
+            firm = self.prior_rows / np.square(self.prior(term))
+            self._limits[term] = low.tolist(), high.tolist(), firm.tolist()
+        return self._limits[term]
+
     def bounds(self, term: Candidate) -> tuple[Array, Array]:
         """Return lowest and highest coefficients of a candidate, (k,) each."""
-        key = term.cause, term.joint
-        if key not in self._limits:
-            self._limits[key] = self.causes[term.cause].bounds(self.data, term.joint)
-        low, high = self._limits[key]
+        low, high = self.causes[term.cause].bounds(self.data, term.joint)
         return low[: self._size(term)], high[: self._size(term)]
 
     def prior(self, term: Candidate) -> Array:
