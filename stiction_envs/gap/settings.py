@@ -60,6 +60,8 @@ class PrepareSettings:
     """Largest share of a segment that is cut off at each end [-]."""
     least_rate: float
     """Samples per period of the cutoff that are kept at least [-]."""
+    most_rate: float
+    """The same at most [-]: what was filtered has nothing between them."""
     most_samples: int
     """That are kept of all logs together, unless the caller says so."""
 

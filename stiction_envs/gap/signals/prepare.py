@@ -160,7 +160,8 @@ def prepare(
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     slowest = max(steps)
-    thin = max(1, int(np.ceil(seconds / slowest / most_samples)))
+    enough = int(1 / (slowest * own.prepare.most_rate * cutoff))
+    thin = max(1, enough, int(np.ceil(seconds / slowest / most_samples)))
     dt = thin * slowest
     if thin > 1:
         text = f"thinned out after the filter to every {thin}th sample, {1 / dt:.4g} Hz"

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -87,20 +86,20 @@ class Recording:
         return gravity_torque(self.pinocchio, self.q)
 
     @cached_property
-    def _derived(self) -> dict[tuple[Any, ...], Array]:
+    def _derived(self) -> dict[Callable[..., Array], tuple[tuple[float, ...], Array]]:
         return {}
 
     def derived(self, make: Callable[..., Array], *arguments: float) -> Array:
         """Return ``make(self, *arguments)``, worked out the first time only: it may be costly.
 
         Args:
-            make: a function of a module; it is asked once per recording and arguments.
+            make: a function of a module; what it made last is kept.
             arguments: numbers.
         """
-        key = (make, *arguments)
-        if key not in self._derived:
-            self._derived[key] = make(self, *arguments)
-        return self._derived[key]
+        if make not in self._derived or self._derived[make][0] != arguments:
+            self._derived.pop(make, None)  # two at once take too much memory
+            self._derived[make] = arguments, make(self, *arguments)
+        return self._derived[make][1]
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, segment by segment.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.prepare import (
     Segment,
     Signals,
@@ -233,12 +235,12 @@ def test_segments_and_logs_keep_their_order_and_their_ends_are_cut() -> None:
     q, _, _, tau = Motion().at(t)
     split = log_of(t, q, tau, breaks=(8000,))
     whole = noisy(1e-5, 0.05, seconds=10)
-    signals = prepare([whole, split], cutoff_hz=10.0)
+    signals = prepare([whole, split], cutoff_hz=20.0)
     assert [s.log for s in signals.segments] == [0, 1, 1]
     one, two, three = signals.segments
     for segment, start, end in ((one, 0, 9.999), (two, 0, 7.999), (three, 9, 20.999)):
-        assert segment.t[0] - start == pytest.approx(0.2, abs=0.01)
-        assert end - segment.t[-1] == pytest.approx(0.2, abs=0.01)
+        assert segment.t[0] - start == pytest.approx(0.1, abs=0.005)
+        assert end - segment.t[-1] == pytest.approx(0.1, abs=0.005)
     assert signals.dt == 1e-3
 
 
@@ -273,7 +275,7 @@ def test_logs_of_different_rates_come_out_at_the_slower_one() -> None:
 
 def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     log = noisy(1e-5, 0.05)
-    full, thin = prepare([log], cutoff_hz=5.0), prepare([log], cutoff_hz=5.0, most_samples=4000)
+    full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=20.0, most_samples=4000)
     assert thin.dt == pytest.approx(0.01)
     assert len(only(thin).t) <= 4000
     assert np.array_equal(only(thin).dq, only(full).dq[::10])
@@ -281,6 +283,19 @@ def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     chosen = prepare([log], most_samples=1000)
     assert chosen.cutoff_hz == pytest.approx(1 / (5 * chosen.dt))
     assert any("the cutoff is lowered" in note for note in chosen.notes)
+
+
+def test_samples_far_closer_than_the_filter_lets_change_are_thinned_out() -> None:
+    """Fifty to a period of the cutoff are left, and they are those of the full rate."""
+    log = noisy(1e-5, 0.05)
+    thin = prepare([log], cutoff_hz=5.0)
+    assert thin.dt == pytest.approx(1 / (50 * 5.0))
+    own = gap_settings()
+    every = replace(own, prepare=replace(own.prepare, most_rate=1e9))
+    full = prepare([log], cutoff_hz=5.0, settings=every)
+    assert full.dt == pytest.approx(1e-3)
+    assert np.array_equal(only(thin).tau, only(full).tau[::4])
+    assert prepare([log], cutoff_hz=20.0).dt == pytest.approx(1e-3)
 
 
 def test_extra_channels_pass_the_same_filter() -> None:
