@@ -104,6 +104,11 @@ class SharedSettings:
     """Longest wait for a connection [s]."""
     heartbeat_s: float
     """Time between two signs of life of a running trial [s]."""
+    beats: float
+    """Signs of life that are missing before the database counts as away, though no call failed [-].
+
+    A connection may hang, and end well.
+    """
     grace_s: float
     """A trial without a sign of life for so long is another worker's [s]."""
     poll_s: float

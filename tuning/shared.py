@@ -89,11 +89,6 @@ def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | Non
                 time.sleep(settings.poll_s)
 
 
-BEATS = 2.5
-"""Signs of life that are missing before the database counts as away, though no call failed [-]: a
-connection may hang, and end well; assumed."""
-
-
 class _Desk:
     """One search, as this worker sees it."""
 
@@ -171,9 +166,7 @@ class _Desk:
 
     def _look(self) -> list[FrozenTrial]:
         """Return all trials, those of dead workers queued again."""
-        settings = self.search.record.settings
-        silent = time.monotonic() - self._patience.beaten > BEATS * settings.heartbeat_s
-        if silent or self._trouble != self._patience.troubles:
+        if self._patience.silent or self._trouble != self._patience.troubles:
             # others could not give signs of life either
             self._trouble = self._patience.troubles
             self._vouched.clear()
@@ -272,6 +265,12 @@ class _Patience:
         self.beaten = time.monotonic()
         """When this worker last gave its signs of life [s]."""
 
+    @property
+    def silent(self) -> bool:
+        """Whether this worker gave no signs of life for so long that the database was away."""
+        s = self._settings
+        return time.monotonic() - self.beaten > s.beats * s.heartbeat_s
+
     def __call__(self, ask: Callable[[], T]) -> T:
         """Return what ``ask`` returns; it may be called again after half of it was done."""
         began = None
@@ -325,10 +324,9 @@ class _Pulse:
             try:
                 for desk in self._desks:
                     desk.beat()
-                now = time.monotonic()
-                if now - self._patience.beaten > BEATS * self._settings.heartbeat_s:
+                if self._patience.silent:
                     self._patience.troubles += 1  # it hung, and ended well
-                self._patience.beaten = now
+                self._patience.beaten = time.monotonic()
                 wait = self._settings.heartbeat_s
             except (StorageInternalError, DBAPIError):
                 # the main thread says so, if it is still so when it has something to tell

@@ -1,14 +1,21 @@
-"""A two-joint arm and a fast ramp: the whole protocol in seconds."""
+"""A two-joint arm and a fast ramp, the whole protocol in seconds; a real PostgreSQL."""
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
+import psycopg
 import pytest
 
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.robots import Arm, load_arm
 from tests.robots.own_arms import chain
+from tests.tuning.postgres import Server
+from tuning.storage import open_storage
+
+NUMBERS = itertools.count()
+"""Of databases."""
 
 
 def small(folder: Path) -> tuple[Arm, Protocol]:
@@ -27,3 +34,32 @@ def small_arm(tmp_path: Path) -> Arm:
 @pytest.fixture
 def fast(tmp_path: Path) -> Protocol:
     return small(tmp_path)[1]
+
+
+@pytest.fixture(scope="module")
+def server():
+    """A real PostgreSQL."""
+    found = Server()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def new_database(server):
+    """Makes empty databases, with Optuna's tables; returns their URLs."""
+
+    def make(tables=True):
+        name = f"study{next(NUMBERS)}"
+        url = server.url().replace("+psycopg", "")
+        with psycopg.connect(url, autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name}")
+        if tables:
+            open_storage(server.url(name=name))
+        return server.url(name=name)
+
+    return make
+
+
+@pytest.fixture
+def database(new_database):
+    return new_database()

@@ -144,7 +144,7 @@ def run_to_its_end(begin, folder):
 # ---- shared by machines --------------------------------------------------------------------------
 
 IMPATIENT = SharedSettings(
-    connect_s=3.0, heartbeat_s=1.0, grace_s=4.0, poll_s=0.2, retry_s=0.3, give_up_s=60.0
+    connect_s=3.0, heartbeat_s=1.0, beats=2.5, grace_s=4.0, poll_s=0.2, retry_s=0.3, give_up_s=60.0
 )
 
 

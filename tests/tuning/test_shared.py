@@ -2,62 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import multiprocessing
 import random
+import threading
 import time
 import warnings
 
 import optuna
-import psycopg
 import pytest
 from optuna.trial import TrialState, create_trial
 
 from stiction_envs.errors import ExperimentError, StictionError
-from tests.tuning.postgres import Server
 from tests.tuning.searches import ABOUT, IMPATIENT, SPACE, evaluate, search, tune_small, work
 from tuning import record, shared
 from tuning.samplers import grid
 from tuning.storage import open_storage
 
 CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["tests.tuning.searches"])
 
 
 @pytest.fixture(autouse=True)
 def quiet():
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-
-
-@pytest.fixture(scope="module")
-def server():
-    CONTEXT.set_forkserver_preload(["tests.tuning.searches"])
-    found = Server()
-    yield found
-    found.close()
-
-
-names = itertools.count()
-
-
-@pytest.fixture
-def new_database(server):
-    """Makes empty databases, with Optuna's tables; returns their URLs."""
-
-    def make(tables=True):
-        name = f"study{next(names)}"
-        url = server.url().replace("+psycopg", "")
-        with psycopg.connect(url, autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}")
-        if tables:
-            open_storage(server.url(name=name))
-        return server.url(name=name)
-
-    return make
-
-
-@pytest.fixture
-def database(new_database):
-    return new_database()
 
 
 def start(url, log, count=1, **options):
@@ -278,6 +247,25 @@ def test_slots_are_counted_by_chains_of_trials():
     ]
     assert [t.number for t in shared._slots(trials)] == [0, 3, 6, 7]
     assert [shared._slot(trials, first) for first in (0, 1, 3, 7)] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(("beats", "troubles"), [(100.0, 1), (1000.0, 0)])
+def test_a_silence_that_no_call_told_is_trouble(beats, troubles):
+    """A connection that hung for 10 s and ended well: others may have been cut off as long."""
+    settings = dataclasses.replace(IMPATIENT, heartbeat_s=0.05, beats=beats)
+    patience, beaten, enough = shared._Patience("x", settings), itertools.count(), threading.Event()
+
+    class Desk:
+        def beat(self):
+            k = next(beaten)
+            if k == 1:
+                patience.beaten -= 10.0
+            if k == 3:
+                enough.set()
+
+    with shared._Pulse([Desk()], patience, settings):
+        assert enough.wait(10)
+    assert patience.troubles == troubles
 
 
 # ---- many workers, on PostgreSQL -----------------------------------------------------------------
