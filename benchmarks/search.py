@@ -1,357 +1,350 @@
 """What the search finds beyond the thesis's grid, and what compensation does without shaking.
 
-    python -m benchmarks.search [--work DIR]
+    python -m benchmarks.search [--work DIR] [--kept]
 
 Searches the Panda's dither for the SJE and the GTE, gated and not, and its friction compensation,
-alone and with dither; then holds everything against everything on frictions that are known, and
-believed 30 % too small and too large. Stopped, it goes on. Writes search.md,
-compensation.png and the tables it found, in ``search/``, beside this file.
+alone and with dither, and the iiwas' dither; what was found goes to ``search/`` beside this file.
+Then holds everything that is kept there against everything: on frictions that are known, and
+believed 30 % too small and too large. Stopped, it goes on: searches and measured rows are in
+``--work``. Writes search.md and compensation.png. With ``--kept`` nothing is searched.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import shutil
 import warnings
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+import stiction_envs
+from benchmarks._search_page import Measured, Row, write
 from stiction_envs.control.compensation import read_compensation
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import read_amplitudes
-from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.markdown import table
-from stiction_envs.reporting.png import save_full
 from tuning.explore.bounds import bounds_of
 from tuning.explore.breakaway import BreakawayObjective
 from tuning.explore.frictions import scaled
 from tuning.explore.search import search
 from tuning.explore.tables import HERE as TABLES
-from tuning.explore.tracking import Tracking, TrackingObjective, Treatment
-from tuning.explore.verify import PATHS
+from tuning.explore.tracking import Table, TrackingObjective, Treatment
+from tuning.explore.verify import PATHS, another_start
 from tuning.settings import tuning_settings
 
 HERE = Path(__file__).parent
 KEPT = HERE / "search"
-RUNS = {
-    "both": {"objective": "both"},
-    "gated": {"objective": "gte", "gates": "each"},
-    "feedforward": {"objective": "gte", "compensation": "feedforward", "without_dither": True},
-    "push": {"objective": "gte", "compensation": "push", "without_dither": True},
-    "push and dither": {"objective": "gte", "compensation": "push"},
-}
-BELIEFS = {"known": 1.0, "believed 30 % too small": 1 / 0.7, "believed 30 % too large": 1 / 1.3}
+JOINTS = 7
+"""Of every arm here."""
+SEED = 4242
+"""Of what is measured here: no search has seen it."""
+ITERATIONS = 4
+STARTS = 4
 WIDTHS = (5e-5, 2e-4, 5e-4, 2e-3)
 """Of pushes, whose limit cycles are looked for [rad]."""
 GAINS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Of these, over the friction [-]."""
-PARTS = ("position", "orientation")
-SEED = 4242
-"""Of what is measured here: no search has seen it."""
 
 
-def found(work: Path) -> dict[str, Path]:
-    """Run what is not done yet; return the folders."""
-    out = {}
-    for name, options in RUNS.items():
-        folder = work / name.replace(" ", "_")
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One search."""
+
+    robot: str = "panda"
+    options: Mapping[str, Any]
+    """Of `tuning.explore.options.Options`."""
+    kept: Mapping[str, str]
+    """Files that are kept of it: name in its folder, name in ``search/``."""
+
+
+def _both(robot: str) -> Run:
+    kept = {"final.csv": f"{robot}_gte.csv", "sje_table.csv": f"{robot}_sje.csv"}
+    return Run(robot=robot, options={"objective": "both"}, kept=kept)
+
+
+def _compensation(kind: str, name: str, *, dither: bool = False) -> Run:
+    options = {"objective": "gte", "compensation": kind, "without_dither": not dither}
+    kept = {"compensation.csv": f"panda_{name}_gains.csv"}
+    if dither:
+        kept["final.csv"] = f"panda_gte_{name}.csv"
+    return Run(options=options, kept=kept)
+
+
+RUNS = {
+    "both": _both("panda"),
+    "gated": Run(
+        options={"objective": "gte", "gates": "each"}, kept={"final.csv": "panda_gte_gated.csv"}
+    ),
+    "gated_1600": Run(
+        options={"objective": "gte", "gates": "one", "evaluations": 1600},
+        kept={"final.csv": "panda_gte_gated_1600.csv"},
+    ),
+    "feedforward": _compensation("feedforward", "feedforward"),
+    "push": _compensation("push", "push"),
+    "push_and_dither": _compensation("push", "push_dither", dither=True),
+    "iiwa7": _both("iiwa7"),
+    "iiwa14": _both("iiwa14"),
+}
+"""Searches by their folders in ``--work``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What is otherwise than the controller believes."""
+
+    factors: Mapping[str, float] = field(default_factory=dict)
+    """Of the friction's quantities, over those that are believed [-]."""
+    starts: int = 0
+    """Other poses that the arm starts from, instead of its rest."""
+
+
+NOMINAL = "friction known"
+CONDITIONS = {
+    NOMINAL: Condition(),
+    "friction believed 30 % too small": Condition(factors={"stiction": 1 / 0.7}),
+    "friction believed 30 % too large": Condition(factors={"stiction": 1 / 1.3}),
+    "friction and rotor +20 %": Condition(factors={"stiction": 1.2, "rotor_inertia": 1.2}),
+    "friction and rotor −20 %": Condition(factors={"stiction": 0.8, "rotor_inertia": 0.8}),
+    f"{STARTS} other start poses": Condition(starts=STARTS),
+}
+
+
+def found(work: Path) -> None:
+    """Run the searches that are not done yet; keep what they found."""
+    KEPT.mkdir(exist_ok=True)
+    for name, run in RUNS.items():
         print(name, flush=True)
-        search("panda", out=folder, seed=1, progress=_say, **options)
+        search(run.robot, out=work / name, seed=1, progress=_say, **run.options)
         print(flush=True)
-        out[name] = folder
-    return out
+        for one, kept in run.kept.items():
+            shutil.copy(work / name / one, KEPT / kept)
 
 
 def _say(stage: str, done: float, total: float) -> None:
     print(f"\r{stage} {done:.0f}/{total:.0f}   ", end="", flush=True)
 
 
-def treatments(
-    folders: dict[str, Path], experiment: GeneratedTrajectoryExperiment
-) -> dict[str, Treatment]:
-    """Return all that is compared, as the controller believes the friction to be."""
-    n = experiment.n
+# ---- what is compared ----------------------------------------------------------------------------
 
-    def dither(path: Path):
-        return tuple(read_amplitudes(path, n_joints=n))
 
-    def gains(name: str, kind: str):
-        return read_compensation(folders[name] / "compensation.csv", kind, n)
+def table_of(path: Path) -> Table:
+    """Return a table of amplitudes."""
+    return tuple(read_amplitudes(path, n_joints=JOINTS))
 
+
+def joint_tables(robot: str) -> dict[str, Table]:
+    """Return tables for the SJE, by name."""
+    thesis = {"Table 4.9": thesis_final_dither()} if robot == "panda" else {}
+    made = table_of(TABLES / f"{robot}.csv")
     return {
+        "nothing": tuple(replace(row, frequency_hz=0.0, amplitude_nm=0.0) for row in made),
+        **thesis,
+        "make tune": made,
+        "search": table_of(KEPT / f"{robot}_sje.csv"),
+    }
+
+
+def treatments(robot: str) -> dict[str, Treatment]:
+    """Return what is done on paths, by name, as the controller believes the friction to be."""
+    out = {
         "nothing": Treatment(),
+        "make tune": Treatment(dither=table_of(TABLES / f"{robot}.csv")),
+        "search, constant": Treatment(dither=table_of(KEPT / f"{robot}_gte.csv")),
+    }
+    if robot != "panda":
+        return out
+
+    def gains(name: str, kind: str) -> Any:
+        return read_compensation(KEPT / f"panda_{name}_gains.csv", kind, JOINTS)
+
+    experiment = GeneratedTrajectoryExperiment(robot, seed=SEED)
+    longer = table_of(KEPT / "panda_gte_gated_1600.csv")
+    return {
+        "nothing": out.pop("nothing"),
         "Table 4.9": Treatment(dither=thesis_final_dither()),
-        "make tune": Treatment(dither=dither(TABLES / "panda.csv")),
-        "search, constant": Treatment(dither=dither(folders["both"] / "final.csv")),
-        "search, gated": Treatment(dither=dither(folders["gated"] / "final.csv")),
+        **out,
+        "search, gated": Treatment(dither=table_of(KEPT / "panda_gte_gated.csv")),
+        "common gate, 1600 evaluations": Treatment(dither=longer),
+        "the same without its gate": Treatment(
+            dither=tuple(replace(row, gate_rad_s=0.0) for row in longer)
+        ),
         "feedforward": Treatment(compensation=experiment.compensation("feedforward")),
         "feedforward, searched": Treatment(compensation=gains("feedforward", "feedforward")),
         "push": Treatment(compensation=experiment.compensation("push")),
         "push, searched": Treatment(compensation=gains("push", "push")),
         "push and dither, searched": Treatment(
-            dither=dither(folders["push and dither"] / "final.csv"),
-            compensation=gains("push and dither", "push"),
+            dither=table_of(KEPT / "panda_gte_push_dither.csv"),
+            compensation=gains("push_dither", "push"),
         ),
     }
 
 
-def measured(folders: dict[str, Path]):
-    """Return names, and per friction and path the results, those without anything first."""
-    experiment = GeneratedTrajectoryExperiment("panda", seed=SEED)
-    nominal = experiment.sticking.parameters
-    bounds = bounds_of(SingleJointExperiment("panda"))
-    listed = treatments(folders, experiment)
-    ones = np.ones(experiment.n)
-    frictions = {name: scaled(nominal, {"stiction": k * ones}) for name, k in BELIEFS.items()}
-    for sign, k in (("+", 1.2), ("−", 0.8)):
-        frictions[f"friction and rotor {sign}20 %"] = scaled(
-            nominal, {"stiction": k * ones, "rotor_inertia": k * ones}
-        )
-    out: dict[str, dict[str, list[Tracking]]] = {}
-    for name, friction in frictions.items():
+# ---- measuring -----------------------------------------------------------------------------------
+
+
+class Rows:
+    """Measured rows in a file: what is there is not measured again."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._code = path, made_by()
+        lines = path.read_text("utf-8").splitlines() if path.exists() else []
+        rows = [json.loads(line) for line in lines if line.endswith("}")]
+        self._rows: dict[str, Row] = {r["key"]: r["row"] for r in rows if r["code"] == self._code}
+
+    def __call__(self, keys: Sequence[Any], measure: Callable[[list[int]], list[Row]]) -> list[Row]:
+        """Return the rows of some things, of which ``measure`` gets the places that are missing.
+
+        Args:
+            keys: all that a row depends on besides the code.
+            measure: returns the rows of places in ``keys``.
+        """
+        texts = [repr(key) for key in keys]
+        missing = [k for k, text in enumerate(texts) if text not in self._rows]
+        if missing:
+            new = {texts[k]: r for k, r in zip(missing, measure(missing), strict=True)}
+            with self._path.open("a", encoding="utf-8") as file:
+                for key, row in new.items():
+                    file.write(json.dumps({"code": self._code, "key": key, "row": row}) + "\n")
+            self._rows |= new
+        return [self._rows[text] for text in texts]
+
+
+def made_by() -> str:
+    """Return a hash of all code that a row depends on."""
+    root, text = Path(stiction_envs.__file__).parent, hashlib.sha256()
+    rooms = ("control", "dither", "experiments", "friction", "measured", "robots")
+    parts = [p for room in rooms for p in root.glob(f"{room}/**/*")]
+    parts = [p for p in parts if p.suffix in (".py", ".toml", ".xml")]
+    parts += [root / "plant.py", Path(__file__), *TABLES.parent.glob("explore/*.py")]
+    for path in sorted(parts):
+        text.update(path.name.encode() + path.read_bytes())
+    return text.hexdigest()[:16]
+
+
+def paths(robot: str, rows: Rows, conditions: Sequence[str]) -> Measured:
+    """Return what every treatment leaves, per condition and path, over nothing."""
+    listed = treatments(robot)
+    out: Measured = {}
+    for name in conditions:
         out[name] = {}
         for path in PATHS:
-            objective = TrackingObjective(
-                experiment,
-                bounds,
-                [friction],
-                [(path, k) for k in thesis_stiffness()],
-                iterations=4,
-                joints=range(1, 8),
-            )
-            out[name][path] = objective.measure(list(listed.values()))
-            print(name, path, flush=True)
-    return list(listed), out
+            keys = [(robot, name, path, treatment) for treatment in listed.values()]
+            measure = partial(_on_path, robot, CONDITIONS[name], path, list(listed.values()))
+            out[name][path] = dict(zip(listed, rows(keys, measure), strict=True))
+            print(robot, name, path, flush=True)
+    return out
 
 
-def hunting() -> list[list[str]]:
-    """Return the vibration at rest [mm] of pushes, by width and by gain over the friction."""
-    experiment = GeneratedTrajectoryExperiment("panda", seed=SEED)
-    objective = TrackingObjective(
-        experiment,
-        bounds_of(SingleJointExperiment("panda")),
-        [experiment.sticking.parameters],
-        [("triangle", thesis_stiffness()[0])],
-        iterations=2,
-        joints=(),
-    )
-    rows = []
-    for width in WIDTHS:
-        pushes = [experiment.compensation("push", gain) for gain in GAINS]
-        listed = [Treatment(compensation=replace(push, error=(width,) * push.n)) for push in pushes]
-        shaken = [one.shaking[1] for one in objective.measure(listed)]
-        rows.append([f"{1e3 * width:g} mrad", *(f"{1e3 * x:.3f}" for x in shaken)])
-    return rows
-
-
-def rows_of(names: list[str], results: dict[str, list[Tracking]]) -> list[list[str]]:
-    """Return lines of a table: every path's error left and vibration."""
-    rows = []
-    for k, name in enumerate(names):
-        row = [name]
-        for path in PATHS:
-            plain, one = results[path][0], results[path][k]
-            left = one.by_friction(plain)
-            keys = ("position", "orientation", "resting_position", "resting_orientation")
-            row += [f"{100 * left[key].mean():.0f}" for key in keys]
-            row += [f"{1e3 * x:.3f}" for x in one.shaking]
-        rows.append(row)
-    return rows
-
-
-def summary(names: list[str], out: dict[str, dict[str, list[Tracking]]]) -> list[str]:
-    """Return what the tables say, with their numbers: means over both paths."""
-
-    def left(name: str, belief: str, part: str) -> float:
-        ratios = [
-            out[belief][p][names.index(name)].by_friction(out[belief][p][0])[part] for p in PATHS
-        ]
-        return 100 * float(np.exp(np.mean(np.log(ratios))))
-
-    def both(name: str, belief: str = "known", rest: bool = False) -> str:
-        prefix = "resting_" if rest else ""
-        parts = (left(name, belief, f"{prefix}{part}") for part in ("position", "orientation"))
-        return " / ".join(f"{x:.0f}" for x in parts)
-
-    def shaken(name: str) -> str:
-        return (
-            f"{1e3 * np.mean([out['known'][p][names.index(name)].shaking[1] for p in PATHS]):.3f}"
+def _on_path(
+    robot: str, condition: Condition, path: str, listed: list[Treatment], wanted: list[int]
+) -> list[Row]:
+    rest = GeneratedTrajectoryExperiment(robot, seed=SEED)
+    arm, most = rest.sticking.arm, tuning_settings().search.verify_start
+    starts = [another_start(arm, most, [SEED, k]) for k in range(condition.starts)]
+    factors = {name: factor * np.ones(arm.n) for name, factor in condition.factors.items()}
+    found: list[list[dict[str, float]]] = []
+    for start in starts or [rest.start]:
+        objective = TrackingObjective(
+            GeneratedTrajectoryExperiment(robot, seed=SEED, start=start),
+            bounds_of(SingleJointExperiment(robot)),
+            [scaled(rest.sticking.parameters, factors)],
+            [(path, k) for k in thesis_stiffness()],
+            iterations=ITERATIONS,
+            joints=range(1, arm.n + 1),
         )
-
-    dither, push, mixed = "search, constant", "push, searched", "push and dither, searched"
-    wrong = [both(push, belief) for belief in list(BELIEFS)[1:]]
-    wins = all(left(push, "known", x) < left(dither, "known", x) for x in PARTS)
+        found.append([])
+        for one in objective.measure([listed[k] for k in wanted]):
+            row = {name: float(x.mean()) for name, x in one.by_friction(objective.plain).items()}
+            moving, resting = one.shaking
+            found[-1].append({**row, "vibration_m": moving, "vibration_at_rest_m": resting})
+    # geometric means over starts
     return [
-        f"- **{'Compensation beats dither' if wins else 'Dither is not beaten'}.** A searched push "
-        f"leaves {both(push)} % of the position / orientation error over all goals and "
-        f"{both(push, rest=True)} % at rest; the best constant dither {both(dither)} % and "
-        f"{both(dither, rest=True)} %, Table 4.9 {both('Table 4.9')} % and "
-        f"{both('Table 4.9', rest=True)} %. Vibration at rest: {shaken(push)}, {shaken(dither)} "
-        f"and {shaken('Table 4.9')} mm.",
-        f"- With friction believed 30 % too small the push leaves {wrong[0]} %, too large "
-        f"{wrong[1]} %. Dither added to it brings {both(mixed)} % at "
-        f"{shaken(mixed)} mm.",
-        f"- Not searched, with the model's friction as gain and default widths, a push leaves "
-        f"{both('push')} % at {shaken('push')} mm; feedforward {both('feedforward')} % over all "
-        f"goals but {both('feedforward', rest=True)} % at rest: it ends where the reference stops.",
-        "- The plant has no noise in angles and no delay beyond the torque path: a sharp push asks "
-        "more of a robot than this page can show. Dither asks for no model and no measurement.",
+        {name: float(np.exp(np.mean([np.log(row[name]) for row in rows]))) for name in rows[0]}
+        for rows in zip(*found, strict=True)
     ]
 
 
-def breakaway(folders: dict[str, Path]) -> list[list[str]]:
-    """Return the SJE's lines: reduction and displacement per joint, unseen seed."""
-    experiment = SingleJointExperiment("panda", seed=SEED)
-    objective = BreakawayObjective(
-        experiment,
-        bounds_of(experiment),
-        [experiment.sticking.parameters],
-        iterations=4,
-    )
-    tables = {
-        "Table 4.9": thesis_final_dither(),
-        "make tune": tuple(read_amplitudes(TABLES / "panda.csv", n_joints=7)),
-        "search": tuple(read_amplitudes(KEPT / "panda_sje.csv", n_joints=7)),
-    }
-    rows = []
-    for name, rows_of_table in tables.items():
-        result = objective.measure(rows_of_table)
-        cells = [
-            f"{100 * (1 - result[r].left):.1f} %, {1e3 * result[r].displacement:.3f} mrad"
-            for r in rows_of_table
+def joints(robot: str, rows: Rows) -> dict[str, list[Row]]:
+    """Return the share left of each joint's breakaway torque, and its displacement, per table."""
+    tables = joint_tables(robot)
+    flat = [row for table in tables.values() for row in table]
+
+    def measure(wanted: list[int]) -> list[Row]:
+        experiment = SingleJointExperiment(robot, seed=SEED)
+        objective = BreakawayObjective(
+            experiment,
+            bounds_of(experiment),
+            [experiment.sticking.parameters],
+            iterations=ITERATIONS,
+        )
+        found = objective.measure([flat[k] for k in wanted])
+        return [
+            {"left": found[flat[k]].left, "displacement_rad": found[flat[k]].displacement}
+            for k in wanted
         ]
-        mean = np.mean([1 - result[r].left for r in rows_of_table])
-        rows.append([name, *cells, f"{100 * mean:.1f} %"])
-    return rows
+
+    measured = iter(rows([(robot, "sje", row) for row in flat], measure))
+    out = {name: [next(measured) for _ in table] for name, table in tables.items()}
+    print(robot, "joints", flush=True)
+    return out
 
 
-def picture(names: list[str], out: dict[str, dict[str, list[Tracking]]], path: Path) -> None:
-    """Draw error left against vibration at rest, for the three beliefs."""
-    figure = Figure(figsize=(15, 8), layout="constrained")
-    axes = figure.subplots(2, 3, sharey="row", sharex=True)
-    marks, colours = "osD^*v<PXh", figure_colours(len(names))
-    for column, belief in enumerate(BELIEFS):
-        for row, part in enumerate(("position", "orientation")):
-            axis = axes[row][column]
-            for k, name in enumerate(names):
-                left = [
-                    float(out[belief][p][k].by_friction(out[belief][p][0])[part].mean())
-                    for p in PATHS
-                ]
-                shaken = [1e3 * out[belief][p][k].shaking[1] for p in PATHS]
-                axis.plot(
-                    np.mean(shaken),
-                    100 * np.exp(np.mean(np.log(left))),
-                    marks[k],
-                    color=colours[k],
-                    ms=10,
-                    label=name,
-                )
-            axis.grid(alpha=0.3)
-            if row == 0:
-                axis.set_title(f"friction {belief}")
-            else:
-                axis.set_xlabel("vibration at rest, rms [mm]")
-            if column == 0:
-                axis.set_ylabel(f"{part} error left, of nothing [%]")
-    axes[0][2].legend(frameon=False, fontsize=8, loc="upper right")
-    save_full(figure, path)
+def hunting(rows: Rows) -> list[list[float]]:
+    """Return the vibration at rest [m] of pushes, by width and by gain over the friction."""
+    experiment = GeneratedTrajectoryExperiment("panda", seed=SEED)
+    usual = [experiment.compensation("push", gain) for gain in GAINS]
+    listed = [
+        Treatment(compensation=replace(push, error=(width,) * push.n))
+        for width in WIDTHS
+        for push in usual
+    ]
 
+    def measure(wanted: list[int]) -> list[Row]:
+        objective = TrackingObjective(
+            experiment,
+            bounds_of(SingleJointExperiment("panda")),
+            [experiment.sticking.parameters],
+            [(PATHS[0], thesis_stiffness()[0])],
+            iterations=2,
+            joints=(),
+        )
+        tried = objective.measure([listed[k] for k in wanted])
+        return [{"vibration_at_rest_m": one.shaking[1]} for one in tried]
 
-def figure_colours(count: int) -> list[str]:
-    listed = ["0.4", "#d1701a", "#b8860b", "#2b7bba", "#1f3f8a", "#c0285f", "#7a1740"]
-    return [*listed, "#4a9a4a", "#2a5a2a", "#8c6bb1"][:count]
+    shaken = [r["vibration_at_rest_m"] for r in rows([("hunting", t) for t in listed], measure)]
+    return np.reshape(shaken, (len(WIDTHS), len(GAINS))).tolist()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--work", type=Path, default=Path("runs/benchmarks/search"))
+    parser.add_argument("--kept", action="store_true", help="measure kept tables, search none")
     asked = parser.parse_args()
+    asked.work.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
-    folders = found(asked.work)
-    KEPT.mkdir(exist_ok=True)
-    names = {"gated": "panda_gte_gated", "push and dither": "panda_gte_push_dither"}
-    shutil.copy(folders["both"] / "final.csv", KEPT / "panda_gte.csv")
-    for name, kept in names.items():
-        shutil.copy(folders[name] / "final.csv", KEPT / f"{kept}.csv")
-    for name in ("feedforward", "push", "push and dither"):
-        kept = f"panda_{name.replace(' and ', '_')}_gains.csv"
-        shutil.copy(folders[name] / "compensation.csv", KEPT / kept)
-    shutil.copy(folders["both"] / "sje_table.csv", KEPT / "panda_sje.csv")
-    listed, out = measured(folders)
-    header = ["treatment"]
-    for path in PATHS:
-        header += [f"{path}: position", "orientation", "at rest: position", "orientation"]
-        header += ["vibration [mm]", "at rest [mm]"]
-    s = tuning_settings().search
-    lines = [
-        "# Beyond the thesis's grid, and beyond dither",
-        "",
-        f"Made by `python -m benchmarks.search`; Panda, unseen seed {SEED}, 4 iterations of each "
-        "of 200/20/0 and 400/40/0. Errors left are per cent of those without anything, geometric "
-        "means over goals and stiffnesses: over all goals when the arm's time there is over, and "
-        "*at rest* at the last goal. Tuned on the triangle; the pentagon was never seen. Vibration "
-        f"counts turns with a lever of 0.1 m. Searches: {s.evaluations_sje} trials a joint (SJE, "
-        f"gp), {s.evaluations_gte} tables (GTE, cmaes), {s.draws} frictions, no more shaking than "
-        "Table 4.9's, compensation too.",
-        "",
-        *summary(listed, out),
-        "",
-        "![error left against vibration](compensation.png)",
-        "",
-    ]
-    for name, results in out.items():
-        lines += [f"## Friction {name}" if name in BELIEFS else f"## With {name}", ""]
-        lines += [*table(header, rows_of(listed, results)), ""]
-    lines += [
-        "## Single Joint Experiment",
-        "",
-        "Reduction of the breakaway torque and displacement, unseen seed, 4 iterations.",
-        "",
-        *table(["table", *(f"joint {j}" for j in range(1, 8)), "mean"], breakaway(folders)),
-        "",
-    ]
-    lines += [
-        "## Too much of it",
-        "",
-        "Vibration at rest [mm] of a push, by the joint error at which it is 76 % of its gain and "
-        "by the gain over the friction, triangle at 200/20/0: a sharp push of more than the "
-        "friction is a relay that hunts. Nothing has "
-        f"{rows_of(listed, out['known'])[0][6]} mm there, over both stiffnesses.",
-        "",
-        *table(["width", *(f"× {gain:g}" for gain in GAINS)], hunting()),
-        "",
-    ]
-    lines += [
-        "## More evaluations, and the iiwas",
-        "",
-        "`stiction tune panda --protocol search --objective gte --gates one --evaluations "
-        "1600` (7 minutes on one core) goes on where 450 stop: measured anew from another "
-        "start pose, the pentagon keeps 37 / 29 % at rest where Table 4.9 keeps 49 / 46 (24 / "
-        "36 % less), the triangle 23 / 26 against 29 / 42, at no more vibration (0.118 / "
-        "0.079 mm). Its gate is 0.98 rad/s, which hardly gates anything: a gate is worth "
-        "little here, more evaluations are worth much (`search/panda_gte_gated_1600.csv`).",
-        "",
-        "`stiction tune iiwa7 --protocol search --objective both`, and the same of iiwa14, "
-        "limited to the shaking of their `make tune` tables: 9.3 % less torque to move the "
-        "iiwa7's joints (`make tune` 7.4 %), 3.2 % the iiwa14's (3.0 %); the error left at "
-        "goals stays at 92 to 106 % on both. Tables are in `search/`.",
-        "",
-        "## In a browser",
-        "",
-        "`optuna-dashboard sqlite:///runs/panda/study.db` opens the studies as they are, one per "
-        "joint of the SJE, one of the GTE:",
-        "",
-        "![the GTE search in optuna-dashboard](search_dashboard.png)",
-        "",
-    ]
-    write_text_atomic(HERE / "search.md", "\n".join(lines))
-    picture(listed, out, HERE / "compensation.png")
+    if not asked.kept:
+        found(asked.work)
+    rows = Rows(asked.work / "rows.jsonl")
+    robots = tuple(dict.fromkeys(run.robot for run in RUNS.values()))
+    write(
+        HERE,
+        paths={r: paths(r, rows, list(CONDITIONS) if r == "panda" else [NOMINAL]) for r in robots},
+        joints={robot: joints(robot, rows) for robot in robots},
+        hunting={f"{1e3 * w:g} mrad": x for w, x in zip(WIDTHS, hunting(rows), strict=True)},
+        gains=GAINS,
+        evaluations=RUNS["gated_1600"].options["evaluations"],
+        gate_rad_s=table_of(KEPT / "panda_gte_gated_1600.csv")[0].gate_rad_s,
+        seed=SEED,
+        iterations=ITERATIONS,
+    )
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.explore.trials import best, score, write_compensation, write_pareto, write_trials
 from tuning.explore.verify import (
     Verified,
+    another_start,
     measured_once,
     verify_breakaway,
     verify_tracking,
@@ -339,13 +340,9 @@ class Stages:
 
     def unseen_experiment(self) -> GeneratedTrajectoryExperiment:
         """Return the GTE with another seed, from another start."""
-        arm = self.sje.sticking.arm
-        rng = np.random.default_rng([self.seed, UNSEEN])
-        low, high = arm.limits.position.T
-        start = arm.rest + self.search.verify_start * rng.uniform(-1.0, 1.0, arm.n)
-        inside = np.clip(start, low + self.search.verify_start, high - self.search.verify_start)
+        start = another_start(self.sje.sticking.arm, self.search.verify_start, [self.seed, UNSEEN])
         return GeneratedTrajectoryExperiment(
-            self.sje.sticking, seed=self.seed + 1, start=inside, nthread=self.sje.nthread
+            self.sje.sticking, seed=self.seed + 1, start=start, nthread=self.sje.nthread
         )
 
     def treatments(self, tables: Mapping[str, Table]) -> dict[str, Treatment]:

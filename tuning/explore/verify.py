@@ -22,6 +22,7 @@ from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots import Arm
 from tuning.explore.bounds import Bounds
 from tuning.explore.breakaway import BreakawayObjective
 from tuning.explore.tracking import Place, Table, TrackingObjective, Treatment
@@ -91,6 +92,13 @@ class Verified:
 def digest(things: Any) -> str:
     """Return a short digest of what is measured."""
     return hashlib.sha256(repr(things).encode()).hexdigest()[:12]
+
+
+def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
+    """Return joint angles (n,) [rad] up to ``most`` [rad] from the arm's rest, off its limits."""
+    low, high = arm.limits.position.T
+    angles = arm.rest + most * np.random.default_rng(seed).uniform(-1.0, 1.0, arm.n)
+    return np.clip(angles, low + most, high - most)
 
 
 def interval(values: Array) -> tuple[float, float, float]:
