@@ -28,14 +28,13 @@ LOOKS = {
     "search, constant": ("^", "#2b7bba"),
     "search, gated": ("*", "#1f3f8a"),
     "common gate, 1600 evaluations": ("p", "#17a2a2"),
-    "the same without its gate": ("d", "#0b5f5f"),
     "feedforward": ("v", "#c0285f"),
     "feedforward, searched": ("<", "#7a1740"),
     "push": ("P", "#4a9a4a"),
     "push, searched": ("X", "#2a5a2a"),
     "push and dither, searched": ("h", "#8c6bb1"),
 }
-"""Mark and colour of every treatment."""
+"""Mark and colour of every treatment that is drawn."""
 
 
 def write(
@@ -116,7 +115,8 @@ def _both(
 
 def _wins(results: dict[str, dict[str, Row]]) -> bool:
     """Whether a searched push leaves less of both errors than any dither."""
-    dithers = [name for name in LOOKS if "push" not in name and "feedforward" not in name]
+    names = next(iter(results.values()))
+    dithers = [name for name in names if "push" not in name and "feedforward" not in name]
     return all(
         _ratio(results, "push, searched", part) < min(_ratio(results, d, part) for d in dithers)
         for part in PARTS
@@ -204,7 +204,7 @@ def _picture(panda: Measured, path: Path) -> None:
         for axis, part in zip(axes[:, column], PARTS, strict=True):
             for name, (mark, colour) in LOOKS.items():
                 at = _shaken(results, name), _ratio(results, name, part)
-                axis.plot(*at, mark, color=colour, ms=10, label=name)
+                axis.plot(*at, mark, mec=colour, mfc="none", mew=2, ms=10, label=name)
             axis.grid(alpha=0.3)
             if column == 0:
                 axis.set_ylabel(f"{part} error left, of nothing [%]")

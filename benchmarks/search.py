@@ -31,6 +31,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import read_amplitudes
+from stiction_envs.reporting.atomic import write_text_atomic
 from tuning.explore.bounds import bounds_of
 from tuning.explore.breakaway import BreakawayObjective
 from tuning.explore.frictions import scaled
@@ -195,9 +196,8 @@ class Rows:
 
     def __init__(self, path: Path) -> None:
         self._path, self._code = path, made_by()
-        lines = path.read_text("utf-8").splitlines() if path.exists() else []
-        rows = [json.loads(line) for line in lines if line.endswith("}")]
-        self._rows: dict[str, Row] = {r["key"]: r["row"] for r in rows if r["code"] == self._code}
+        kept = json.loads(path.read_text("utf-8")) if path.exists() else {}
+        self._rows: dict[str, Row] = kept["rows"] if kept.get("code") == self._code else {}
 
     def __call__(self, keys: Sequence[Any], measure: Callable[[list[int]], list[Row]]) -> list[Row]:
         """Return the rows of some things, of which ``measure`` gets the places that are missing.
@@ -209,11 +209,9 @@ class Rows:
         texts = [repr(key) for key in keys]
         missing = [k for k, text in enumerate(texts) if text not in self._rows]
         if missing:
-            new = {texts[k]: r for k, r in zip(missing, measure(missing), strict=True)}
-            with self._path.open("a", encoding="utf-8") as file:
-                for key, row in new.items():
-                    file.write(json.dumps({"code": self._code, "key": key, "row": row}) + "\n")
-            self._rows |= new
+            self._rows |= {texts[k]: r for k, r in zip(missing, measure(missing), strict=True)}
+            text = json.dumps({"code": self._code, "rows": self._rows}, indent=0)
+            write_text_atomic(self._path, text)
         return [self._rows[text] for text in texts]
 
 
@@ -332,7 +330,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     if not asked.kept:
         found(asked.work)
-    rows = Rows(asked.work / "rows.jsonl")
+    rows = Rows(asked.work / "rows.json")
     robots = tuple(dict.fromkeys(run.robot for run in RUNS.values()))
     write(
         HERE,
