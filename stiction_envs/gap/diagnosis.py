@@ -28,6 +28,7 @@ from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.contest import contested
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, resolve
+from stiction_envs.gap.noise_left import noise_left
 from stiction_envs.gap.refit import found_again, given_what_was_found, settle
 from stiction_envs.gap.selection import Chooser, gain, pruned
 from stiction_envs.gap.settings import GapSettings
@@ -73,7 +74,7 @@ class Diagnosis:
     extended_rms: Array
     """(n,) held out [N·m]."""
     noise: Array
-    """(n,) [N·m]."""
+    """(n,) noise floor, given the causes (`noise_left`) [N·m]."""
     not_identifiable: dict[str, str]
     """Causes that these data cannot show, and why."""
     what_to_record: tuple[str, ...]
@@ -261,6 +262,7 @@ def _conclude(
     extended_rms = np.sqrt(full.sum(axis=1) / count) * data.noise
     c = grams.fit(model)
     draws = draw(library, terms, c, seed) if terms else None
+    noise, of_noise = noise_left(library, terms, c, signals)
     names = list(dict.fromkeys(t.cause for t in terms))
     named, little = [], set()
     for i, name in enumerate(names):
@@ -297,7 +299,7 @@ def _conclude(
     minor = tuple(c for c in named[1:] if c.name in little)
     named = [c for c in named if c not in minor]
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
-    verdict = _verdict(named, nominal_rms, extended_rms, data.noise, library)
+    verdict = _verdict(named, nominal_rms, extended_rms, noise, library)
     return Diagnosis(
         robot=data.arm.name,
         verdict=verdict,
@@ -305,7 +307,7 @@ def _conclude(
         minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
-        noise=data.noise,
+        noise=noise,
         not_identifiable=not_identifiable,
         what_to_record=_what_to_record(library, named, not_identifiable),
         logs=tuple(logs),
@@ -315,7 +317,7 @@ def _conclude(
         coefficients=c,
         base=base,
         baseline=baseline,
-        notes=(*signals.notes, *_told(logs)),
+        notes=(*signals.notes, *of_noise, *_told(logs)),
     )
 
 

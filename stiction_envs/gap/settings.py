@@ -194,6 +194,13 @@ class NoiseSettings:
     """Times the noise floor by which a torque must change to be seen [-]."""
     clear: float
     """The same for a torque that scales or shifts what a cause adds [-]."""
+    falling: float
+    """Drop of the torque's spectrum over the octave past the band from which on it was low-passed
+    before it was logged [-]; a first order has 4, white noise 1."""
+    longest_window: float
+    """For the spectrum in which slow noise is looked for [s]: two periods of the slowest."""
+    least_windows: float
+    """Of them that the longest run holds side by side, at least."""
 
     def __post_init__(self) -> None:
         check_numbers(self)

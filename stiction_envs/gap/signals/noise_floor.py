@@ -1,6 +1,15 @@
-"""The noise floor of a residual: what no cause can explain."""
+"""The noise floor of a residual: what no cause can explain.
+
+`noise_floor` takes the noise from beside the band and from its upper half, where no motion is. Of
+torques that passed a low-pass before they were logged that is too little: their noise is at the low
+end. `slow_noise` finds it there once the causes are known: what they leave falls with frequency
+until noise takes over, and noise goes on below as it is there. Noise that is slower than what the
+model gets wrong nobody can tell from it.
+"""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +32,43 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
     """
     creep = wander(recording.q, residual, recording.rigid, recording.settings.motion)
     return np.maximum(_floor(recording, noise_tau, residual), creep)
+
+
+def slow_noise(recording: Recording, left: Array) -> tuple[Array, Array]:
+    """Return (n,) noise of a residual down to where it takes over [N·m], and (n,) that point [Hz].
+
+    The spectrum S stops falling at the lowest f with S(f) ≤ 2·median of S over the octave above
+    (as in `spectra`, which has three octaves: a low-pass before the log may leave one). From there
+    on all of it is noise, and below it the noise is taken to be as dense as there:
+    σ² = f S(f) + ∫_f S. Of white noise it is the whole. NaN where no such point is, as noise is
+    nowhere to be seen then.
+
+    Args:
+        recording: of the logs.
+        left: (T, n) torque that the extended model leaves [N·m].
+    """
+    s, n = recording.settings.noise, left.shape[1]
+    sigma, start = np.full(n, np.nan), np.full(n, np.nan)
+    longest = max(recording.runs, key=lambda r: r.stop - r.start)
+    rows = longest.stop - longest.start
+    if not np.isfinite(recording.dt):
+        return sigma, start
+    window = int(min(rows / s.least_windows, s.longest_window / recording.dt))
+    if window < 16:
+        return sigma, start
+    f, power = welch(left[longest], 1 / recording.dt, nperseg=window, average="median", axis=0)
+    # by halves of octaves; the lowest frequency holds what the window leaks
+    edges = np.searchsorted(f, 2 * f[1] * 2 ** (np.arange(40) / 2) * (1 - 1e-9))
+    edges = np.unique(edges[f[np.minimum(edges, len(f) - 1)] < recording.cutoff])
+    level = np.array([power[a:b].mean(axis=0) for a, b in pairwise(edges)]).reshape(-1, n)
+    for j in range(n):
+        for i, at in enumerate(edges[: max(len(level) - 2, 0)]):
+            if level[i, j] <= 2 * np.median(level[i + 1 : i + 3, j]):
+                start[j] = f[at]
+                dense = level[i : i + 2, j].mean()
+                sigma[j] = np.sqrt(f[at] * dense + power[at:, j].sum() * f[1])
+                break
+    return sigma, start
 
 
 def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:

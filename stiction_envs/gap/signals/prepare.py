@@ -79,6 +79,9 @@ class Signals:
     """Noise of the filtered torques, standard deviation, (n,), N·m: compare residuals with it."""
     noise_tau_raw: NDArray[np.float64]
     """Noise of the torques as logged, standard deviation, (n,), N·m."""
+    low_passed: NDArray[np.bool_]
+    """Whether torques seem to have passed a low-pass before they were logged, (n,): then their
+    noise in the filter's band may be larger than ``noise_tau``, which is taken from beside it."""
     notes: tuple[str, ...]
     """How the signals were made, one sentence each."""
 
@@ -152,6 +155,7 @@ def prepare(
             cutoff_hz=float("nan"),
             noise_tau=nan,
             noise_tau_raw=nan,
+            low_passed=np.zeros(n, dtype=bool),
             notes=("poses at rest only: nothing filtered",),
         )
     steps = [nominal_step(log.step) for _, log in moving]
@@ -201,6 +205,7 @@ def prepare(
         cutoff_hz=cutoff,
         noise_tau=noise,
         noise_tau_raw=raw,
+        low_passed=spectra.low_passed(cutoff, own.noise.falling),
         notes=tuple(notes),
     )
 

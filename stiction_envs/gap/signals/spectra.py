@@ -133,11 +133,32 @@ class Spectra:
             raw[j] = np.sqrt(np.where(self.f >= low, self.tau[:, j], floor).sum() * self.f[1])
         return np.maximum(inside, rounding * np.sqrt(width / nyquist)), np.maximum(raw, rounding)
 
+    def low_passed(self, cutoff: float, drop: float) -> NDArray[np.bool_]:
+        """Return (n,) whether torques passed a low-pass before they were logged.
+
+        White noise goes on at one level past the band. What passed a low-pass falls on, by more
+        than ``drop`` over an octave, or is at its rounding already; so are jumps of friction whose
+        noise cannot be seen.
+        """
+        low = 1.5 * cutoff
+        near = (self.f >= low) & (self.f < 2 * low)
+        far = (self.f >= 2 * low) & (self.f < min(4 * low, 0.9 * self.rate / 2))
+        if self.empty or not near.any() or not far.any():
+            return self._rounded()
+        falls = np.median(self.tau[near], axis=0) > drop * np.median(self.tau[far], axis=0)
+        return np.asarray(falls | self._rounded())
+
     def filtered(self) -> bool:
         """Whether nothing but rounding is left of the torques at high frequencies."""
+        return bool(self._rounded().all())
+
+    def _rounded(self) -> NDArray[np.bool_]:
+        """Return (n,) the same of each torque."""
+        if self.empty:
+            return np.zeros(self.n, dtype=bool)
         top = (self.f > 0.6 * self.f[-1]) & (self.f < 0.95 * self.f[-1])
         rounding = self.grain**2 / 12 / self.f[-1]
-        return bool(not self.empty and (np.median(self.tau[top], axis=0) < 4 * rounding).all())
+        return np.asarray(np.median(self.tau[top], axis=0) < 4 * rounding)
 
     def _welch(self, differences: NDArray[np.float64], power: int) -> NDArray[np.float64]:
         # The median over windows ignores the few that hold a jump or a collision.

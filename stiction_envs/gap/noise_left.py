@@ -1,0 +1,58 @@
+"""The noise floor that a diagnosis is held against, given what its causes leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.signals.noise_floor import slow_noise
+from stiction_envs.gap.signals.prepare import Signals
+from stiction_envs.reporting.markdown import joints as joint_list
+
+Array = NDArray[np.float64]
+
+
+def noise_left(
+    library: RegressorLibrary, terms: Sequence[Candidate], c: Array, signals: Signals
+) -> tuple[Array, list[str]]:
+    """Return (n,) noise floor [N·m], and how that of low-passed torques was found.
+
+    The floor before any cause is known, but for torques that passed a low-pass before they were
+    logged: there the larger of it and `slow_noise` of what the extended model leaves.
+
+    Args:
+        library: of the data.
+        terms: of the extended model.
+        c: (P,) their coefficients.
+        signals: of the logs.
+    """
+    data = library.data
+    noise = np.array(data.noise)
+    joints = np.flatnonzero(signals.low_passed)
+    if not len(joints):
+        return noise, []
+    left = np.stack([data.residual[:, j] - library.torque(terms, c, int(j)) for j in joints], 1)
+    slow, start = slow_noise(data.recording, left)
+    noise[joints] = np.fmax(noise[joints], slow)
+    seen, hidden = joints[np.isfinite(slow)], joints[np.isnan(slow)]
+    notes = []
+    if len(seen):
+        notes.append(
+            f"torques of {_names(seen)} were low-passed before they were logged, as their spectra "
+            f"fall: the noise floor is of what the model leaves above {np.nanmax(start):.2g} Hz "
+            "and taken to be as dense below, where nobody can tell noise from what a model gets "
+            "wrong"
+        )
+    if len(hidden):
+        notes.append(
+            f"torques of {_names(hidden)} were low-passed before they were logged, as their "
+            "spectra fall, and what the model leaves hides their noise: its floor is a lower bound"
+        )
+    return noise, notes
+
+
+def _names(joints: NDArray[np.int64]) -> str:
+    return joint_list(tuple(int(j) + 1 for j in joints))
