@@ -333,6 +333,8 @@ def _described(
     """Return what is wrong, with the links that may be meant as well."""
     cause = library.causes[mine[0].cause]
     text = cause.describe(library.split(terms, c)[terms.index(mine[0])])
+    if assumed := cause.assumption(library.data, mine[0].shape):
+        text += f" ({assumed})"
     if not (cause.coupled and cause.changes_arm):
         return text
     links = ", ".join(str(t.joint + 1) for t in mine)

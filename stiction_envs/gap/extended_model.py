@@ -71,7 +71,8 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     """
     arm, parts = data.arm, nominal.parts
     level = np.abs(data.rigid).mean(axis=0)
-    draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=float(np.ptp(data.t)))
+    duration = float(np.ptp(data.recording.since_session))
+    draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=duration)
     causes = {p.cause: cause_named(p.cause).given(data.settings) for p in parts}
     for part in sorted(parts, key=lambda p: causes[p.cause].contribution_order(p)):
         causes[part.cause].contribute(draft, part)

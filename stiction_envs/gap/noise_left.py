@@ -39,17 +39,19 @@ def noise_left(
     noise[joints] = np.fmax(noise[joints], slow)
     seen, hidden = joints[np.isfinite(slow)], joints[np.isnan(slow)]
     notes = []
+    fall = (
+        "fall on past the filter's band, as of torques that were low-passed before they were logged"
+    )
     if len(seen):
         notes.append(
-            f"torques of {_names(seen)} were low-passed before they were logged, as their spectra "
-            f"fall: the noise floor is of what the model leaves above {np.nanmax(start):.2g} Hz "
-            "and taken to be as dense below, where nobody can tell noise from what a model gets "
-            "wrong"
+            f"torque spectra of {_names(seen)} {fall}: the noise floor is of what the model leaves "
+            f"above {np.nanmax(start):.2g} Hz, taken to be as dense below, where nobody can tell "
+            "noise from what a model gets wrong"
         )
     if len(hidden):
         notes.append(
-            f"torques of {_names(hidden)} were low-passed before they were logged, as their "
-            "spectra fall, and what the model leaves hides their noise: its floor is a lower bound"
+            f"torque spectra of {_names(hidden)} {fall}, and what the model leaves hides their "
+            "noise: its floor is a lower bound"
         )
     return noise, notes
 

@@ -207,6 +207,17 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SessionSettings:
+    """Which logs were recorded together."""
+
+    cold_after: float
+    """Pause after which gears are cold again [s]: three of their time constants."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CandidateSettings:
     """How rows of the logs weigh."""
 
@@ -347,6 +358,8 @@ class GapSettings:
     """Dry friction before causes are looked for."""
     noise: NoiseSettings
     """The noise floor."""
+    sessions: SessionSettings
+    """Which logs were recorded together."""
     candidates: CandidateSettings
     """Weights of rows."""
     selection: SelectionSettings

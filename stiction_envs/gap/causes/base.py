@@ -181,6 +181,10 @@ class Cause(ABC):
         """Return `what`, for these coefficients."""
         return self.what
 
+    def assumption(self, data: Data, shape: Shape) -> str:
+        """Return what it takes for granted since these data do not say it, a clause; or nothing."""
+        return ""
+
     def dry_friction(self, coefficients: Array) -> float:
         """Return what it adds to a joint's level of dry friction in motion [N·m]."""
         return 0.0

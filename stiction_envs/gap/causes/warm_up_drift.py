@@ -1,4 +1,8 @@
-"""Friction that falls or rises with time: τ = r t sign(q̇)."""
+"""Friction that falls or rises with time: τ = r t sign(q̇).
+
+Logs of one session share the time t since it began; of logs that are days apart each starts cold.
+Where their clocks tell that they may be of one session, both are tried, and the data choose.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +32,16 @@ class WarmUpDriftSettings:
         check_numbers(self)
 
 
+OF_LOG, OF_SESSION = 0.0, 1.0
+"""Since when time counts, as a nonlinear parameter."""
+
+
+def _time(data: Data, shape: Shape) -> Array:
+    """Return (T,) time since each log began, or its session [s]."""
+    recording = data.recording
+    return recording.since_session if shape == (OF_SESSION,) else recording.since_log
+
+
 class WarmUpDrift(Cause):
     """Dry friction that changes along the log, as a gear that warms up."""
 
@@ -35,19 +49,44 @@ class WarmUpDrift(Cause):
     settings: WarmUpDriftSettings = constants(WarmUpDriftSettings, name)
     what: ClassVar[str] = "friction falls or rises with time or temperature"
     approximate: ClassVar[bool] = True
-    what_to_record: ClassVar[str] = "the same motion repeated for tens of minutes, from cold"
+    what_to_record: ClassVar[str] = (
+        "the same motion repeated for tens of minutes, from cold, on one clock"
+    )
+    refinable: ClassVar[bool] = False
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("drift_nm_per_s", "N·m/s"),)
     view: ClassVar = View(
         "time [s]",
-        lambda data, joint, shape: data.t,
+        lambda data, joint, shape: _time(data, shape),
         folded=True,
         note="friction changes along the log",
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return time in the direction of motion, on the clock of the log."""
-        return data.smooth(data.growth(joint, data.t))[:, None]
+        """Return time in the direction of motion."""
+        return data.smooth(data.growth(joint, _time(data, shape)))[:, None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return since when time may count: one choice where no clock tells sessions from logs."""
+        recording = data.recording
+        same = np.array_equal(recording.since_log, recording.since_session)
+        return [()] if same else [(OF_LOG,), (OF_SESSION,)]
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Return false: a choice has no end."""
+        return False
+
+    def assumption(self, data: Data, shape: Shape) -> str:
+        """Return since when time counts, where there are several logs."""
+        if shape:
+            fits = "fits better than the time since {} began"
+            if shape == (OF_SESSION,):
+                return f"with the time since the session began, which {fits.format('each log')}"
+            return f"with the time since each log began, which {fits.format('the session')}"
+        if len(np.unique(data.recording.log)) < 2:
+            return ""
+        why = "their pauses are long" if data.recording.common_clock else "no clock is common"
+        return f"each log is assumed to start cold: {why}"
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return r [N·m/s]."""
@@ -81,6 +120,7 @@ class WarmUpDrift(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the log is too short."""
-        if np.ptp(data.t) < self.settings.shortest_log:
-            return f"the record is only {np.ptp(data.t):.1f} s long"
+        seconds = float(np.ptp(data.recording.since_session))
+        if seconds < self.settings.shortest_log:
+            return f"the record is only {seconds:.1f} s long"
         return lacks_both_directions(data, joint)

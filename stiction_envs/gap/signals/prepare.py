@@ -28,6 +28,7 @@ from scipy.signal import butter, sosfiltfilt
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
+from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import ORDER, Spectra, nominal_step, resample
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.settings import MotionThresholds
@@ -80,8 +81,10 @@ class Signals:
     noise_tau_raw: NDArray[np.float64]
     """Noise of the torques as logged, standard deviation, (n,), N·m."""
     low_passed: NDArray[np.bool_]
-    """Whether torques seem to have passed a low-pass before they were logged, (n,): then their
-    noise in the filter's band may be larger than ``noise_tau``, which is taken from beside it."""
+    """Whether torque spectra fall on past the filter's band, (n,), as after a low-pass before the
+    log: then there may be more noise in the band than ``noise_tau``, which is from beside it."""
+    sessions: Sessions
+    """When the logs were recorded."""
     notes: tuple[str, ...]
     """How the signals were made, one sentence each."""
 
@@ -156,6 +159,7 @@ def prepare(
             noise_tau=nan,
             noise_tau_raw=nan,
             low_passed=np.zeros(n, dtype=bool),
+            sessions=sessions(logs, own.sessions),
             notes=("poses at rest only: nothing filtered",),
         )
     steps = [nominal_step(log.step) for _, log in moving]
@@ -205,6 +209,7 @@ def prepare(
         cutoff_hz=cutoff,
         noise_tau=noise,
         noise_tau_raw=raw,
+        sessions=sessions(logs, own.sessions),
         low_passed=spectra.low_passed(cutoff, own.noise.falling),
         notes=tuple(notes),
     )

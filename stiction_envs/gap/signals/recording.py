@@ -40,6 +40,13 @@ class Recording:
     """Cutoff of the filter that all signals passed [Hz]."""
     t: Array
     """(T,) time since the start of the log [s]."""
+    since_log: Array
+    """(T,) time since the log's first row [s]; the number of a pose."""
+    since_session: Array
+    """(T,) time since the first row of the session that the log is of [s]; that of the log where
+    clocks do not say."""
+    common_clock: bool
+    """Whether there are several logs, and their clocks say when each was recorded."""
     q: Array
     """(T, n) [rad]."""
     dq: Array
@@ -60,7 +67,16 @@ class Recording:
     """Constants of the method, for all that is worked out from it."""
 
     def __post_init__(self) -> None:
-        for x in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
+        for x in (
+            self.t,
+            self.since_log,
+            self.since_session,
+            self.q,
+            self.dq,
+            self.ddq,
+            self.tau,
+            self.reversal_path,
+        ):
             x.flags.writeable = False
         for number in (self.segment, self.block, self.log):
             number.flags.writeable = False
@@ -132,6 +148,8 @@ def join(
         for x in ("q", "dq", "ddq", "tau", "reversal_path")
     )
     log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
+    when = signals.sessions
+    since_log = np.concatenate([s.t - when.start[s.log] for s in parts])
     segment = segment_numbers(parts, signals.dt)
     return Recording(
         arm=arm,
@@ -140,6 +158,9 @@ def join(
         dt=signals.dt,
         cutoff=signals.cutoff_hz,
         t=np.concatenate([s.t for s in parts]),
+        since_log=since_log,
+        since_session=since_log + when.since[log],
+        common_clock=when.common_clock,
         q=q,
         dq=dq,
         ddq=ddq,

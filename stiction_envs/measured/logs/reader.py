@@ -76,6 +76,8 @@ class JointLog:
     """What was found and not corrected, one sentence each."""
     static: bool = False
     """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
+    date: float | None = None
+    """Date that was taken off ``t``, s; None where times are no dates."""
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.dq, self.tau, *self.extra.values()):
@@ -174,6 +176,7 @@ def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> Joint
     check_finite(rows, raw.place, s.log_checks)
     check_time(rows, raw.place, s.log_checks)
     warnings = _ignored(raw)
+    date = float(rows.t[0]) if abs(rows.t[0]) > s.reader.epoch else None
     corrections = _join_runs(rows, s.reader)
     more, missing = fill_missing(rows, raw.place, s.corrections)
     corrections, warnings = corrections + more, warnings + missing
@@ -211,6 +214,7 @@ def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> Joint
         breaks=breaks,
         corrections=tuple(corrections),
         warnings=tuple(warnings),
+        date=date,
     )
 
 

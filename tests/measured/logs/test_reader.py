@@ -241,6 +241,11 @@ def test_dates_are_counted_from_the_first_row(tmp_path: Path) -> None:
     assert log.t[0] == 0
     assert log.t[-1] == pytest.approx(1.99, abs=1e-5)
     assert log.corrections[0].kind == "epoch"
+    assert log.date == 1.7e9
+
+
+def test_small_times_are_no_dates(tmp_path: Path) -> None:
+    assert read(put(tmp_path / "log.csv", text_of(good_values()))).date is None
 
 
 def test_a_robot_at_rest_is_a_log(tmp_path: Path) -> None:

@@ -1,0 +1,60 @@
+"""When logs were recorded, as far as their clocks say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.gap.signals.sessions import Sessions, sessions
+from stiction_envs.measured.logs.reader import JointLog
+
+DAY = 86400.0
+
+
+def log(begin: float, *, date: float | None = None, seconds: float = 20.0, static: bool = False):
+    t = begin + np.arange(0.0, seconds, 0.5)
+    q = np.zeros((len(t), 2))
+    return JointLog(source="x", t=t, q=q, dq=None, tau=q.copy(), date=date, static=static)
+
+
+def found(*logs: JointLog) -> Sessions:
+    return sessions(logs, gap_settings().sessions)
+
+
+@pytest.mark.parametrize(
+    ("logs", "since"),
+    [
+        ([log(0.0), log(60.0)], [0, 60]),
+        ([log(5000.0), log(5060.0)], [0, 60]),
+        ([log(60.0), log(0.0)], [60, 0]),  # files in any order
+        ([log(0.0, date=1.7e9), log(0.0, date=1.7e9 + 60)], [0, 60]),
+        ([log(0.0, date=1.7e9), log(0.0, date=1.7e9 + DAY)], [0, 0]),
+        ([log(x, date=1.7e9) for x in (0.0, 60.0, DAY, DAY + 90.0)], [0, 60, 0, 90]),
+    ],
+)
+def test_clocks_that_rise_say_when(logs, since) -> None:
+    when = found(*logs)
+    assert when.common_clock
+    assert when.since.tolist() == pytest.approx(since)
+
+
+@pytest.mark.parametrize(
+    "logs",
+    [
+        [log(0.0), log(0.0)],
+        [log(0.0), log(10.0)],  # one robot does not move in two logs at once
+        [log(0.0, date=1.7e9), log(60.0)],
+        [log(5000.0)],
+    ],
+)
+def test_others_do_not(logs) -> None:
+    when = found(*logs)
+    assert not when.common_clock
+    assert not when.since.any()
+
+
+def test_poses_have_no_time() -> None:
+    when = found(log(0.0, static=True), log(100.0), log(160.0))
+    assert when.since.tolist() == [0, 0, 60]
+    assert when.start.tolist() == [0, 100, 160]
