@@ -106,6 +106,9 @@ def treatments(robot: str) -> dict[str, Treatment]:
         "the same without its gate": Treatment(
             dither=tuple(replace(row, gate_rad_s=0.0) for row in longer)
         ),
+        "the same from another seed": Treatment(
+            dither=table_of(KEPT / "panda_gte_gated_1600_seed1.csv")
+        ),
         "feedforward": Treatment(compensation=experiment.compensation("feedforward")),
         "feedforward, searched": Treatment(compensation=gains("feedforward", "feedforward")),
         "push": Treatment(compensation=experiment.compensation("push")),

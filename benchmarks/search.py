@@ -64,16 +64,18 @@ def _compensation(kind: str, name: str, *, dither: bool = False) -> Run:
     return Run(options=options, kept=kept)
 
 
+def _longer(seed: int, kept: str) -> Run:
+    options = {"objective": "gte", "gates": "one", "evaluations": 1600}
+    return Run(seed=seed, options=options, kept={"final.csv": f"{kept}.csv"})
+
+
 RUNS = {
     "both": _both("panda"),
     "gated": Run(
         options={"objective": "gte", "gates": "each"}, kept={"final.csv": "panda_gte_gated.csv"}
     ),
-    "gated_1600": Run(
-        seed=0,
-        options={"objective": "gte", "gates": "one", "evaluations": 1600},
-        kept={"final.csv": "panda_gte_gated_1600.csv"},
-    ),
+    "gated_1600": _longer(0, "panda_gte_gated_1600"),
+    "gated_1600_seed1": _longer(1, "panda_gte_gated_1600_seed1"),
     "feedforward": _compensation("feedforward", "feedforward"),
     "push": _compensation("push", "push"),
     "push_and_dither": _compensation("push", "push_dither", dither=True),
@@ -116,7 +118,12 @@ def main() -> None:
         hunting={f"{1e3 * w:g} mrad": x for w, x in zip(WIDTHS, hunting(rows), strict=True)},
         gains=GAINS,
         evaluations=RUNS["gated_1600"].options["evaluations"],
-        gate_rad_s=table_of(KEPT / "panda_gte_gated_1600.csv")[0].gate_rad_s,
+        gates_rad_s=[
+            table_of(KEPT / kept)[0].gate_rad_s
+            for name, run in RUNS.items()
+            if name.startswith("gated_1600")
+            for kept in run.kept.values()
+        ],
         seed=SEED,
         iterations=ITERATIONS,
     )
