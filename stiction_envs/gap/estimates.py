@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
 from stiction_envs.gap.settings import EstimateSettings
 
@@ -128,13 +130,20 @@ def estimates(
         edge = library.data.settings.candidates.edge
         bound = cause.on_bound(best, library.data, term.joint)
         bound = bound or cause.at_edge(term.shape, tried, edge)
+        ends, is_open = _profiled(library, terms, term, c)
+        reached = [cause.values(best, (x, *term.shape[1:])) for x in ends]
+        bound = bound or is_open
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
                 ci95=[value, value]
                 if isinstance(value, int)  # a choice among few, not a measure
                 else _interval(
-                    np.array([x[key] for x in samples]), np.array(value), neutral.get(key, 0.0), s
+                    np.array([x[key] for x in samples]),
+                    np.array(value),
+                    neutral.get(key, 0.0),
+                    s,
+                    [np.array(x[key]) for x in reached],
                 ),
                 on_bound=bound,
             )
@@ -143,8 +152,37 @@ def estimates(
     return out
 
 
-def _interval(samples: Array, value: Array, neutral: float, s: EstimateSettings) -> Any:
-    """Return [low, high] about a value, or one pair per number.
+def _profiled(
+    library: RegressorLibrary, terms: list[Candidate], term: Candidate, c: Array
+) -> tuple[list[float], bool]:
+    """Return the ends of the profile-likelihood interval of a term, and whether one is open.
+
+    The error that is left with a parameter, all else at its best, may be larger than the least by
+    1 + F(1, B − 1)/(B − 1) (Seber and Wild, "Nonlinear Regression", 1989, chapter 5): what is
+    left is a model's error, as one within each of B blocks, and not noise from row to row. [] of a
+    cause without a `profile`.
+    """
+    data, j = library.data, term.joint
+    cause = library.causes[term.cause]
+    if j == ARM or not term.shape or type(cause).profile is Cause.profile:
+        return [], False
+    others = library.own(terms, [t for t in terms if t != term])
+    residual = data.residual[:, j] - library.torque(terms, c * others, j)
+    weight = library.weight[:, j] * (data.block >= 0)
+    found = cause.profile(data, j, term.shape, residual, weight)
+    if found is None:
+        return [], False
+    at, left = found
+    allowed = 1 + data.settings.estimates.interval**2 / max(data.blocks - 1, 1)
+    inside = np.flatnonzero(left <= allowed * left.min())
+    first, last = int(inside[0]), int(inside[-1])
+    return [float(at[first]), float(at[last])], first == 0 or last == len(at) - 1
+
+
+def _interval(
+    samples: Array, value: Array, neutral: float, s: EstimateSettings, reached: Sequence[Array] = ()
+) -> Any:
+    """Return [low, high] about a value, or one pair per number, and at least what is ``reached``.
 
     Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
     for (``model_error``): the percentiles of 12 blocks are too narrow. Samples far out, such as a
@@ -154,7 +192,9 @@ def _interval(samples: Array, value: Array, neutral: float, s: EstimateSettings)
     far = s.far * (high - low) / 2
     near = np.clip(samples, middle - far, middle + far)
     spread = s.interval * near.std(axis=0) + s.model_error * np.max(np.abs(value - neutral))
-    return np.stack([value - spread, value + spread], axis=-1).tolist()
+    low = np.stack([value - spread, *reached]).min(axis=0)
+    high = np.stack([value + spread, *reached]).max(axis=0)
+    return np.stack([low, high], axis=-1).tolist()
 
 
 Draws = list[list[tuple[Array, tuple[float, ...]]]]

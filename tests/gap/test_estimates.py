@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +19,7 @@ BY_NAME = {c.name: c for c in CAUSES}
 DRY, VISCOUS = (Candidate(f"{name}_friction", 3, ()) for name in ("coulomb", "viscous"))
 FLANGE = (0.0, 0.0, 0.0)
 PAYLOAD = Candidate("payload", ARM, FLANGE)
-TRUE_SPEED, LEVEL, STICTION, MASS = 0.063, 0.8, 0.5, 1.0
+TRUE_SPEED, LEVEL, STICTION, MASS, GAP = 0.063, 0.8, 0.5, 1.0, 0.02
 
 
 @pytest.fixture(scope="module")
@@ -109,3 +112,62 @@ def test_the_interval_is_students_with_far_samples_cut_off(library: RegressorLib
     spread = s.interval * counted.std() + s.model_error * 50
     key = next(iter(found[4]))
     np.testing.assert_allclose(found[4][key].ci95, [50 - spread, 50 + spread])
+
+
+def profiled(library: RegressorLibrary, monkeypatch, middle: float, width: float):
+    """The Stribeck velocity's estimate, with a parabola over its logarithm for a profile."""
+    terms = sharpen(library, [DRY, PAYLOAD, on_the_grid(library)])
+    stribeck = terms[2]
+
+    def parabola(self, data, joint, shape, residual, weight):
+        at = shape[0] * np.geomspace(0.5, 2.0, 2001)
+        # of what the others leave, which is the cause's own torque
+        assert np.sum(weight * residual**2) > 100 * np.sum(weight) * library.data.noise[joint] ** 2
+        return at, 7.0 * (1 + np.square(np.log(at / (middle * shape[0])) / width))
+
+    c = library.grams.fit(library.model_columns(terms))
+    before = estimates(library, terms, [stribeck], c, None)[4]
+    monkeypatch.setattr(type(BY_NAME["stribeck_friction"]), "profile", parabola)
+    return before, estimates(library, terms, [stribeck], c, None)[4]
+
+
+def test_a_profile_widens_an_interval_to_its_likelihood(library, monkeypatch) -> None:
+    """Ends where 1 + x²/w² = 1 + t²/(B − 1); other parameters keep theirs."""
+    before, found = profiled(library, monkeypatch, 1.05, 0.1)
+    s, blocks = library.data.settings.estimates, library.data.blocks
+    reach = 0.1 * s.interval / np.sqrt(blocks - 1)
+    value = found["stribeck_velocity"].value
+    ends = value * 1.05 * np.exp([-reach, reach])
+    low, high = found["stribeck_velocity"].ci95
+    assert low == pytest.approx(min(ends[0], before["stribeck_velocity"].ci95[0]), rel=2e-3)
+    assert high == pytest.approx(ends[1], rel=2e-3)
+    assert high > before["stribeck_velocity"].ci95[1]
+    assert found["stiction_nm"].ci95 == before["stiction_nm"].ci95
+    assert not found["stribeck_velocity"].on_bound
+
+
+def test_a_profile_that_never_rises_is_on_its_bound(library, monkeypatch) -> None:
+    _, found = profiled(library, monkeypatch, 1.0, 10.0)
+    assert found["stribeck_velocity"].on_bound
+    assert found["stribeck_velocity"].ci95[1] == pytest.approx(
+        2.0 * found["stribeck_velocity"].value
+    )
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.2])
+def test_the_interval_of_a_gap_allows_for_flanks_that_nobody_knows(damping: float) -> None:
+    """A gap whose flanks are a third softer than assumed looks narrower by 7 %."""
+    bare = data_of(panda(), hidden(panda(), seconds=30.0, seed=4))
+    usual = BY_NAME["backlash"]
+    soft = copy.copy(usual)
+    soft.settings = replace(usual.settings, flank=0.67 * usual.settings.flank)
+    data = with_torque(bare, soft.spread(bare, 2, (GAP, damping))[..., 0])
+    library = RegressorLibrary(data, [usual])
+    shape = usual.shapes(data, 2, data.residual[:, 2])[0]
+    terms = sharpen(library, [Candidate("backlash", 2, shape)])
+    c = library.grams.fit(library.model_columns(terms))
+    found = estimates(library, terms, terms, c, draw(library, terms, c, seed=0))[3]["gap_rad"]
+    assert found.value < 0.97 * GAP
+    assert found.ci95[0] < GAP < found.ci95[1]
+    assert found.ci95[1] - found.ci95[0] < 0.3 * GAP
+    assert not found.on_bound

@@ -59,6 +59,13 @@ class BacklashSettings:
     or late count for less."""
     most: float
     """The same, at most [-]."""
+    flanks: tuple[float, ...]
+    """Stiffnesses over `flank` that the interval of a gap allows for [-]: the softer the flank, the
+    wider a gap looks."""
+    profile_reach: float
+    """How far from the gap that was found others are tried for its interval, as a factor [-]."""
+    profile_count: int
+    """Of them."""
     residual_left: float
     """Times the noise floor that a joint's residual must exceed for a search [-]."""
 
@@ -98,17 +105,25 @@ def _fly(
     h: float,
     out: Array,
 ) -> None:
-    """Put `crossings` of one run into ``out`` (T, K), from rest on the flank."""
+    """Put `crossings` of one run into ``out`` (T, K), from rest on the flank.
+
+    In flight by velocity Verlet, exact for a load that is constant over a sample; on the flank by
+    implicit Euler, stable however stiff.
+    """
     x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
-    for i in range(len(load)):
+    out[0] = x
+    for i in range(1, len(load)):
         k = flank / mass[i]
-        # the flank and its damping implicitly, so that stiff ones stay stable
         damped = 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
         for g in range(len(half)):  # inside: the processor takes several gaps at once
             over = x[g] - min(max(x[g], -half[g]), half[g])
-            u[g] += h * (-(load[i] + slope[i] * x[g]) / mass[i] - k * over)
-            u[g] /= damped if over != 0.0 else 1.0
-            x[g] += h * u[g]
+            before = -(load[i - 1] + slope[i - 1] * x[g]) / mass[i - 1]
+            fly = x[g] + h * u[g] + 0.5 * h * h * before
+            after = -(load[i] + slope[i] * fly) / mass[i]
+            press = (u[g] + h * (-(load[i] + slope[i] * x[g]) / mass[i] - k * over)) / damped
+            free = over == 0.0
+            u[g] = u[g] + 0.5 * h * (before + after) if free else press
+            x[g] = fly if free else x[g] + h * press
             out[i, g] = x[g]
 
 
@@ -212,14 +227,38 @@ class Backlash(Cause):
             scored += [(float(x), float(g), damping) for x, g in zip(left, gaps, strict=True)]
         return [(gap, damping) for _, gap, damping in sorted(scored)[: s.best]]
 
-    def _deltas(self, data: Data, joint: int, gaps: Array, damping: float) -> Array:
+    def profile(
+        self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
+    ) -> tuple[Array, Array]:
+        """Return gaps (K,) [rad] and (K,) what is left with each, whatever flank and damping.
+
+        Nobody knows how stiff the flanks are and how they damp a blow, and both shift when the link
+        lands.
+        """
+        s, damping = self.settings, (*shape, self.settings.usual_damping)[1]
+        gaps = shape[0] * np.geomspace(1 / s.profile_reach, s.profile_reach, s.profile_count)
+        kinds = [(damping, s.flank)]
+        if damping not in (DRAGGED, LOST):
+            kinds = [(d, s.flank * f) for d in s.dampings for f in s.flanks]
+        left = np.full(len(gaps), np.inf)
+        for kind, flank in kinds:
+            torque = self._own(data, joint, self._deltas(data, joint, gaps, kind, flank), kind)
+            torque = data.smooth(torque)
+            along, size = torque.T @ (weight * residual), np.square(torque).T @ weight
+            c = np.clip(along / np.maximum(size, 1e-300), s.least, s.most)
+            left = np.minimum(left, c * c * size - 2 * c * along)
+        return gaps, left + float(np.sum(weight * residual**2))
+
+    def _deltas(
+        self, data: Data, joint: int, gaps: Array, damping: float, flank: float | None = None
+    ) -> Array:
         """Return (T, K) for K gaps the part of the load that is missing where it is dragged, else δ
-        [rad]."""
+        [rad]; ``flank`` is not the usual stiffness [N·m/rad]."""
         if damping == DRAGGED:
             return dragged(data, joint, gaps)
         if damping == LOST:
             return lost(data, joint, gaps)
-        return crossings(data, joint, gaps, damping, self.settings.flank)
+        return crossings(data, joint, gaps, damping, flank or self.settings.flank)
 
     def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
         """Return (T, k) what `_deltas` of k gaps add to the joint itself, before the filter."""

@@ -220,6 +220,23 @@ class Cause(ABC):
         """Return why these data cannot show the cause on a joint, or nothing."""
         return ""
 
+    def profile(
+        self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
+    ) -> tuple[Array, Array] | None:
+        """Return others than the first nonlinear parameter, (K,), and what is left with each, (K,).
+
+        That is for its interval, where a tangent does not tell how far it may be off; None where it
+        does. What is left is the weighted squared error with the best of all else of the cause.
+
+        Args:
+            data: the logs.
+            joint: from 0.
+            shape: that was found.
+            residual: (T,) what the other causes leave on the joint [N·m].
+            weight: (T,) of each row.
+        """
+        return None
+
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return coefficients and nonlinear parameters as they stand in a model."""
         return coefficients, shape

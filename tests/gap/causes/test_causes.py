@@ -26,7 +26,7 @@ from stiction_envs.gap.causes.bodies import (
     sphere,
     with_link,
 )
-from stiction_envs.gap.causes.deflection import mass_matrix, own_torque_of, seen_by
+from stiction_envs.gap.causes.deflection import _masses, mass_matrix, own_torque_of, seen_by
 from stiction_envs.gap.causes.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -234,6 +234,26 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     yields = 5 * np.abs(data.rigid[:, 2]).max() / flank
     assert 0.01 <= delta.max() < 0.01 + yields
     assert -0.01 >= delta.min() > -0.01 - yields
+
+
+@pytest.mark.parametrize("step", [1e-3, 2e-3, 5e-3])
+def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
+    """Limit case: a load L = s t, hard flanks: δ = gap/2 − s t³/6M at any step, to 1 %."""
+    gap, mass, rise, flank = 0.02, 1.2, 20.0, 1e6
+    t = np.arange(-0.3, 0.3, step)
+    one = SimpleNamespace(
+        dt=step,
+        rigid=-rise * t[:, None],
+        recording=SimpleNamespace(
+            derived=lambda make: np.full((len(t), 1, 1), mass * (make is _masses))
+        ),
+        runs=lambda: [slice(0, len(t))],
+    )
+    delta = crossings(one, 0, np.array([gap]), 1.0, flank)[:, 0]
+    part = np.array([0.25, 0.5, 0.75])
+    flies = (t > 0) & (t < 0.22)
+    at = np.interp(gap * (part - 0.5), delta[flies], t[flies])
+    assert rise * at**3 / (6 * mass * gap) == pytest.approx(part, rel=0.01)
 
 
 def test_a_link_that_friction_holds_stays_behind_by_half_the_gap() -> None:
