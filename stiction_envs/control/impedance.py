@@ -407,6 +407,11 @@ class CartesianImpedance:
         return self._command
 
     @property
+    def wanted(self) -> Array:
+        """(N, n) torque of the last cycle before the saturation, overwritten by the next [N·m]."""
+        return self._wanted
+
+    @property
     def error(self) -> Array:
         """(N, 6) error e of the last cycle: translation [m], then rotation [rad]."""
         return self._state[:, :6].copy()

@@ -48,31 +48,38 @@ class GTEEnv(ArmEnv):
     environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
 
     ## Observation space
-    `Box`, shape (4n + 19,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
+    `Box`, shape (5n + 19,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
     the name of every element. The tolerance, within which a goal counts as reached, is 0.04 m and
-    0.25 rad, v_max is 0.5 m/s, ω_max 0.5 rad/s. After a reset, amplitude and frequency are −1. The
-    nullspace stiffness, 0 unless an option says otherwise, is not among it.
+    0.25 rad, v_max is 0.5 m/s, ω_max 0.5 rad/s. The torque is what controller and compensation
+    asked for in their last cycle, before the limits; its unit is the nominal arm's stiction at the
+    start. After a reset, amplitude and frequency are −1. The nullspace stiffness, 0 unless an
+    option says otherwise, is not among it.
 
     | index | name | min | max | unit | meaning |
     | --- | --- | --- | --- | --- | --- |
     | 0–6 | displacement_1 … displacement_7 | -3 | 3 | rad | link angle minus the start's |
     | 7–13 | velocity_1 … velocity_7 | -3 | 3 | rad/s | link speed |
-    | 14–19 | error_x … error_yaw | -20 | 20 | tolerance | pose minus reference |
-    | 20–22 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
-    | 23 | turning | 0 | 1 | ω_max | angular speed of the reference |
-    | 24 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
-    | 25–29 | goal_1 … goal_5 | 0 | 1 | 1 | 1 for the goal on the way to, else 0 |
-    | 30 | pentagon | 0 | 1 | 1 | 1 on the pentagon, 0 on the triangle |
-    | 31 | translational | 0 | 20 | 400 N/m | translational stiffness |
-    | 32 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
-    | 33–39 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
-    | 40–46 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
+    | 14–20 | torque_1 … torque_7 | -50 | 50 | stiction | commanded torque, dither excluded |
+    | 21–26 | error_x … error_yaw | -20 | 20 | tolerance | pose minus reference |
+    | 27–29 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
+    | 30 | turning | 0 | 1 | ω_max | angular speed of the reference |
+    | 31 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
+    | 32–36 | goal_1 … goal_5 | 0 | 1 | 1 | 1 for the goal on the way to, else 0 |
+    | 37 | pentagon | 0 | 1 | 1 | 1 on the pentagon, 0 on the triangle |
+    | 38 | translational | 0 | 20 | 400 N/m | translational stiffness |
+    | 39 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
+    | 40–46 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
+    | 47–53 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
 
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum.
 
-    * `tracking`: −mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the pose minus
-      the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
+    * `settling`: −w · ½ (distance / D + angle / A) / goals, paid when the arm's time at a goal is
+      over: distance [m] and angle [rad] are what is left of the pose error in the last sample
+      before the next goal is accepted, at the last goal 1 s (`tail`) after it was reached. D and A
+      are the same of undithered runs, mean over goals. w is `settling_weight`.
+    * `tracking`: −(1 − w) · mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the pose
+      minus the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
       reached; E is the same sum over a whole undithered run.
     * `power`: −`power_weight` · s · mean over joints of (A / A_max)².
     * `torque_rate`: −`torque_rate_weight` · s · mean over joints of (2πfA / torque rate limit)²;
@@ -82,10 +89,11 @@ class GTEEnv(ArmEnv):
 
     s = `control_interval_s` / duration of the undithered run is the step's share of it: a weight is
     what full dither, or 1 mm of shaking all along, would cost, in units of the undithered error.
-    The rewards of an episode sum to −(tracking error) less the penalties: about −1 without dither,
-    0 for a perfect arm. E and the duration are means over the 10 undithered iterations that
-    `stiction gte` would run for the same trajectory, stiffness, arm and friction; they are
-    computed at the first reset that needs them, once per process, which takes some seconds.
+    The rewards of an episode sum to −w · (error left) − (1 − w) · (tracking error) less the
+    penalties: about −1 without dither, 0 for a perfect arm. D, A, E and the duration are means over
+    the 10 undithered iterations that `stiction gte` would run for the same trajectory, stiffness,
+    arm and friction; they are computed at the first reset that needs them, once per process, which
+    takes some seconds.
 
     ## Start and end of an episode
     A reset brings the arm to the start against its friction, from a random side; the controller
@@ -105,7 +113,10 @@ class GTEEnv(ArmEnv):
     * `error` (6,): |e| of x, y, z [m], roll, pitch, yaw [rad], summed over the 200 samples from 1 s
       before to 1 s after the last goal was accepted, as in Table 4.11; NaN if truncated before.
     * `undithered_error` (6,): the same without dither, mean over iterations.
-    * `tracking_error`: the sum of −`tracking` over the episode, 1 without dither.
+    * `error_left` (2,): position [m] and orientation [rad] left when the arm's time at a goal was
+      over, mean over goals; NaN if truncated before. `undithered_error_left` (2,): without dither.
+    * `settling_error`, `tracking_error`: what −`settling` and −`tracking` would sum to with weight
+      1: about 1 each without dither.
     * `shaking`: root mean square of the vibration over the motion [m], and `undithered_shaking`.
     * `duration`: when the last goal was reached [s]; NaN if truncated before.
 
@@ -135,6 +146,8 @@ class GTEEnv(ArmEnv):
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
+    * `settling_weight`: w, 0 to 1. Default 0.75: friction decides where the arm stops, the
+      impedance law how far it lags.
     * `power_weight`, `torque_rate_weight`, `shaking_weight`: weights of the penalties [-]. Default
       0.01 each.
     * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.

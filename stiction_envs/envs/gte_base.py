@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -33,6 +34,8 @@ class Undithered:
     """(6,) the same within the window of Table 4.11 [m, rad]."""
     duration: float
     """From the start to the end of the tail [s]."""
+    left: Array
+    """(2,) error left when the arm's time at a goal is over, mean over goals [m, rad]."""
     shaking: float
     """Vibration, turns included, root mean square over the motion [m]."""
 
@@ -44,6 +47,7 @@ def fingerprint(
     e, s = experiment, experiment.sticking
     paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
     return store.digest(
+        [f.name for f in dataclasses.fields(Undithered)],
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
         *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
@@ -83,6 +87,7 @@ def _of_store(values: dict[str, Any]) -> Undithered:
         total=np.array(values["total"]),
         window=np.array(values["window"]),
         duration=values["duration"],
+        left=np.array(values["left"]),
         shaking=values["shaking"],
     )
 
@@ -90,7 +95,8 @@ def _of_store(values: dict[str, Any]) -> Undithered:
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
     measures = measure(run, experiment.protocol)
     duration, total = measures.duration + experiment.protocol.tail, measures.total.mean(axis=0)
-    if not (np.isfinite(duration).all() and (total > 0).all()):
+    left = measures.left.mean(axis=(0, 1))
+    if not (np.isfinite(duration).all() and (total > 0).all() and (left > 0).all()):
         raise StictionError(
             f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "
             f"{run.case.stiffness} has no end, or no error, without dither"
@@ -98,6 +104,7 @@ def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, A
     return {
         "total": total.tolist(),
         "window": measures.window_sum.mean(axis=0).tolist(),
+        "left": left.tolist(),
         "duration": float(duration.mean()),
         "shaking": float(measures.shaking.mean()),
     }

@@ -39,14 +39,15 @@ from stiction_envs.envs.gte_layout import (
     stiffness_units,
 )
 from stiction_envs.envs.gte_log import Recorder
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, pose_error
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.plant import CONTROL_DT
+from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm, load_arm
 
-TERMS = ("tracking", "power", "torque_rate", "shaking")
+TERMS = ("settling", "tracking", "power", "torque_rate", "shaking")
 """Terms of the reward, in the order in which they are summed."""
 
 
@@ -65,6 +66,13 @@ class Step(Outcome):
     complete."""
     undithered_error: Array
     """(M, 6) the same without dither, mean over iterations."""
+    error_left: Array
+    """(M, 2) error left when the arm's time at a goal was over, mean over goals: position [m] and
+    orientation [rad]; NaN while one of them is not."""
+    undithered_error_left: Array
+    """(M, 2) the same without dither, mean over iterations."""
+    settling_error: Array
+    """Error left at the goals so far over that of a whole undithered episode [-]."""
     tracking_error: Array
     """Error over the episode so far, over that of a whole undithered one [-]."""
     shaking: Array
@@ -83,6 +91,9 @@ class GTECore(BatchCore):
     final = (
         "error",
         "undithered_error",
+        "error_left",
+        "undithered_error_left",
+        "settling_error",
         "tracking_error",
         "shaking",
         "undithered_shaking",
@@ -108,6 +119,7 @@ class GTECore(BatchCore):
         compensation: str | Compensation | None = None,
         controller_model: Arm | None = None,
         control_interval_s: float = 0.1,
+        settling_weight: float | None = None,
         power_weight: float = 0.01,
         torque_rate_weight: float = 0.01,
         shaking_weight: float = 0.01,
@@ -118,6 +130,10 @@ class GTECore(BatchCore):
     ) -> None:
         """Make them; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
+        if settling_weight is None:
+            settling_weight = default("reward.settling_weight")
+        if not 0 <= settling_weight <= 1:
+            raise StictionError(f"settling_weight {settling_weight}: expected 0 to 1")
         check_arguments(
             max_episode_steps,
             power_weight=power_weight,
@@ -150,7 +166,7 @@ class GTECore(BatchCore):
             torque_rate_weight=torque_rate_weight,
             fixed_options=fixed_options,
         )
-        self.shaking_weight = shaking_weight
+        self.settling_weight, self.shaking_weight = settling_weight, shaking_weight
         self.compensation = (
             e.compensation(compensation) if isinstance(compensation, str) else compensation
         )
@@ -165,10 +181,21 @@ class GTECore(BatchCore):
         self._stiffness = np.array([k for _, k in self.case])
         self._unit = np.ones((num_envs, 6))
         self._base_error, self._base_shaking = np.zeros((num_envs, 6)), np.zeros(num_envs)
+        self._unit_left = np.ones((num_envs, 2))
+        self._left = np.zeros(num_envs)
         self._base_duration = np.ones(num_envs)
+        self.stiction = self._start_stiction()
+        """(n,) unit of the observed torque: the nominal stiction at the start [N·m]."""
         usual = MotionLimits()  # those in use may be infinite
         self.tolerance = usual.position_tolerance, usual.rotation_tolerance
         """Unit of the observed error [m], [rad]."""
+
+    def _start_stiction(self) -> Array:
+        """Return the larger stiction (n,) of both directions at the load of the start [N·m]."""
+        sticking = self.experiment.sticking
+        plant = Plant(sticking, 1, nthread=1)
+        plant.reset(np.array([0]), self.experiment.start[None])
+        return np.asarray(sticking.parameters.stiction_at(plant.load[1][0]).max(axis=-1))
 
     @staticmethod
     def block_steps(experiment: GeneratedTrajectoryExperiment) -> int:
@@ -218,6 +245,7 @@ class GTECore(BatchCore):
             self.case[i], self.goals[i] = case, len(path.position)
             self._trajectory[i], self._stiffness[i] = case
             self._unit[i], self._base_error[i] = b.total, b.window
+            self._unit_left[i], self._left[i] = b.left, 0.0
             self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
         self.recorder.start(ids, self.goals[ids])
 
@@ -233,8 +261,12 @@ class GTECore(BatchCore):
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
         shaking = r.step_vibration[ids] / default("reward.shaking_unit")
+        left = np.mean(r.step_left[ids] / self._unit_left[ids], axis=1) / self.goals[ids]
+        self._left[ids] += left
+        tracking = np.mean(r.step_error[ids] / self._unit[ids], axis=1)
         terms = {
-            "tracking": -np.mean(r.step_error[ids] / self._unit[ids], axis=1),
+            "settling": -self.settling_weight * left,
+            "tracking": -(1.0 - self.settling_weight) * tracking,
             **self._penalties(ids, share),
             "shaking": -self.shaking_weight * share * shaking,
         }
@@ -249,6 +281,9 @@ class GTECore(BatchCore):
             vibration=r.step_vibration[ids],
             error=r.window.sum[ids],
             undithered_error=self._base_error[ids],
+            error_left=r.mean_left(ids),
+            undithered_error_left=self._unit_left[ids],
+            settling_error=self._left[ids],
             tracking_error=self.tracking_error(ids),
             shaking=r.shaking[ids],
             undithered_shaking=self._base_shaking[ids],
@@ -279,6 +314,7 @@ class GTECore(BatchCore):
         values = {
             "displacement": rig.plant.position[ids] - rig.start,
             "velocity": rig.plant.velocity[ids],
+            "torque": rig.undithered_torque[ids] / self.stiction,
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,

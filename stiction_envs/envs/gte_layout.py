@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.control.trajectory import POSITION
-from stiction_envs.envs.layout import DITHER, Group, named_options
+from stiction_envs.envs.layout import DITHER, TORQUE, Group, named_options
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case, named_path
 from stiction_envs.robots.tables import lookup, read_toml
@@ -61,6 +61,7 @@ GROUPS = (
         unit="rad/s",
         meaning="link speed",
     ),
+    TORQUE,
     Group(
         name="error",
         labels=AXES,

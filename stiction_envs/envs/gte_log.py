@@ -43,13 +43,15 @@ class Recorder(Accumulator):
         self._rig, self._sampler = rig, Sampler(rig, protocol, steps)
         self.step_vibration = np.zeros(rig.nsim)
         """(N,) root mean square of the vibration in the last step [m]."""
+        self.step_left = np.zeros((rig.nsim, 2))
+        """(N, 2) error left at the goals whose time was over in the last step [m, rad]."""
         self.trace = [PathTrace() for _ in range(rig.nsim)] if record else None
 
     def start(self, ids: Index, goals: Index) -> None:
         """Begin anew with arms ``ids``, which have just begun to follow ``goals`` (M,) goals."""
         super().start(ids, goals)
         self._sampler.start(ids)
-        self.step_vibration[ids] = 0.0
+        self.step_vibration[ids] = self.step_left[ids] = 0.0
         if self.trace is not None:
             for i in ids:
                 self.trace[i] = PathTrace()
@@ -57,9 +59,18 @@ class Recorder(Accumulator):
     def advance(self) -> None:
         """Let all arms follow for one environment step."""
         self._samples = s = self._sampler.advance()
-        sequencer = self._rig.sequencer
+        sequencer, before = self._rig.sequencer, np.isfinite(self.settling[..., :1])
         self.feed(s.error, s.mean_square, sequencer.accepted_at, sequencer.reached_at)
+        left = self.left
+        self.step_left = np.where(np.isfinite(left) & ~before, left, 0.0).sum(axis=1)
         self.step_vibration = np.sqrt(s.mean_square.mean(axis=-1).sum(axis=-1))
+
+    def mean_left(self, ids: Index) -> Array:
+        """Return (M, 2) error left at the goals of arms ``ids``, mean over goals; NaN while one of
+        them is not over [m, rad]."""
+        mine = np.arange(self.settling.shape[1]) < self._goals[ids, None]
+        left = np.where(mine[..., None], self.left[ids], 0.0).sum(axis=1)
+        return left / self._goals[ids, None]
 
     def keep(self, ids: Index, amplitude: Array) -> None:
         """Add the last step of arms ``ids`` to their traces; ``amplitude`` (N, n) [N·m]."""

@@ -47,6 +47,15 @@ class Group:
         return [f"{self.name}_{label}" for label in labels] or [self.name]
 
 
+TORQUE = Group(
+    name="torque",
+    per_joint=True,
+    low=-50.0,
+    high=50.0,
+    unit="stiction",
+    meaning="commanded torque, dither excluded",
+)
+"""What the joints are asked for without dither: in every environment."""
 DITHER = (
     Group(
         name="amplitude",
@@ -90,8 +99,8 @@ def action_bounds(
     A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
     f_max = min(100 Hz, half the controller's rate).
     """
-    levels = [parameters.stiction_at(poses.load[:, k]).max(axis=-1) for k in range(len(LOADS))]
-    top = np.minimum(interface.torque_limit, STICTION_FACTOR * np.maximum(*levels))
+    stiction = largest_stiction(parameters, poses)
+    top = np.minimum(interface.torque_limit, STICTION_FACTOR * stiction)
     n = len(top)
     f_max = min(F_MAX, interface.controller_rate_hz / 2)
     if f_max <= F_MIN:
@@ -101,6 +110,12 @@ def action_bounds(
         )
     low = np.concatenate([np.zeros(n), np.full(n, F_MIN)])
     return low, np.concatenate([top, np.full(n, f_max)])
+
+
+def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
+    """Return the largest stiction of each joint (n,), of both poses and directions [N·m]."""
+    levels = [parameters.stiction_at(poses.load[:, k]).max(axis=-1) for k in range(len(LOADS))]
+    return np.maximum(*levels)
 
 
 def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) -> dict[str, Any]:

@@ -44,21 +44,24 @@ class SJEEnv(ArmEnv):
     the environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
 
     ## Observation space
-    `Box`, shape (5n + 5,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
-    the name of every element. Threshold is 0.15 rad. After a reset, amplitude and frequency are −1.
+    `Box`, shape (6n + 5,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
+    the name of every element. Threshold is 0.15 rad, the stiction that of the action's bounds. The
+    tested joint's torque is the ramp's, the others' hold them. After a reset, amplitude and
+    frequency are −1.
 
     | index | name | min | max | unit | meaning |
     | --- | --- | --- | --- | --- | --- |
     | 0–6 | displacement_1 … displacement_7 | -5 | 5 | threshold | link angle minus the pose |
     | 7–13 | velocity_1 … velocity_7 | -50 | 50 | threshold/s | link speed |
-    | 14 | progress | -5 | 5 | threshold | angle since the ramp started, along the ramp |
-    | 15 | torque | -10 | 10 | τ_base | commanded torque of the tested joint, dither excluded |
-    | 16 | elapsed | 0 | 20 | τ_base | torque by which the ramp has grown |
-    | 17–23 | tested_1 … tested_7 | 0 | 1 | 1 | 1 for the tested joint, else 0 |
-    | 24 | load | 0 | 1 | 1 | 1 in the load pose, 0 in the no-load pose |
-    | 25 | direction | -1 | 1 | 1 | sign of the ramp |
-    | 26–32 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
-    | 33–39 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
+    | 14–20 | torque_1 … torque_7 | -50 | 50 | stiction | commanded torque, dither excluded |
+    | 21 | progress | -5 | 5 | threshold | angle since the ramp started, along the ramp |
+    | 22 | ramp | -10 | 10 | τ_base | commanded torque of the tested joint, dither excluded |
+    | 23 | elapsed | 0 | 20 | τ_base | torque by which the ramp has grown |
+    | 24–30 | tested_1 … tested_7 | 0 | 1 | 1 | 1 for the tested joint, else 0 |
+    | 31 | load | 0 | 1 | 1 | 1 in the load pose, 0 in the no-load pose |
+    | 32 | direction | -1 | 1 | 1 | sign of the ramp |
+    | 33–39 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
+    | 40–46 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
 
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum. Δ is the change within the step.

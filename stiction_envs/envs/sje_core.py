@@ -21,6 +21,7 @@ from stiction_envs.envs.batch_core import (
     count_blocks,
     read_friction,
 )
+from stiction_envs.envs.layout import largest_stiction
 from stiction_envs.envs.sje_base import base_torques
 from stiction_envs.envs.sje_layout import GROUPS, check_sje_options
 from stiction_envs.envs.trace import RampTrace
@@ -102,6 +103,8 @@ class SJECore(BatchCore):
             fixed_options=fixed_options,
         )
         self.rig = e.rig(num_envs, dither_all=True)
+        self.stiction = largest_stiction(e.sticking.parameters, e.poses)
+        """(n,) unit of the observed torques [N·m]."""
         self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
         self.tau_base = np.ones(num_envs)
         self._level = np.zeros(num_envs)
@@ -203,7 +206,8 @@ class SJECore(BatchCore):
         rig, rows = self.rig, np.arange(len(ids))
         threshold = rig.protocol.threshold
         base = np.abs(self.tau_base[ids])
-        torque = self.torque(ids)
+        torque, asked = self.torque(ids), rig.plant.servo_torque[ids]
+        asked[rows, rig.joint[ids]] = torque
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0
         amplitude, frequency = self._scaled(ids)
@@ -211,7 +215,8 @@ class SJECore(BatchCore):
             "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
             "velocity": rig.plant.velocity[ids] / threshold,
             "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
-            "torque": torque / base,
+            "torque": asked / self.stiction,
+            "ramp": torque / base,
             "elapsed": rig.sign[ids] * (torque - rig.start_torque[ids]) / base,
             "tested": tested,
             "load": np.array([float(self.configuration[i].load == "load") for i in ids]),

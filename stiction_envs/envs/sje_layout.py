@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.envs.layout import DITHER, Group, named_options
+from stiction_envs.envs.layout import DITHER, TORQUE, Group, named_options
 from stiction_envs.errors import unknown
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 
@@ -30,6 +30,7 @@ GROUPS = (
         unit="threshold/s",
         meaning="link speed",
     ),
+    TORQUE,
     Group(
         name="progress",
         low=-5.0,
@@ -38,7 +39,7 @@ GROUPS = (
         meaning="angle since the ramp started, along the ramp",
     ),
     Group(
-        name="torque",
+        name="ramp",
         low=-10.0,
         high=10.0,
         unit="τ_base",

@@ -97,6 +97,7 @@ def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> No
         assert np.array_equal(final["error"], measures.window_sum[k])
         assert final["duration"] == measures.duration[k]
         assert final["shaking"] == measures.shaking[k]
+        assert final["error_left"] == pytest.approx(measures.left[k].mean(axis=0), rel=1e-14)
 
 
 def test_a_constant_action_is_the_experiment_bit_for_bit():
@@ -138,6 +139,7 @@ def test_undithered_iterations_sum_to_minus_one():
     still = np.tile(env.single_action_space.low, (10, 1))
     env.reset(options=[{**TRIANGLE, "iteration": k} for k in range(10)])
     total, tracking, error = np.zeros(10), np.zeros(10), np.zeros((10, 6))
+    settling, left = np.zeros(10), np.zeros((10, 2))
     alive = np.ones(10, dtype=bool)
     while alive.any():
         _, reward, terminated, _, infos = env.step(still)
@@ -145,13 +147,18 @@ def test_undithered_iterations_sum_to_minus_one():
         for i in np.flatnonzero(alive & terminated):
             final = infos["final_info"]
             tracking[i], error[i] = final["tracking_error"][i], final["error"][i]
-            base = final["undithered_error"][i]
+            settling[i], left[i] = final["settling_error"][i], final["error_left"][i]
+            base, base_left = final["undithered_error"][i], final["undithered_error_left"][i]
         alive &= ~terminated
     assert tracking.mean() == pytest.approx(1.0, abs=1e-12)
     assert error.mean(axis=0) == pytest.approx(base, rel=1e-12)
+    assert settling.mean() == pytest.approx(1.0, abs=1e-12)
+    assert left.mean(axis=0) == pytest.approx(base_left, rel=1e-12)
     # without dither only the shaking of the motion itself is left to penalise
-    assert np.all(total < -tracking)
-    assert total == pytest.approx(-tracking, abs=0.01)
+    error_sum = 0.75 * settling + 0.25 * tracking
+    assert np.all(total < -error_sum)
+    assert total == pytest.approx(-error_sum, abs=0.01)
+    assert total.mean() == pytest.approx(-1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("name", [PANDA_GTE, IIWA_GTE])
@@ -164,8 +171,11 @@ def test_rewards_sum_to_the_tracking_error_and_the_penalties(name):
     for s, t in zip(steps[1:], terms, strict=True):
         assert s[1] == pytest.approx(sum(t.values()), abs=1e-15)
         assert "error" in s[4] if s is steps[-1] else "error" not in s[4]
-    tracking = sum(t["tracking"] for t in terms)
-    assert tracking == pytest.approx(-final["tracking_error"], rel=1e-12)
+    tracking, settling = (sum(t[name] for t in terms) for name in ("tracking", "settling"))
+    assert tracking == pytest.approx(-0.25 * final["tracking_error"], rel=1e-12)
+    assert settling == pytest.approx(-0.75 * final["settling_error"], rel=1e-12)
+    ratio = final["error_left"] / final["undithered_error_left"]
+    assert final["settling_error"] == pytest.approx(ratio.mean(), rel=1e-12)
     for term in ("power", "shaking"):
         assert all(t[term] < 0 for t in terms)
     assert all((t["torque_rate"] == 0) == (name == IIWA_GTE) for t in terms)
@@ -179,10 +189,48 @@ def test_rewards_sum_to_the_tracking_error_and_the_penalties(name):
 
 
 def test_weights_can_be_zero(panda):
-    env = make_gte(**QUIET)
-    steps = episode(env, mild(env, 6), seed=1, options=TRIANGLE)
-    final = steps[-1][4]
-    assert sum(s[1] for s in steps) == pytest.approx(-final["tracking_error"], rel=1e-12)
+    for weight, name in ((0.0, "tracking_error"), (1.0, "settling_error")):
+        env = make_gte(settling_weight=weight, **QUIET)
+        steps = episode(env, mild(env, 6), seed=1, options=TRIANGLE)
+        final = steps[-1][4]
+        assert sum(s[1] for s in steps) == pytest.approx(-final[name], rel=1e-12)
+
+
+def test_settling_is_paid_when_the_time_at_a_goal_is_over(panda):
+    """In the step in which the next goal is accepted, and in the last: nowhere else."""
+    steps = episode(panda, mild(panda, 6), seed=1, options=TRIANGLE)[1:]
+    paid = [k for k, s in enumerate(steps) if s[4]["reward_terms"]["settling"] < 0]
+    reached = [s[4]["goals_reached"] for s in steps]
+    over = [reached.index(1), reached.index(2), len(steps) - 1]
+    assert paid == over
+    core = panda.unwrapped.core
+    left, base = core.recorder.left[0, :3], steps[-1][4]["undithered_error_left"]
+    share = 0.75 * (left / base).mean(axis=1) / 3
+    assert [steps[k][4]["reward_terms"]["settling"] for k in paid] == pytest.approx(-share)
+
+
+def test_turning_counts_as_shaking(monkeypatch):
+    """Joint 7 turns the flange about an axis it is on, and hardly moves it: what its dither adds to
+    the vibration at rest is the joint's oscillation times the lever of 0.1 m."""
+    env = make_gte(control_interval_s=0.1)
+    rig = env.unwrapped.core.rig
+    angle: list[float] = []
+
+    def law(original=rig._law):
+        angle.append(rig.plant.position[0, 6])
+        return original()
+
+    monkeypatch.setattr(rig, "_law", law)
+    shaken = []
+    for action in (quiet(env), mild(env, 7, share=0.8, frequency=20.0)):
+        _, info = env.reset(seed=1, options=TRIANGLE)
+        while info.get("goals_reached", 0) < 3:
+            *_, info = env.step(quiet(env))
+        shaken.append([env.step(action)[4]["vibration"] for _ in range(8)][-1])
+    time, turned = np.arange(100), np.array(angle[-100:])
+    turned -= np.polyval(np.polyfit(time, turned, 2), time)
+    added = np.sqrt(shaken[1] ** 2 - shaken[0] ** 2)
+    assert 1.0 < added / (0.1 * np.sqrt(np.mean(turned**2))) < 1.3
 
 
 def test_the_control_interval_does_not_matter_to_a_constant_action():
@@ -196,6 +244,8 @@ def test_the_control_interval_does_not_matter_to_a_constant_action():
     assert finals[0]["duration"] == finals[1]["duration"]
     for name in ("tracking_error", "shaking"):
         assert finals[0][name] == finals[1][name]
+    assert np.array_equal(finals[0]["error_left"], finals[1]["error_left"])
+    assert finals[0]["settling_error"] == pytest.approx(finals[1]["settling_error"], rel=1e-12)
 
 
 def test_same_seed_same_episode_on_any_number_of_threads(panda):
@@ -302,6 +352,25 @@ def test_observations_mean_what_they_are_called(panda):
     assert see["goal_1"] == 0
 
 
+def test_observed_torque_is_the_impedance_laws_without_dither(panda):
+    """Jᵀ(−K e − D J q̇) over the stiction, however strong the dither; 0 after a reset."""
+    core, names = panda.unwrapped.core, np.array(panda.unwrapped.observation_names)
+    mine = np.char.startswith(names, "torque")
+    assert mine.sum() == 7
+    observation, _ = panda.reset(seed=1, options=TRIANGLE)
+    assert not observation[mine].any()
+    for _ in range(3):
+        observation, *_ = panda.step(shaken(panda))
+    controller, jacobian = core.rig.controller, core.rig.end_effector.jacobian[0]
+    # the state is that of the last cycle, 1 ms ago
+    expected = jacobian.T @ (controller._gain[0] @ controller._state[0])
+    assert np.abs(core.rig.dither_torque[0]).max() > 0.1
+    assert observation[mine] * core.stiction == pytest.approx(expected, abs=0.02)
+    assert np.abs(expected).max() > 0.5
+    observation, _ = panda.reset(seed=2, options=TRIANGLE)
+    assert not observation[mine].any(), "nothing is left of the episode before"
+
+
 def test_actions_have_the_bounds_of_the_sje():
     assert make_gte().action_space == make(PANDA).action_space
 
@@ -353,6 +422,7 @@ def test_wrong_actions(panda, change, words):
     [
         ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
         ({"shaking_weight": -1}, "shaking_weight"),
+        ({"settling_weight": 1.5}, "settling_weight 1.5: expected 0 to 1"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"fixed_options": {"trajectory": "line"}}, "line"),
         ({"robot": "fanuc"}, "fanuc"),
@@ -384,6 +454,7 @@ def test_truncation_has_no_error_sums():
     final = steps[-1][4]
     assert np.isnan(final["error"]).all()
     assert np.isnan(final["duration"])
+    assert np.isnan(final["error_left"]).all()
     assert 0 < final["tracking_error"] < 1
     limited = gym.make(PANDA_GTE, motion=sprint(), max_episode_steps=2)
     assert episode(limited, quiet(env), seed=0, options=TRIANGLE)[-1][3]
@@ -425,7 +496,7 @@ def test_own_arm_with_two_joints(tmp_path):
     path.write_text(TWO_JOINTS)
     env = make_gte(robot=str(path))
     assert env.action_space.shape == (4,)
-    assert env.observation_space.shape == (27,)
+    assert env.observation_space.shape == (29,)
     final = episode(env, mild(env, 2), seed=0, options=TRIANGLE)[-1][4]
     assert np.isfinite(final["error"]).all()
     assert final["goals_reached"] == 3

@@ -41,7 +41,7 @@ def test_every_reward_term_and_argument_is_explained():
 def test_names_and_bounds_belong_together(n):
     low, high = observation_bounds(n, GROUPS)
     names = observation_names(n, GROUPS)
-    assert len(names) == len(set(names)) == len(low) == 5 * n + 5
+    assert len(names) == len(set(names)) == len(low) == 6 * n + 5
     assert np.all(low < high)
     assert np.all(np.isfinite([low, high]))
 
@@ -84,6 +84,6 @@ def test_gte_numbers_on_the_page_are_those_in_use():
 def test_gte_names_and_bounds_belong_together(n):
     low, high = observation_bounds(n, gte_layout.GROUPS)
     names = observation_names(n, gte_layout.GROUPS)
-    assert len(names) == len(set(names)) == len(low) == 4 * n + 19
+    assert len(names) == len(set(names)) == len(low) == 5 * n + 19
     assert np.all(low < high)
     assert np.all(np.isfinite([low, high]))

@@ -263,7 +263,7 @@ def test_own_arm_with_two_joints(tmp_path):
     path.write_text(TWO_JOINTS)
     env = make(robot=str(path))
     assert env.action_space.shape == (4,)
-    assert env.observation_space.shape == (15,)
+    assert env.observation_space.shape == (17,)
     options = {"joint": 2, "load": "no_load", "direction": "-"}
     final = episode(env, mild(env, 2), seed=0, options=options)[-1][4]
     assert np.isfinite(final["reduction"])

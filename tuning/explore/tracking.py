@@ -244,7 +244,7 @@ class TrackingObjective:
         goals = np.array([len(e.path(path).position) for path, _ in self.places])
         position, orientation = (
             np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
-            for part in (slice(0, 3), slice(3, 6))
+            for part in range(2)
         )
         values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
         names = ("tracking", "vibration", "vibration_at_rest", "power", "torque_rate")
@@ -312,9 +312,9 @@ class TrackingObjective:
         )
 
 
-def _left_at_goals(m: Measures, part: slice, count: int) -> Array:
+def _left_at_goals(m: Measures, part: int, count: int) -> Array:
     """Return the error left at each goal, mean over iterations (count,), NaN behind the last."""
-    left = np.linalg.norm(m.settling[..., part], axis=-1).mean(axis=0)
+    left = m.left[..., part].mean(axis=0)
     return np.concatenate([left, np.full(count - len(left), np.nan)])
 
 

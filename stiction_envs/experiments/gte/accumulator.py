@@ -89,13 +89,15 @@ class Accumulator:
         over all [m, rad]."""
         self.maximum = np.zeros((nsim, 6))
         """(N, 6) largest absolute error of the motion [m, rad]."""
-        self.corner = np.full((nsim, capacity, 6), np.nan)
-        """(N, G, 6) error in the last sample before a goal was accepted, NaN where it was not, and
-        for the first [m, rad]."""
+        self.settling = np.full((nsim, capacity, 6), np.nan)
+        """(N, G, 6) what is left of the error when the arm's time at a goal is over: in the last
+        sample before the next goal was accepted, for the last goal in that of the tail; NaN before,
+        and behind the last goal of a shorter path [m, rad]."""
         self.last = np.zeros((nsim, 6))
         """(N, 6) error of the last sample [m, rad]."""
         self.over = np.zeros(nsim, dtype=bool)
         """(N,) whether the tail is over."""
+        self._tailing = np.zeros(nsim, dtype=bool)
         self._moving = np.zeros(nsim, dtype=np.int64)
         self._absolute, self._squares = np.zeros((2, nsim, 6))
         self._shaken, self._shaken_at_rest = np.zeros((2, nsim, 6))
@@ -105,8 +107,8 @@ class Accumulator:
         """Begin anew with arms ``ids``, whose paths have ``goals`` (M,) goals."""
         self._goals[ids] = goals
         self.window.start(ids)
-        self.corner[ids] = np.nan
-        self.over[ids] = False
+        self.settling[ids] = np.nan
+        self.over[ids] = self._tailing[ids] = False
         for array in (self.count, self.last, *self._sums):
             array[ids] = 0
 
@@ -132,18 +134,22 @@ class Accumulator:
         # samples are counted: their times and those of goals may differ by rounding
         end = np.rint(reached[rows, last] * self._rate)
         self.window.add(error, self.count, np.rint(accepted[rows, last] * self._rate))
-        before = np.maximum(np.rint(accepted * self._rate) - 1.0, 0.0)
-        before[:, 0] = np.nan
+        over = np.full(accepted.shape, np.nan)
+        over[:, :-1] = np.rint(accepted[:, 1:] * self._rate)
+        over[rows, last] = end + self._tail
         power = np.zeros(error.shape[:2]) if power is None else power
-        _take_corners(error, before, self.count, self.last, self.corner)
+        _take_samples(error, np.maximum(over - 1.0, 0.0), self.count, self.last, self.settling)
         _add_samples(error, mean_square, power, self.count, end, end + self._tail, self._sums)
         self.last[:] = error[:, -1]
         self.count += error.shape[1]
+        self._tailing = np.isfinite(end)
         self.over = self.count >= np.where(np.isnan(end), np.inf, end + self._tail)
 
     def close(self) -> None:
-        """There are no more samples: windows that are still open hold the last error."""
+        """There are no more samples: windows and tails that are still open hold the last error."""
         self.window.close(self.last, self.count)
+        rows = np.flatnonzero(self._tailing & ~self.over)
+        self.settling[rows, self._goals[rows] - 1] = self.last[rows]
 
     @property
     def _sums(self) -> tuple[NDArray[Any], ...]:
@@ -153,6 +159,11 @@ class Accumulator:
             *(self._absolute, self._squares, self.maximum),
             *(self._shaken, self._shaken_at_rest, self._power),
         )
+
+    @property
+    def left(self) -> Array:
+        """(N, G, 2) `settling` as distance [m] and angle [rad]."""
+        return distance_and_angle(self.settling)
 
     @property
     def mean(self) -> Array:
@@ -185,6 +196,15 @@ class Accumulator:
     def dither_energy(self) -> Array:
         """(N,) what the dither moved back and forth during the motion [J]."""
         return self._power / self._rate
+
+
+def distance_and_angle(error: Array) -> Array:
+    """Return (..., 2) of errors (..., 6): the position's length [m], and the angle [rad].
+
+    Roll, pitch and yaw errors are small and added as a vector.
+    """
+    parts = (error[..., :3], error[..., 3:])
+    return np.stack([np.sqrt((part**2).sum(axis=-1)) for part in parts], axis=-1)
 
 
 # NaN, not known yet, is never passed: all comparisons with it are false
@@ -228,7 +248,7 @@ def _add_samples(
 
 
 @compiled
-def _take_corners(error: Array, at: Array, first: Index, last: Array, corner: Array) -> None:
+def _take_samples(error: Array, at: Array, first: Index, last: Array, out: Array) -> None:
     """Write the errors (N, G, 6) of samples ``at`` (N, G), NaN for none, of these or the last."""
     for i in range(at.shape[0]):
         for g in range(at.shape[1]):
@@ -237,9 +257,9 @@ def _take_corners(error: Array, at: Array, first: Index, last: Array, corner: Ar
             s = int(at[i, g]) - first[i]
             for a in range(6):
                 if 0 <= s < error.shape[1]:
-                    corner[i, g, a] = error[i, s, a]
+                    out[i, g, a] = error[i, s, a]
                 elif s == -1:
-                    corner[i, g, a] = last[i, a]
+                    out[i, g, a] = last[i, a]
 
 
 @compiled

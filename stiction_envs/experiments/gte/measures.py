@@ -31,11 +31,14 @@ from numpy.typing import NDArray
 
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.errors import unknown
-from stiction_envs.experiments.gte.accumulator import Accumulator, ErrorWindow
+from stiction_envs.experiments.gte.accumulator import (
+    Accumulator,
+    ErrorWindow,
+    distance_and_angle,
+)
 from stiction_envs.experiments.gte.protocol import GTEProtocol, Run, load_gte_protocol
 
 Array = NDArray[np.float64]
-_POSITION_ANGLES = (slice(0, 3), slice(3, 6))
 CENTRES = ("accepted", "reached")
 """What the window of Table 4.11 may lie around: the last goal's acceptance, or its arrival."""
 
@@ -112,13 +115,9 @@ class Measures:
     """(I, 6) root mean square [m, rad]."""
     maximum: Array
     """(I, 6) largest absolute error [m, rad]."""
-    corner: Array
-    """(I, G − 1, 6) error when each new goal was accepted, in the last sample before the reference
-    went to the measured pose; NaN where it never was. None for the first goal: there it is 0 by
-    definition [m, rad]."""
     settling: Array
     """(I, G, 6) what is left of the error to each goal when the arm's time there is over: at the
-    next acceptance (the same as `corner`), for the last goal at the end of the record, `tail`
+    next acceptance (the same as `corner`), for the last goal at the end of the tail, `tail`
     seconds after it was reached; NaN where it never was [m, rad]."""
     missed: NDArray[np.bool_]
     """(I, G) whether `settling` is beyond the generator's tolerance, so that only its patience
@@ -135,6 +134,18 @@ class Measures:
     """(I,) largest change of torque on any joint, a measure of wear [N·m/s]."""
     duration: Array
     """(I,) when the last goal was reached, NaN if never [s]."""
+
+    @property
+    def corner(self) -> Array:
+        """(I, G − 1, 6) error when each new goal was accepted, in the last sample before the
+        reference went to the measured pose; NaN where it never was. None for the first goal: there
+        it is 0 by definition [m, rad]."""
+        return self.settling[:, :-1]
+
+    @property
+    def left(self) -> Array:
+        """(I, G, 2) `settling` as distance [m] and angle [rad]: the error left at the goals."""
+        return distance_and_angle(self.settling)
 
     @property
     def shaking(self) -> Array:
@@ -172,10 +183,8 @@ def measure(
         run.dither_power,
     )
     sums.close()
-    finished = run.reached[:, -1]
-    rest = np.where(np.isfinite(finished)[:, None], sums.last, np.nan)
-    settling = np.concatenate([sums.corner[:, 1:], rest[:, None]], axis=1)
-    distance, angle = (np.sqrt((settling[..., k] ** 2).sum(axis=-1)) for k in _POSITION_ANGLES)
+    left = sums.left
+    near = (left[..., 0] <= motion.position_tolerance) & (left[..., 1] <= motion.rotation_tolerance)
     return Measures(
         window_sum=sums.window.sum,
         window_sum_of_mean=np.abs(sums.window.error.mean(axis=0)).sum(axis=0),
@@ -183,15 +192,13 @@ def measure(
         mean=sums.mean,
         rms=sums.rms,
         maximum=sums.maximum,
-        corner=sums.corner[:, 1:],
-        settling=settling,
-        # NaN is not near either
-        missed=~((distance <= motion.position_tolerance) & (angle <= motion.rotation_tolerance)),
+        settling=sums.settling,
+        missed=~near,  # nor is NaN
         vibration=sums.vibration,
         vibration_at_rest=sums.vibration_at_rest,
         dither_energy=sums.dither_energy,
         torque_rate=run.torque_rate.max(axis=1),
-        duration=finished,
+        duration=run.reached[:, -1],
     )
 
 

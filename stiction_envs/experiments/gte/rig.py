@@ -169,13 +169,20 @@ class GTERig(Rig):
         self._model.update(q, self.plant.velocity)
         self.controller.update_model(ids, self.end_effector.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
-        self.step[ids] = 0
+        self.step[ids], self.dither_torque[ids] = 0, 0.0
         for row, i in enumerate(ids):
             here = np.array([i])
             goals, turns = paths[row].goals(self.start_position[None], self.start_quaternion[None])
             self.sequencer.start(
                 here, goals, turns, x[row : row + 1], quaternion[row : row + 1], 0.0
             )
+
+    @property
+    def undithered_torque(self) -> Array:
+        """(N, n) torque that controller and compensation asked for in the last cycle, before the
+        limits and without dither; 0 before the first [N·m]."""
+        wanted, after = self.controller.wanted, self.controller.settings.dither_after_saturation
+        return wanted.copy() if after else wanted - self.dither_torque
 
     def advance(self, steps: int, watch: Callable[[], None] | None = None) -> None:
         """Follow for ``steps`` control steps; ``watch`` is called in each, before the arms move."""

@@ -34,7 +34,7 @@ def fed(block: int) -> Accumulator:
 
 
 RESULTS = (
-    *("total_error", "maximum", "corner", "last", "over", "count", "mean", "rms", "vibration"),
+    *("total_error", "maximum", "settling", "last", "over", "count", "mean", "rms", "vibration"),
     *("vibration_at_rest", "shaking", "dither_energy"),
 )
 
@@ -70,13 +70,18 @@ def test_what_is_counted():
     assert not sums.step_error[1].any()
 
 
-def test_corners_and_windows():
+def test_settling_and_windows():
+    """The last sample of the arm's time at each goal: before the next one, or of the tail."""
     error = samples()[0]
     sums = fed(10)
-    np.testing.assert_array_equal(sums.corner[0, 1:], error[0, [199, 409]])
-    np.testing.assert_array_equal(sums.corner[1:, 1], error[[1, 2], [299, 149]])
-    assert np.isnan(sums.corner[:, 0]).all()
-    assert np.isnan(sums.corner[1:, 2]).all()
+    np.testing.assert_array_equal(sums.settling[0], error[0, [199, 409, 659]])
+    np.testing.assert_array_equal(sums.settling[1, :2], error[1, [299, 519]])
+    np.testing.assert_array_equal(sums.settling[2, 0], error[2, 149])
+    assert np.isnan(sums.settling[1, 2]).all(), "a path of two goals"
+    assert np.isnan(sums.settling[2, 1:]).all(), "never reached"
+    distance = np.linalg.norm(error[0, 409, :3])
+    angle = np.linalg.norm(error[0, 409, 3:])
+    np.testing.assert_allclose(sums.left[0, 1], [distance, angle])
     np.testing.assert_array_equal(sums.window.error[0], error[0, 310:510])
     np.testing.assert_array_equal(sums.window.error[1], error[1, 200:400])
     np.testing.assert_allclose(sums.window.sum[:2], np.abs(sums.window.error[:2]).sum(axis=1))
