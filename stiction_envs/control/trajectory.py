@@ -111,13 +111,22 @@ class Segment:
         self._trapezoid: Trapezoid = (
             *(place[0], turn[0], place[1], turn[1]),
             *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
-            *(np.zeros((nsim, 3)), self._duration),
+            *(np.zeros((nsim, 3)), np.ones(nsim), self._duration),
         )
 
     @property
     def duration(self) -> Array:
         """(N,) time from start to rest [s]."""
         return self._duration.copy()
+
+    def slow_down(self, ids: Index, pace: ArrayLike) -> None:
+        """Stretch all movements of arms ``ids`` that start from now on, by 1/pace in time.
+
+        Args:
+            ids: (M,) simulations.
+            pace: one number or (M,), over 0 to 1 [-].
+        """
+        self._trapezoid[10][ids] = pace
 
     def start(
         self,
@@ -206,6 +215,7 @@ class GoalSequencer:
         position: Array,
         quaternion: Array,
         t: ArrayLike = 0.0,
+        pace: ArrayLike = 1.0,
     ) -> None:
         """Give arms their goals and accept the first of them.
 
@@ -216,6 +226,7 @@ class GoalSequencer:
             position: (M, 3) measured [m].
             quaternion: (M, 4) measured.
             t: now, one number or (M,) [s].
+            pace: of the movements, one number or (M,), over 0 to 1 [-].
 
         Raises:
             StictionError: no goal, or more than the capacity.
@@ -227,6 +238,7 @@ class GoalSequencer:
         self._goal[rows, :count], self._goal_q[rows, :count] = goal_position, goal_quaternion
         self._count[rows], self._index[rows] = count, 0
         self._accepted[rows] = self._reached[rows] = np.nan
+        self.segment.slow_down(rows, pace)
         self._begin(rows, position, quaternion, np.broadcast_to(np.asarray(t, float), len(rows)))
 
     def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
@@ -294,6 +306,18 @@ class GoalSequencer:
         return self._goal[rows, at], self._goal_q[rows, at]
 
     @property
+    def onward(self) -> Array:
+        """(N, 3) from the goal an arm is moving to, to the one behind it; 0 at the last [m]."""
+        rows, last = np.arange(len(self._count)), np.maximum(self._count - 1, 0)
+        here, there = (self._goal[rows, np.minimum(self._index + k, last)] for k in (0, 1))
+        return there - here
+
+    @property
+    def goals_left(self) -> Index:
+        """(N,) goals that are not reached yet, the one an arm is moving to among them."""
+        return self._count - self._index
+
+    @property
     def accepted_at(self) -> Array:
         """(N, capacity) times at which goals were accepted [s], NaN where not yet."""
         return self._accepted.copy()
@@ -314,6 +338,12 @@ class Path:
     """(G, 3) in the axes of the base, from the start [m]."""
     quaternion: Array
     """(G, 4) turns about the axes of the base, from the orientation at the start."""
+    pace: float = 1.0
+    """Of all movements: at 0.5 they take twice the time that the limits allow [-]."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.pace <= 1:
+            raise StictionError(f"path {self.name}: pace is {self.pace}: expected over 0 to 1")
 
     def goals(self, position: ArrayLike, quaternion: ArrayLike) -> tuple[Array, Array]:
         """Return goals (M, G, 3) [m] and (M, G, 4) for starts (M, 3) [m] and (M, 4)."""

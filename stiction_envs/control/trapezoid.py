@@ -20,7 +20,7 @@ Profile = tuple[Array, Array, Array, bool]
 Trapezoid = tuple[Array, ...]
 """Start (N, 3) [m], its quaternion (N, 4), goal, its quaternion; of translation and rotation
 (N, 2) distance [m, rad], times of rise, flat and fall [s], pace [-]; direction of the translation
-(N, 3), duration (N,) [s]."""
+(N, 3), pace that was asked for (N,) [-], duration (N,) [s]."""
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -59,7 +59,8 @@ def _plan_one(
 ) -> None:
     """`plan` of one arm."""
     accelerations, decelerations, speeds, synchronised = profile
-    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = trapezoid
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction = trapezoid[:10]
+    asked, duration = trapezoid[10:]
     square = 0.0
     for k in range(3):
         start[i, k], goal[i, k] = position[k], goal_position[k]
@@ -83,13 +84,16 @@ def _plan_one(
     for k in range(2):
         time = rise[i, k] + flat[i, k] + fall[i, k]
         pace[i, k] = time / duration[i] if synchronised and duration[i] > 0.0 else 1.0
+        pace[i, k] *= asked[i]
+    duration[i] /= asked[i]
 
 
 @compiled
 def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
     """Return the reference at times ``clock`` (N,) [s] of the arms of a `Segment`."""
     accelerations, decelerations, _, _ = profile
-    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction, duration = trapezoid
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction = trapezoid[:10]
+    duration = trapezoid[11]
     n = len(clock)
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
     velocity, speed, share = np.empty((n, 3)), np.empty((2, n)), np.empty(2)

@@ -19,6 +19,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from stiction_envs.envs.layout import Group, action_bounds, observation_bounds, observation_names
+from stiction_envs.envs.randomise import check_spreads, draw, randomised
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -72,6 +73,7 @@ class BatchCore(ABC):
         power_weight: float,
         torque_rate_weight: float,
         fixed_options: Mapping[str, Any] | None,
+        randomise: Mapping[str, float] | None,
     ) -> None:
         """Make the spaces.
 
@@ -85,7 +87,10 @@ class BatchCore(ABC):
             power_weight: of that penalty [-].
             torque_rate_weight: of that penalty [-].
             fixed_options: reset options of all episodes.
+            randomise: spreads of `randomise.FIELDS`.
         """
+        self._nominal = experiment.sticking.parameters
+        self._spreads = check_spreads(randomise, experiment.sticking)
         self.arm = arm = experiment.sticking.arm
         self.n, self.num_envs = arm.n, num_envs
         self.interval, self.max_episode_steps = interval, int(max_episode_steps)
@@ -166,6 +171,10 @@ class BatchCore(ABC):
             # further episodes will draw as well: one batch for all is the fastest
             wanted |= self._cases(self.fixed_options)
         base = self._undithered(sorted(wanted))
+        if self._spreads:
+            factors = np.stack([draw(rng, self.n) for rng in rngs])
+            friction = randomised(self._nominal, self._spreads, factors)
+            self.rig.plant.set_friction(ids, friction)
         self.action[ids] = self._low
         self._begin(ids, cases, keys, [base[case] for case in cases])
         self.steps[ids], self.alive[ids] = 0, True

@@ -16,7 +16,8 @@ class GTEEnv(ArmEnv):
 
     ## Description
     The Generated Trajectory Experiment (thesis 3.2, 4.2): an arm under Cartesian impedance control
-    follows straight lines from goal to goal, a triangle in space or a pentagon in a plane. Its
+    follows straight lines from goal to goal: a triangle in space, a pentagon in a plane, or one of
+    many random paths, so that a policy cannot learn a path by heart. Its
     joints stick, so the hand lags behind the reference and stops short of the corners. Dither – a
     sine on the commanded torque of any joint – frees the joints, and shakes the arm. An episode is
     one run along the path. Every step sets the dither of all joints for the next
@@ -48,12 +49,13 @@ class GTEEnv(ArmEnv):
     environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
 
     ## Observation space
-    `Box`, shape (5n + 19,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
+    `Box`, shape (5n + 20,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
     the name of every element. The tolerance, within which a goal counts as reached, is 0.04 m and
     0.25 rad, v_max is 0.5 m/s, ω_max 0.5 rad/s. The torque is what controller and compensation
     asked for in their last cycle, before the limits; its unit is the nominal arm's stiction at the
     start. After a reset, amplitude and frequency are −1. The nullspace stiffness, 0 unless an
-    option says otherwise, is not among it.
+    option says otherwise, is not among it. The path is told by its next two goals alone, relative
+    to the tool point, so that it means the same on a path that was never seen.
 
     | index | name | min | max | unit | meaning |
     | --- | --- | --- | --- | --- | --- |
@@ -64,12 +66,13 @@ class GTEEnv(ArmEnv):
     | 27–29 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
     | 30 | turning | 0 | 1 | ω_max | angular speed of the reference |
     | 31 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
-    | 32–36 | goal_1 … goal_5 | 0 | 1 | 1 | 1 for the goal on the way to, else 0 |
-    | 37 | pentagon | 0 | 1 | 1 | 1 on the pentagon, 0 on the triangle |
-    | 38 | translational | 0 | 20 | 400 N/m | translational stiffness |
-    | 39 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
-    | 40–46 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
-    | 47–53 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
+    | 32–34 | goal_x … goal_z | -2 | 2 | m | goal on the way to, minus the tool point |
+    | 35–37 | onward_x … onward_z | -2 | 2 | m | goal behind it, minus that goal; 0 at the last |
+    | 38 | goals_left | 0 | 6 | 1 | goals not reached yet |
+    | 39 | translational | 0 | 20 | 400 N/m | translational stiffness |
+    | 40 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
+    | 41–47 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
+    | 48–54 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
 
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum.
@@ -105,9 +108,9 @@ class GTEEnv(ArmEnv):
     * Truncated: `max_episode_steps` are over.
 
     ## Info
-    `trajectory` and `stiffness` (3,) always; `time` [s], `goals_reached`, `vibration` (above
-    8 Hz in this step, root mean square [m]: of the tool point's position and, with a lever of
-    0.1 m, of the hand's turns) and `reward_terms` after a step; after
+    `trajectory`, `path` (−1 if it has no number) and `stiffness` (3,) always; `time` [s],
+    `goals_reached`, `vibration` (above 8 Hz in this step, root mean square [m]: of the tool point's
+    position and, with a lever of 0.1 m, of the hand's turns) and `reward_terms` after a step; after
     the last one also
 
     * `error` (6,): |e| of x, y, z [m], roll, pitch, yaw [rad], summed over the 200 samples from 1 s
@@ -121,10 +124,18 @@ class GTEEnv(ArmEnv):
     * `duration`: when the last goal was reached [s]; NaN if truncated before.
 
     ## Options
-    `env.reset(options={"trajectory": "triangle" | "pentagon", "stiffness": (200, 20, 0)})`;
-    stiffness is translational [N/m], rotational and nullspace [N·m/rad]. What is not given is drawn
-    from the seed, stiffness from (200, 20, 0) and (400, 40, 0). `"iteration": k` starts as
-    iteration k (from 0) of `stiction gte --seed` `scatter_seed` does.
+    `env.reset(options={"trajectory": "triangle", "stiffness": (200, 20, 0)})`. The trajectory is
+    `"triangle"`, `"pentagon"` or `"random"`; stiffness is translational [N/m], rotational and
+    nullspace [N·m/rad]. What is not given is drawn from the seed: triangle or pentagon, stiffness
+    from (200, 20, 0) and (400, 40, 0).
+
+    * `"path": k` is random path k, from 0; `"trajectory": "random"` without it draws one of numbers
+      0 to `random_paths` − 1. Path k is always the same for an arm, its start and its tool: three
+      to six goals in a flat box around the start, 0.16 to 0.4 m long and sloping by up to 45°, at
+      0.6 to 1 of the speed, with a stiffness from (100, 10, 0) to (800, 80, 0) if no other is
+      given. Lines near joint limits or singular poses are drawn anew. Test on numbers that are
+      never drawn.
+    * `"iteration": k` starts as iteration k (from 0) of `stiction gte --seed` `scatter_seed` does.
 
     ## Arguments
     * `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
@@ -145,6 +156,9 @@ class GTEEnv(ArmEnv):
       or a `Compensation`. Undithered runs are compensated too. Default none.
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
+    * `random_paths`: how many random paths are drawn from. Default 64, whose undithered runs (4
+      iterations each) are shipped for the builtin arms; another arm's take minutes when they are
+      first asked for.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
     * `settling_weight`: w, 0 to 1. Default 0.75: friction decides where the arm stops, the
       impedance law how far it lags.
@@ -152,6 +166,10 @@ class GTEEnv(ArmEnv):
       0.01 each.
     * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.
     * `fixed_options`: reset options of all episodes; those of a single reset come before them.
+    * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
+      in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
+      joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
+      observation and reward, bounds and controller remain the nominal arm's. Default none.
     * `nthread`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
       and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.envs.gte_layout import Stiffness
+from stiction_envs.envs.gte_layout import Stiffness, default
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case, Run
+from stiction_envs.experiments.gte.random_paths import path_number
 from stiction_envs.precomputed import store
 
 Array = NDArray[np.float64]
 Key = tuple[str, Stiffness]
 """Trajectory and stiffness."""
-KIND = "undithered"
+KIND, RANDOM_KIND = "undithered", "undithered_random"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,29 +58,48 @@ def fingerprint(
 
 def undithered(
     experiment: GeneratedTrajectoryExperiment,
-    wanted: Iterable[Key],
+    wanted: Collection[Key],
     compensation: Compensation | None = None,
 ) -> dict[Key, Undithered]:
     """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
 
-    It is the mean over the protocol's iterations (10), as `stiction gte` runs them; without scatter
-    they are all alike. What is not in the store is computed in one batch; a result does not depend
-    on it.
+    It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
+    over its first four; without scatter they are all alike. What is not in the store is computed in
+    one batch; a result does not depend on it.
 
     Raises:
         StictionError: an arm that never comes to the end of the path.
     """
-    names = {key: " ".join([key[0], *(repr(float(k)) for k in key[1])]) for key in wanted}
     of = fingerprint(experiment, compensation)
-    known = store.recall(KIND, of)
-    missing = [key for key, name in names.items() if name not in known]
-    if missing:
-        cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
-        runs = experiment.run(cases, iterations=None if experiment.scatter else 1)
-        pairs = zip(missing, runs, strict=True)
-        store.keep(KIND, of, {names[key]: _summary(experiment, run) for key, run in pairs})
-        known = store.recall(KIND, of)
-    return {key: _of_store(known[name]) for key, name in names.items()}
+    out: dict[Key, Undithered] = {}
+    for kind in (KIND, RANDOM_KIND):
+        is_random = kind == RANDOM_KIND
+        mine = [key for key in wanted if (path_number(key[0]) is not None) == is_random]
+        names = {key: _name(experiment, key) for key in mine}
+        known = store.recall(kind, of) if mine else {}
+        # runs of one batch take as long as its longest: like with like
+        missing = sorted(
+            (key for key, name in names.items() if name not in known),
+            key=lambda key: experiment.nominal_duration(experiment.path(key[0])),
+        )
+        if missing:
+            iterations = default("random.undithered_iterations") if is_random else None
+            cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
+            runs = experiment.run(cases, iterations=iterations if experiment.scatter else 1)
+            pairs = zip(missing, runs, strict=True)
+            store.keep(kind, of, {names[key]: _summary(experiment, run) for key, run in pairs})
+            known = store.recall(kind, of)
+        out |= {key: _of_store(known[name]) for key, name in names.items()}
+    return out
+
+
+def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
+    """Return what the store calls a path at a stiffness; a random path by its content, too."""
+    trajectory, stiffness = key
+    of = [trajectory]
+    if path_number(trajectory) is not None:
+        of.append(store.digest(experiment.path(trajectory))[:8])
+    return " ".join([*of, *(repr(float(k)) for k in stiffness)])
 
 
 def _of_store(values: dict[str, Any]) -> Undithered:

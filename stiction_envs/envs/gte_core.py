@@ -42,6 +42,8 @@ from stiction_envs.envs.gte_log import Recorder
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, pose_error
+from stiction_envs.experiments.gte.random_paths import RANDOM, path_number
+from stiction_envs.experiments.gte.random_paths import random_paths as find_random_paths
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -118,6 +120,7 @@ class GTECore(BatchCore):
         tool: ArrayLike | None = None,
         compensation: str | Compensation | None = None,
         controller_model: Arm | None = None,
+        random_paths: int | None = None,
         control_interval_s: float = 0.1,
         settling_weight: float | None = None,
         power_weight: float = 0.01,
@@ -125,11 +128,15 @@ class GTECore(BatchCore):
         shaking_weight: float = 0.01,
         max_episode_steps: int = 400,
         fixed_options: Mapping[str, Any] | None = None,
+        randomise: Mapping[str, float] | None = None,
         nthread: int = 0,
         record: bool = False,
     ) -> None:
         """Make them; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
+        self.random_paths = default("random.paths") if random_paths is None else random_paths
+        if not isinstance(self.random_paths, (int, np.integer)) or self.random_paths < 1:
+            raise StictionError(f"random_paths {random_paths!r}: expected a whole number from 1")
         if settling_weight is None:
             settling_weight = default("reward.settling_weight")
         if not 0 <= settling_weight <= 1:
@@ -165,6 +172,7 @@ class GTECore(BatchCore):
             power_weight=power_weight,
             torque_rate_weight=torque_rate_weight,
             fixed_options=fixed_options,
+            randomise=randomise,
         )
         self.settling_weight, self.shaking_weight = settling_weight, shaking_weight
         self.compensation = (
@@ -178,6 +186,7 @@ class GTECore(BatchCore):
         self.case: list[Key] = [(TRAJECTORIES[0], drawn_stiffness()[0])] * num_envs
         self.goals = np.ones(num_envs, dtype=np.int64)
         self._trajectory = np.array([t for t, _ in self.case], dtype=object)
+        self._number = np.full(num_envs, -1)
         self._stiffness = np.array([k for _, k in self.case])
         self._unit = np.ones((num_envs, 6))
         self._base_error, self._base_shaking = np.zeros((num_envs, 6)), np.zeros(num_envs)
@@ -213,16 +222,36 @@ class GTECore(BatchCore):
     def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         return check_gte_options(options)
 
+    def check_reset(self, options: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
+        """As `BatchCore.check_reset`; a trajectory takes the place of a fixed number, too."""
+        checked = super().check_reset(options)
+        for o, own in zip(checked, options, strict=True):
+            if own and "trajectory" in own and "path" not in own:
+                o.pop("path", None)
+        return checked
+
     def _draw(self, rng: np.random.Generator, options: Mapping[str, Any]) -> tuple[Key, ScatterKey]:
         trajectory = TRAJECTORIES[int(rng.integers(len(TRAJECTORIES)))]
         stiffness = drawn_stiffness()[int(rng.integers(len(drawn_stiffness())))]
         key = tuple(int(k) for k in rng.integers(2**32, size=2))
+        number = int(rng.integers(self.random_paths))
         if "iteration" in options:
             key = (options["iteration"],)
-        case = options.get("trajectory", trajectory), options.get("stiffness", stiffness)
-        return case, key
+        trajectory = options.get("trajectory", trajectory)
+        if "path" in options or trajectory == RANDOM:
+            [(trajectory, stiffness)] = self._random_cases([options.get("path", number)])
+        return (trajectory, options.get("stiffness", stiffness)), key
+
+    def _random_cases(self, numbers: Sequence[int]) -> list[Key]:
+        """Return names and stiffnesses of random paths."""
+        e = self.experiment
+        found = find_random_paths(e.sticking, e.start, e.tool, numbers)
+        return [(f"{RANDOM}-{k}", p.stiffness) for k, p in found.items()]
 
     def _cases(self, options: Mapping[str, Any]) -> set[Key]:
+        if "path" in options or options.get("trajectory") == RANDOM:
+            drawn = [options["path"]] if "path" in options else range(self.random_paths)
+            return {(t, options.get("stiffness", k)) for t, k in self._random_cases(drawn)}
         trajectories = [options["trajectory"]] if "trajectory" in options else TRAJECTORIES
         stiffness = [options["stiffness"]] if "stiffness" in options else drawn_stiffness()
         return {(t, k) for t in trajectories for k in stiffness}
@@ -244,6 +273,10 @@ class GTECore(BatchCore):
         for i, case, path, b in zip(ids, cases, paths, base, strict=True):
             self.case[i], self.goals[i] = case, len(path.position)
             self._trajectory[i], self._stiffness[i] = case
+            if (number := path_number(case[0])) is not None:
+                self._trajectory[i], self._number[i] = RANDOM, number
+            else:
+                self._number[i] = -1
             self._unit[i], self._base_error[i] = b.total, b.window
             self._unit_left[i], self._left[i] = b.left, 0.0
             self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
@@ -306,8 +339,7 @@ class GTECore(BatchCore):
             [rig.end_effector.position, to_rpy(rig.end_effector.quaternion)], axis=1
         )
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
-        index = sequencer.index
-        at = np.minimum(index, self.goals - 1)
+        at = np.minimum(sequencer.index, self.goals - 1)
         since = t - sequencer.accepted_at[np.arange(self.num_envs), at]
         amplitude, frequency = self._scaled(ids)
         stiffness = self._stiffness[ids, :2] / stiffness_units()
@@ -319,8 +351,9 @@ class GTECore(BatchCore):
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
             "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
-            "goal": (index[ids, None] == np.arange(CAPACITY)) & (index < self.goals)[ids, None],
-            "pentagon": self._trajectory[ids] == "pentagon",
+            "goal": (sequencer.goal[0] - rig.end_effector.position)[ids],
+            "onward": sequencer.onward[ids],
+            "goals_left": sequencer.goals_left[ids],
             "translational": stiffness[:, 0],
             "rotational": stiffness[:, 1],
             "amplitude": amplitude,
@@ -339,8 +372,9 @@ class GTECore(BatchCore):
         return float(self._base_duration[i])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return trajectory and stiffness (M, 3) of the episodes of ``ids``."""
+        """Return trajectory, number and stiffness (M, 3) of the episodes of ``ids``."""
         return {
             "trajectory": self._trajectory[ids],
+            "path": self._number[ids],
             "stiffness": self._stiffness[ids],
         }

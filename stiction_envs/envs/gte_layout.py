@@ -13,13 +13,16 @@ from stiction_envs.control.trajectory import POSITION
 from stiction_envs.envs.layout import DITHER, TORQUE, Group, named_options
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case, named_path
+from stiction_envs.experiments.gte.random_paths import RANDOM, random_path_settings
 from stiction_envs.robots.tables import lookup, read_toml
 
 Stiffness = tuple[float, float, float]
 """Translational [N/m], rotational and nullspace [N·m/rad]."""
-OPTIONS = ("trajectory", "stiffness", "iteration")
+OPTIONS = ("trajectory", "path", "stiffness", "iteration")
 """Names of the reset options."""
-CAPACITY = max(len(named_path(name).position) for name in TRAJECTORIES)
+CAPACITY = max(
+    random_path_settings().most_goals, *(len(named_path(name).position) for name in TRAJECTORIES)
+)
 """Most goals of a path."""
 
 
@@ -94,18 +97,26 @@ GROUPS = (
     ),
     Group(
         name="goal",
-        labels=tuple(str(k + 1) for k in range(CAPACITY)),
-        low=0.0,
-        high=1.0,
-        unit="1",
-        meaning="1 for the goal on the way to, else 0",
+        labels=POSITION,
+        low=-2.0,
+        high=2.0,
+        unit="m",
+        meaning="goal on the way to, minus the tool point",
     ),
     Group(
-        name="pentagon",
+        name="onward",
+        labels=POSITION,
+        low=-2.0,
+        high=2.0,
+        unit="m",
+        meaning="goal behind it, minus that goal; 0 at the last",
+    ),
+    Group(
+        name="goals_left",
         low=0.0,
-        high=1.0,
+        high=float(CAPACITY),
         unit="1",
-        meaning="1 on the pentagon, 0 on the triangle",
+        meaning="goals not reached yet",
     ),
     Group(
         name="translational",
@@ -127,16 +138,23 @@ GROUPS = (
 
 
 def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return valid reset options: trajectory, stiffness, iteration.
+    """Return valid reset options: trajectory, path, stiffness, iteration.
 
     Raises:
         StictionError: an option or a value that does not exist.
     """
     out = named_options(options, OPTIONS)
     if "trajectory" in out and (
-        not isinstance(out["trajectory"], str) or out["trajectory"] not in TRAJECTORIES
+        not isinstance(out["trajectory"], str) or out["trajectory"] not in (*TRAJECTORIES, RANDOM)
     ):
-        raise unknown("trajectory", out["trajectory"], TRAJECTORIES)
+        raise unknown("trajectory", out["trajectory"], [*TRAJECTORIES, RANDOM])
+    for name in ("path", "iteration"):
+        if name in out:
+            out[name] = _number(name, out[name])
+    if "path" in out and out.setdefault("trajectory", RANDOM) != RANDOM:
+        raise StictionError(
+            f"path {out['path']} of trajectory {out['trajectory']!r}: expected {RANDOM!r}"
+        )
     if "stiffness" in out:
         value = out["stiffness"]
         try:
@@ -145,10 +163,10 @@ def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
             raise StictionError(f"stiffness {value!r}: expected three numbers") from None
         out["stiffness"] = tuple(numbers)
         Case(trajectory=TRAJECTORIES[0], stiffness=out["stiffness"])
-    if "iteration" in out:
-        value = out["iteration"]
-        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-        if not whole or value < 0:
-            raise StictionError(f"iteration {value!r}: expected a whole number from 0")
-        out["iteration"] = int(value)
     return out
+
+
+def _number(name: str, value: Any) -> int:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 0:
+        raise StictionError(f"{name} {value!r}: expected a whole number from 0")
+    return int(value)

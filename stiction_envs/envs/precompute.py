@@ -2,17 +2,19 @@
 
     python -m stiction_envs.envs.precompute
 
-It takes a minute. Run it after a change that alters such a result, or what it is found by;
+It takes some minutes. Run it after a change that alters such a result, or what it is found by;
 ``tests/envs/test_precompute.py`` says when.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.envs import gte_base, sje_base
-from stiction_envs.envs.gte_layout import drawn_stiffness
+from stiction_envs.envs.gte_layout import default, drawn_stiffness
+from stiction_envs.experiments.gte import random_paths
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.settings import experiment_settings
@@ -23,12 +25,27 @@ from stiction_envs.precomputed import store
 from stiction_envs.robots import BUILTIN
 
 
-def entries(robot: str) -> dict[str, tuple[str, str]]:
-    """Make what an arm's environments need at first; return kind and digest by what it is."""
+def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]:
+    """Make what an arm's environments need at first; return kind and digest by what it is.
+
+    Args:
+        robot: a builtin arm.
+        paths: numbers of the random paths among it.
+    """
     sje = SingleJointExperiment(robot)
     sje_base.base_torques(sje, configurations(sje.n))
     gte = GeneratedTrajectoryExperiment(robot)
     gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in drawn_stiffness()])
+    found = random_paths.random_paths(gte.sticking, gte.start, gte.tool, paths)
+    gte_base.undithered(gte, [(f"random-{k}", p.stiffness) for k, p in found.items()])
+    of = gte_base.fingerprint(gte)
+    more = {
+        f"{robot}: draws of random paths": (
+            random_paths.KIND,
+            random_paths.fingerprint(gte.sticking, gte.start, gte.tool),
+        ),
+        f"{robot}: random paths without dither [m, rad, s]": (gte_base.RANDOM_KIND, of),
+    }
     return {
         f"{robot}: poses [rad] and signed loads [N·m]": (
             "poses",
@@ -37,8 +54,9 @@ def entries(robot: str) -> dict[str, tuple[str, str]]:
         f"{robot}: base torques [N·m]": (sje_base.KIND, sje_base.fingerprint(sje)),
         f"{robot}: errors, duration, shaking without dither [m, rad, s]": (
             gte_base.KIND,
-            gte_base.fingerprint(gte),
+            of,
         ),
+        **(more if paths else {}),
     }
 
 
@@ -46,7 +64,8 @@ def main(folder: Path = store.SHIPPED) -> None:
     """Make all results anew and put them in place of those in ``folder``."""
     os.environ["STICTION_CACHE"] = "off"
     store.forget()
-    found = {k: v for robot in BUILTIN for k, v in entries(robot).items()}
+    paths = range(default("random.paths"))
+    found = {k: v for robot in BUILTIN for k, v in entries(robot, paths).items()}
     for old in folder.glob("*.json"):
         old.unlink()
     for about, (kind, of) in found.items():

@@ -107,6 +107,10 @@ class SJEEnv(ArmEnv):
     * `power_weight`, `torque_rate_weight`: weights of the penalties [-]. Default 0.01 each.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.
     * `fixed_options`: reset options of all episodes; those of a single reset come before them.
+    * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
+      in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
+      joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
+      observation and reward, bounds and controller remain the nominal arm's. Default none.
     * `nthread`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
       `depth_array` (the scene only, metres, 450 × 460).

@@ -79,6 +79,7 @@ class SJECore(BatchCore):
         torque_rate_weight: float = 0.01,
         max_episode_steps: int = 1000,
         fixed_options: Mapping[str, Any] | None = None,
+        randomise: Mapping[str, float] | None = None,
         nthread: int = 0,
         record: bool = False,
     ) -> None:
@@ -101,6 +102,7 @@ class SJECore(BatchCore):
             power_weight=power_weight,
             torque_rate_weight=torque_rate_weight,
             fixed_options=fixed_options,
+            randomise=randomise,
         )
         self.rig = e.rig(num_envs, dither_all=True)
         self.stiction = largest_stiction(e.sticking.parameters, e.poses)

@@ -330,10 +330,13 @@ def test_observations_mean_what_they_are_called(panda):
         seed=1, options={"trajectory": "pentagon", "stiffness": (200, 40, 0)}
     )
     see = dict(zip(names, observation, strict=True))
-    assert see["pentagon"] == 1
     assert see["translational"] == 0.5
     assert see["rotational"] == 1
-    assert [see[f"goal_{k}"] for k in range(1, 6)] == [1, 0, 0, 0, 0]
+    path = core.path_points(0)
+    start = core.rig.end_effector.position[0].copy()
+    assert [see[f"goal_{k}"] for k in "xyz"] == pytest.approx(path[1] - start, abs=1e-6)
+    assert [see[f"onward_{k}"] for k in "xyz"] == pytest.approx(path[2] - path[1], abs=1e-6)
+    assert see["goals_left"] == 5
     assert see["error_x"] == see["reference_x"] == 0
     assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]))
     observation, _, _, _, info = panda.step(mild(panda, 6, share=0.25))
@@ -345,11 +348,13 @@ def test_observations_mean_what_they_are_called(panda):
     assert [see[f"error_{k}"] for k in "xyz"] == pytest.approx(error / 0.04, rel=1e-5)
     assert [see[f"reference_{k}"] for k in "xyz"] == pytest.approx(velocity[0] / 0.5, rel=1e-5)
     assert info["goals_reached"] == 0
-    while info["goals_reached"] < 2:
+    while info["goals_reached"] < 4:
         observation, _, _, _, info = panda.step(quiet(panda))
     see = dict(zip(names, observation, strict=True))
-    assert see["goal_3"] == 1
-    assert see["goal_1"] == 0
+    here = core.rig.end_effector.position[0]
+    assert [see[f"goal_{k}"] for k in "xyz"] == pytest.approx(path[5] - here, abs=1e-6)
+    assert [see[f"onward_{k}"] for k in "xyz"] == [0, 0, 0], "the last"
+    assert see["goals_left"] == 1
 
 
 def test_observed_torque_is_the_impedance_laws_without_dither(panda):
@@ -378,8 +383,11 @@ def test_actions_have_the_bounds_of_the_sje():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"joint": 1}, ("joint", "trajectory, stiffness, iteration")),
-        ({"trajectory": "square"}, ("square", "triangle, pentagon")),
+        ({"joint": 1}, ("joint", "trajectory, path, stiffness, iteration")),
+        ({"path": -1}, ("path -1", "whole number")),
+        ({"path": "1"}, ("path '1'", "whole number")),
+        ({"trajectory": "pentagon", "path": 1}, ("path 1", "pentagon", "expected 'random'")),
+        ({"trajectory": "square"}, ("square", "triangle, pentagon, random")),
         ({"trajectory": 3}, ("3", "triangle, pentagon")),
         ({"stiffness": (200, 20)}, ("stiffness", "three")),
         ({"stiffness": (200, -20, 0)}, ("stiffness", "-20")),
@@ -424,6 +432,7 @@ def test_wrong_actions(panda, change, words):
         ({"shaking_weight": -1}, "shaking_weight"),
         ({"settling_weight": 1.5}, "settling_weight 1.5: expected 0 to 1"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
+        ({"random_paths": 0}, "random_paths 0: expected a whole number from 1"),
         ({"fixed_options": {"trajectory": "line"}}, "line"),
         ({"robot": "fanuc"}, "fanuc"),
         ({"friction": "nowhere.toml"}, "nowhere.toml"),
@@ -496,7 +505,7 @@ def test_own_arm_with_two_joints(tmp_path):
     path.write_text(TWO_JOINTS)
     env = make_gte(robot=str(path))
     assert env.action_space.shape == (4,)
-    assert env.observation_space.shape == (29,)
+    assert env.observation_space.shape == (30,)
     final = episode(env, mild(env, 2), seed=0, options=TRIANGLE)[-1][4]
     assert np.isfinite(final["error"]).all()
     assert final["goals_reached"] == 3

@@ -19,6 +19,7 @@ from stiction_envs.envs.layout import (
 from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.envs.sje_core import BLOCK_S, TERMS, SJECore
 from stiction_envs.envs.sje_layout import GROUPS
+from stiction_envs.experiments.gte.random_paths import random_path_settings
 
 PAGE = inspect.getdoc(SJEEnv) or ""
 
@@ -77,6 +78,16 @@ def test_gte_numbers_on_the_page_are_those_in_use():
     experiment = gte_core.GeneratedTrajectoryExperiment("iiwa7")
     block = gte_core.GTECore.block_steps(experiment)
     assert f"a multiple of {1e-3 * block:g} s" in words
+    assert f"Default {gte_layout.default('random.paths')}, whose undithered runs" in words
+    assert f"({gte_layout.default('random.undithered_iterations')} iterations each)" in words
+    s = random_path_settings()
+    assert (s.fewest_goals, s.most_goals) == (3, 6)
+    assert f"{2 * s.smallest:g} to {2 * s.largest:g} m long" in words
+    assert f"up to {round(np.degrees(s.steepest))}°, at {s.slowest:g} to 1 of the speed" in words
+    least = s.stiffness_translation, s.stiffness_rotation
+    most = tuple(s.stiffness_range * k for k in least)
+    low, high = (f"({k[0]:g}, {k[1]:g}, 0)" for k in (least, most))
+    assert f"stiffness from {low} to {high}" in words
     assert f"mean over the {experiment.protocol.iterations}" in words.replace("means", "mean")
 
 
@@ -84,6 +95,6 @@ def test_gte_numbers_on_the_page_are_those_in_use():
 def test_gte_names_and_bounds_belong_together(n):
     low, high = observation_bounds(n, gte_layout.GROUPS)
     names = observation_names(n, gte_layout.GROUPS)
-    assert len(names) == len(set(names)) == len(low) == 5 * n + 19
+    assert len(names) == len(set(names)) == len(low) == 5 * n + 20
     assert np.all(low < high)
     assert np.all(np.isfinite([low, high]))

@@ -34,6 +34,7 @@ from stiction_envs.experiments.gte.protocol import (
     load_gte_protocol,
     named_path,
 )
+from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
 from stiction_envs.experiments.gte.results import TrackingErrors
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.run_log import RunLog
@@ -148,15 +149,17 @@ class GeneratedTrajectoryExperiment:
         return self.sticking.n
 
     def path(self, name: str) -> Path:
-        """Return a path by name.
+        """Return a path by name; ``random-17`` is number 17 of `random_paths`.
 
         Raises:
             StictionError: no such path.
         """
         if name in self.paths:
             return self.paths[name]
+        if (number := path_number(name)) is not None:
+            return random_paths(self.sticking, self.start, self.tool, [number])[number].path
         if name not in TRAJECTORIES:
-            raise unknown("trajectory", name, [*TRAJECTORIES, *self.paths])
+            raise unknown("trajectory", name, [*TRAJECTORIES, f"{RANDOM}-0, 1, …", *self.paths])
         return named_path(name)
 
     def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:
@@ -226,6 +229,7 @@ class GeneratedTrajectoryExperiment:
         position = np.concatenate([np.zeros((1, 3)), path.position])
         quaternion = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], path.quaternion])
         segment = Segment(len(ends), self.motion)
+        segment.slow_down(np.arange(len(ends)), path.pace)
         begin, goal = starts + 1, ends + 1
         segment.start(position[begin], quaternion[begin], position[goal], quaternion[goal])
         return segment.duration

@@ -174,7 +174,8 @@ class GTERig(Rig):
             here = np.array([i])
             goals, turns = paths[row].goals(self.start_position[None], self.start_quaternion[None])
             self.sequencer.start(
-                here, goals, turns, x[row : row + 1], quaternion[row : row + 1], 0.0
+                *(here, goals, turns, x[row : row + 1], quaternion[row : row + 1], 0.0),
+                paths[row].pace,
             )
 
     @property

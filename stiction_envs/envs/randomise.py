@@ -1,0 +1,84 @@
+"""Arms of an environment that differ from episode to episode: domain randomisation.
+
+Each number of a joint is multiplied by a factor, uniform in [1 − spread, 1 + spread], drawn for
+every joint and episode from that episode's generator. The controller, the bounds of the action and
+the units of observation and reward remain the nominal arm's: they are what a person knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.parameters import FrictionParameters
+
+Array = NDArray[np.float64]
+FIELDS: dict[str, tuple[str, ...]] = {
+    "friction": ("stiction", "load_coefficient"),
+    "rotor": ("rotor_inertia",),
+    "bristles": ("bristle_stiffness",),
+    "load": ("load_coefficient",),
+}
+"""Fields of the friction that a spread is about; Coulomb friction is a share of the stiction."""
+
+
+def check_spreads(
+    randomise: Mapping[str, float] | None, sticking: StickingModel
+) -> dict[str, float]:
+    """Return the spread of each of `FIELDS`, or nothing where all are 0.
+
+    Raises:
+        StictionError: an unknown name, a spread that is not in [0, 1), or one with which a bristle
+            would chatter.
+    """
+    if randomise is not None and not isinstance(randomise, Mapping):
+        raise StictionError(
+            f"randomise is a {type(randomise).__name__}: expected a dict with {', '.join(FIELDS)}"
+        )
+    spreads = dict.fromkeys(FIELDS, 0.0)
+    for name, value in (randomise or {}).items():
+        if name not in FIELDS:
+            raise unknown("spread to randomise", name, FIELDS)
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (number and 0 <= value < 1):
+            raise StictionError(f"randomise {name} {value!r}: expected 0 to under 1")
+        spreads[name] = float(value)
+    if not any(spreads.values()):
+        return {}
+    try:  # the lightest rotor under the stiffest bristles
+        worst = -np.ones((1, len(FIELDS), sticking.n))
+        worst[:, list(FIELDS).index("bristles")] = 1.0
+        sticking.bristle_damping_of(randomised(sticking.parameters, spreads, worst))
+    except StictionError as error:
+        raise StictionError(f"randomise {dict(randomise or {})}: {error}") from None
+    return spreads
+
+
+def draw(rng: np.random.Generator, n: int) -> Array:
+    """Return numbers (spreads, n) in [−1, 1], as many whatever the spreads are."""
+    return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))
+
+
+def randomised(
+    parameters: FrictionParameters, spreads: Mapping[str, float], drawn: Array
+) -> FrictionParameters:
+    """Return the friction of M arms.
+
+    Args:
+        parameters: of the nominal arm.
+        spreads: of each of `FIELDS`.
+        drawn: (M, spreads, n) in [−1, 1].
+    """
+    out: dict[str, Any] = {}
+    tiled = parameters.tile(len(drawn))
+    for k, (name, fields) in enumerate(FIELDS.items()):
+        factor = 1.0 + spreads[name] * drawn[:, k]
+        for field in fields:
+            value = out.get(field, getattr(tiled, field))
+            out[field] = value * (factor if value.ndim == 2 else factor[..., None])
+    return tiled.replace(**out)

@@ -1,0 +1,149 @@
+"""Domain randomisation: what varies, within which bounds, and that nothing else does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
+from stiction_envs.envs.randomise import FIELDS, draw, randomised
+from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import load_friction
+from tests.envs.helpers import QUICK, TRIANGLE, episode, mild, quiet, same, sprint
+
+SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
+KINDS: dict[str, tuple[Any, Any, dict[str, Any], dict[str, Any]]] = {
+    "sje": (SJEEnv, SJEVectorEnv, {"control_interval_s": 0.2}, QUICK),
+    "gte": (GTEEnv, GTEVectorEnv, {"control_interval_s": 0.2, "motion": sprint()}, TRIANGLE),
+}
+
+
+@pytest.fixture(params=KINDS)
+def kind(request: pytest.FixtureRequest) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
+    return KINDS[request.param]
+
+
+def test_no_spread_is_the_nominal_arm_bit_for_bit(kind):
+    single, _, arguments, options = kind
+    runs = []
+    for randomise in (None, {}, {"friction": 0.0, "load": 0}):
+        env = single(randomise=randomise, **arguments)
+        runs.append(episode(env, mild(env, 6), seed=3, options=options))
+        runs[-1].append(env.reset())  # the stream goes on alike
+    assert same(runs[0], runs[1])
+    assert same(runs[0], runs[2])
+
+
+def test_a_batch_is_its_single_environments_bit_for_bit(kind):
+    single, batch, arguments, options = kind
+    arguments = {**arguments, "randomise": SPREADS}
+    many = batch(3, autoreset_mode="Disabled", **arguments)
+    seen, _ = many.reset(seed=5, options=options)
+    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
+    for _ in range(4):
+        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
+        for row, o, r in zip(rows, observation, reward, strict=True):
+            row += [o.copy(), r]
+    for i in (0, 2):
+        env = single(nthread=1, **arguments)
+        out = [env.reset(seed=5 + i, options=options)[0]]
+        for _ in range(4):
+            observation, r, *_ = env.step(action)
+            out += [observation, r]
+        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
+    assert not np.array_equal(rows[0][-2], rows[2][-2])
+
+
+def test_an_episode_before_leaves_nothing_behind(kind):
+    single, _, arguments, options = kind
+    fresh, used = (single(randomise=SPREADS, **arguments) for _ in range(2))
+    used.reset(seed=1, options=options)
+    used.step(mild(used, 6))
+    a, b = (episode(env, mild(env, 6), seed=3, options=options) for env in (fresh, used))
+    assert same(a, b)
+
+
+def test_breakaway_torque_scales_with_the_friction_and_its_unit_does_not():
+    env = SJEEnv(scatter=False, randomise={"friction": 0.2}, fixed_options=QUICK)
+    ratio, factor, base = [], [], set()
+    for seed in range(4):
+        final = episode(env, quiet(env), seed=seed)[-1][4]
+        ratio.append(final["tau_sje"] / final["tau_base"])
+        base.add(final["tau_base"])
+        stiction = env.core.rig.plant._p["stiction"][0, 5]
+        factor.append((stiction / env.core._nominal.stiction[5]).mean())
+    assert len(base) == 1
+    assert np.ptp(factor) > 0.1
+    # the offset of the joint does not scale
+    assert np.corrcoef(ratio, factor)[0, 1] > 0.99
+    assert np.max(np.abs(np.array(ratio) - factor)) < 0.1
+
+
+def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
+    """Only the unit of its reward is another's."""
+    arguments = KINDS["gte"][2]
+    env = GTEEnv(randomise={"friction": 0.5, "load": 0.5}, **arguments)
+    final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
+    names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
+    own = env.core._nominal.replace(**{k: plant._p[k][0] for k in names})
+    twin = GTEEnv(friction=own, **arguments)
+    other = episode(twin, quiet(twin), seed=2, options=TRIANGLE)[-1][4]
+    for name in ("error", "error_left", "shaking", "duration"):
+        assert np.array_equal(final[name], other[name]), name
+    nominal = GTEEnv(**arguments)
+    usual = episode(nominal, quiet(nominal), seed=2, options=TRIANGLE)[-1][4]
+    assert np.array_equal(final["undithered_error"], usual["undithered_error"])
+    assert not np.array_equal(final["error"], usual["error"])
+    assert not np.array_equal(final["undithered_error"], other["undithered_error"])
+
+
+def test_factors_stay_within_their_spread_and_differ_by_joint():
+    p = load_friction("panda")
+    drawn = np.stack([draw(np.random.default_rng(k), 7) for k in range(400)])
+    out = randomised(p, SPREADS, drawn)
+    for name, field in (
+        ("friction", "stiction"),
+        ("rotor", "rotor_inertia"),
+        ("bristles", "bristle_stiffness"),
+    ):
+        ratio = getattr(out, field) / getattr(p, field)
+        ratio = ratio[..., 0] if ratio.ndim == 3 else ratio
+        assert ratio.min() == pytest.approx(1 - SPREADS[name], abs=0.02)
+        assert ratio.max() == pytest.approx(1 + SPREADS[name], abs=0.02)
+        assert ratio.mean() == pytest.approx(1, abs=0.02)
+        assert np.abs(np.corrcoef(ratio.T) - np.eye(7)).max() < 0.2, "joint by joint"
+    # load-dependent friction is friction, too
+    load = out.load_coefficient / p.load_coefficient / (out.stiction / p.stiction)[..., 0]
+    assert load.min() == pytest.approx(0.5, abs=0.02)
+    for field in ("viscous", "coulomb_ratio", "stribeck_velocity", "offset", "joint_stiffness"):
+        assert np.array_equal(getattr(out, field)[7], getattr(p, field)), field
+
+
+def test_one_spread_does_not_shift_another():
+    p, drawn = load_friction("panda"), np.stack([draw(np.random.default_rng(0), 7)])
+    none = dict.fromkeys(FIELDS, 0.0)
+    one = randomised(p, {**none, "rotor": 0.2}, drawn)
+    both = randomised(p, {**none, "rotor": 0.2, "friction": 0.2}, drawn)
+    assert np.array_equal(one.rotor_inertia, both.rotor_inertia)
+    assert np.array_equal(one.stiction[0], p.stiction)
+
+
+@pytest.mark.parametrize(
+    ("randomise", "words"),
+    [
+        ({"mass": 0.1}, "spread to randomise 'mass': expected one of friction, rotor, bristles"),
+        ({"friction": 1.0}, "randomise friction 1.0: expected 0 to under 1"),
+        ({"friction": -0.1}, "randomise friction -0.1"),
+        ({"friction": float("nan")}, "randomise friction nan"),
+        ({"friction": True}, "randomise friction True"),
+        ({"friction": "a"}, "randomise friction 'a'"),
+        ({"rotor": 0.999, "bristles": 0.9}, "randomise .*bristle"),
+        (0.2, "randomise is a float: expected a dict"),
+    ],
+)
+def test_wrong_spreads(kind, randomise, words):
+    with pytest.raises(StictionError, match=words):
+        kind[0](randomise=randomise)

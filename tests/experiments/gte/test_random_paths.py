@@ -1,0 +1,127 @@
+"""Numbered random paths: the same for an arm whoever asks, and such that it can follow."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte import random_paths as module
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.experiments.gte.random_paths import (
+    can_follow,
+    path_number,
+    random_path_settings,
+    random_paths,
+)
+from stiction_envs.precomputed import store
+
+STRAIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
+
+
+def of(robot: str) -> tuple:
+    e = GeneratedTrajectoryExperiment(robot)
+    return e.sticking, e.start, e.tool
+
+
+@pytest.fixture
+def nothing_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STICTION_CACHE", "off")
+    monkeypatch.setattr(store, "_memory", {})
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7"])
+def test_a_number_is_the_same_path_whoever_asks(robot, nothing_known):
+    arm = of(robot)
+    many = random_paths(*arm, range(40, 56))
+    assert list(many) == list(range(40, 56))
+    store.forget()
+    for k in (41, 55):
+        alone = random_paths(*arm, [k])[k]  # searched for, then known
+        again = random_paths(*arm, [k])[k]
+        for one in (alone, again):
+            assert np.array_equal(one.path.position, many[k].path.position)
+            assert (one.path.pace, one.stiffness) == (many[k].path.pace, many[k].stiffness)
+
+
+def test_paths_are_as_the_settings_say():
+    s = random_path_settings()
+    drawn = [module._draw(k, np.random.default_rng(k), s) for k in range(300)]
+    counts = {len(d.path.position) for d in drawn}
+    assert counts == set(range(s.fewest_goals, s.most_goals + 1))
+    farthest = max(np.linalg.norm(d.path.position, axis=1).max() for d in drawn)
+    assert s.largest < farthest < 1.5 * s.largest
+    pace, stiffness = (
+        np.array([v(d) for d in drawn]) for v in (lambda d: d.path.pace, lambda d: d.stiffness)
+    )
+    assert s.slowest < pace.min() < 0.65 < 0.95 < pace.max() < 1
+    assert 100 < stiffness[:, 0].min() < 110
+    assert 730 < stiffness[:, 0].max() < 800
+    assert np.median(stiffness[:, 0]) == pytest.approx(100 * np.sqrt(8), rel=0.15), "log-uniform"
+    np.testing.assert_allclose(stiffness[:, 0], 10 * stiffness[:, 1])
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
+def test_the_houses_own_paths_can_be_followed_and_others_not(robot):
+    e = GeneratedTrajectoryExperiment(robot)
+    arm, low = (e.sticking, e.start, e.tool), e.sticking.arm.limits.position[:, 0]
+    own = [e.path("triangle"), e.path("pentagon")]
+    far = Path("far", np.array([[1.5, 0.0, 0.0]]), STRAIGHT)
+    into_the_base = Path("base", np.array([[-0.6, 0.0, 0.0]]), STRAIGHT)
+    assert can_follow(*arm, [*own, far, into_the_base]).tolist() == [True, True, False, False]
+    edge = e.start.copy()
+    edge[0] = low[0] + 0.1
+    assert not can_follow(e.sticking, edge, e.tool, own).any(), "joint 1 is at its limit"
+
+
+def test_an_arm_that_can_follow_none_is_told_so(nothing_known):
+    e = GeneratedTrajectoryExperiment("panda")
+    edge = e.start.copy()
+    edge[0] = e.sticking.arm.limits.position[0, 0] + 0.1
+    few = dataclasses.replace(random_path_settings(), attempts=2)
+    with pytest.raises(StictionError, match="random path 7: panda can follow none of 2 drawn"):
+        random_paths(e.sticking, edge, e.tool, [7], few)
+
+
+def test_names():
+    assert path_number("random-17") == 17
+    for other in ("random", "random-", "random--1", "triangle", "random-1.5"):
+        assert path_number(other) is None
+    e = GeneratedTrajectoryExperiment("panda")
+    assert e.path("random-3").name == "random-3"
+    with pytest.raises(StictionError, match="expected one of triangle, pentagon, random-0"):
+        e.path("random-x")
+
+
+def test_pace_stretches_a_movement_in_time():
+    """The same way, at half the pace in twice the time: sample for sample, speeds halved."""
+    goal, turn = np.array([[[0.3, 0.1, -0.2]]]), STRAIGHT[None]
+    clocks, references = [], []
+    for pace in (1.0, 0.5):
+        s = GoalSequencer(1, MotionLimits(), 1)
+        s.start(None, goal, turn, np.zeros((1, 3)), STRAIGHT, pace=pace)
+        t = np.linspace(0, 1, 7) * s.segment.duration[0]
+        clocks.append(s.segment.duration[0])
+        references.append([s.reference(x) for x in t])
+    assert clocks[1] == pytest.approx(2 * clocks[0])
+    for fast, slow in zip(*references, strict=True):
+        assert slow[0] == pytest.approx(fast[0], abs=1e-12)
+        assert slow[2] == pytest.approx(0.5 * fast[2], abs=1e-12)
+    with pytest.raises(StictionError, match=r"pace is 1\.2"):
+        Path("fast", goal[0], STRAIGHT, 1.2)
+
+
+def test_a_slow_path_takes_an_arm_longer():
+    e = GeneratedTrajectoryExperiment("panda")
+    path = e.path("random-2")
+    fast = dataclasses.replace(path, pace=1.0)
+    assert e.nominal_duration(fast) == pytest.approx(path.pace * e.nominal_duration(path))
+    both = GeneratedTrajectoryExperiment("panda", paths={"fast": fast})
+    names = ("fast", "random-2")
+    cases = [Case(trajectory=n, stiffness=(400, 40, 0)) for n in names]
+    first, second = (run.reached[0, -1] for run in both.run(cases, iterations=1))
+    assert second - first > 0.5 * (e.nominal_duration(path) - e.nominal_duration(fast))
