@@ -71,6 +71,9 @@ class SJEEnv(ArmEnv):
     * `power`: −`power_weight` · s · mean over joints of (A / A_max)².
     * `torque_rate`: −`torque_rate_weight` · s · mean over joints of (2πfA / torque rate limit)²;
       0 where the robot has no such limit.
+    * `shaking`: −`shaking_weight` · s · (oscillation / threshold)², the oscillation of this step:
+      above 3 Hz, root mean square [rad], angles of all joints added as a vector, until the tested
+      joint has moved by a fifth of the threshold.
 
     s = `control_interval_s` · 0.07 N·m/s / |τ_base| is the step's share of an undithered ramp: a
     weight is what full dither would cost over such a ramp, in units of torque reduction. Over an
@@ -88,9 +91,11 @@ class SJEEnv(ArmEnv):
       `max_episode_steps` are over. There is no `breakaway` reward then.
 
     ## Info
-    `joint` (1 … n), `load` and `direction` always; `torque` [N·m], `displacement` [rad], `time` [s]
-    and `reward_terms` after a step; after the last one also `tau_sje`, `tau_base` (both signed,
-    N·m) and `reduction` = 1 − |τ_SJE| / |τ_base|. Truncated: `tau_sje` and `reduction` are NaN.
+    `joint` (1 … n), `load` and `direction` always; `torque` [N·m], `displacement` [rad], `time`
+    [s], `vibration` (the oscillation of this step, [rad]) and `reward_terms` after a step; after
+    the last one also `shaking` (the oscillation of the whole ramp, [rad]), `tau_sje`, `tau_base`
+    (both signed, N·m) and `reduction` = 1 − |τ_SJE| / |τ_base|. Truncated: `tau_sje` and
+    `reduction` are NaN.
 
     ## Options
     `env.reset(options={"joint": 1 … n, "load": "load" | "no_load", "direction": "+" | "-"})`; what
@@ -105,6 +110,9 @@ class SJEEnv(ArmEnv):
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `control_interval_s`: time of a step, a multiple of 0.05 s. Default 0.1 s.
     * `power_weight`, `torque_rate_weight`: weights of the penalties [-]. Default 0.01 each.
+    * `shaking_weight`: likewise [-]. Default 200000: 0.34 mrad all along would cost the whole
+      torque. Without it the largest amplitude at the lowest frequency is best on most joints, with
+      it the best frequency is inside the bounds on all; `benchmarks/landscape.png` shows both.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.
     * `fixed_options`: reset options of all episodes; those of a single reset come before them.
     * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:

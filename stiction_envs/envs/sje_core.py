@@ -22,9 +22,11 @@ from stiction_envs.envs.batch_core import (
     read_friction,
 )
 from stiction_envs.envs.layout import largest_stiction
+from stiction_envs.envs.oscillation import Oscillation
 from stiction_envs.envs.sje_base import base_torques
-from stiction_envs.envs.sje_layout import GROUPS, check_sje_options
+from stiction_envs.envs.sje_layout import GROUPS, check_sje_options, default
 from stiction_envs.envs.trace import RampTrace
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP
@@ -32,7 +34,7 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
 
-TERMS = ("breakaway", "torque", "power", "torque_rate")
+TERMS = ("breakaway", "torque", "power", "torque_rate", "shaking")
 """Terms of the reward, in the order in which they are summed."""
 BLOCK_S = BLOCK * CONTROL_DT
 """The control interval is a multiple of this [s]."""
@@ -48,6 +50,10 @@ class Step(Outcome):
     """Angle of the tested joint since its ramp started [rad]."""
     time: Array
     """Time since the ramp started [s]."""
+    vibration: Array
+    """Oscillation of the joints in this step, before breakaway, root mean square [rad]."""
+    shaking: Array
+    """The same since the ramp started [rad]."""
     tau_sje: Array
     """Torque at the threshold [N·m]; NaN while not terminated."""
     tau_base: Array
@@ -60,8 +66,8 @@ class SJECore(BatchCore):
     """N simulations of the SJE environment."""
 
     terms = TERMS
-    each = ("torque", "displacement", "time")
-    final = ("tau_sje", "tau_base", "reduction")
+    each = ("torque", "displacement", "time", "vibration")
+    final = ("shaking", "tau_sje", "tau_base", "reduction")
     # one after the other runs a whole block: only the block's arrays have to fit
     arms_per_thread = 256
 
@@ -77,6 +83,7 @@ class SJECore(BatchCore):
         control_interval_s: float = 0.1,
         power_weight: float = 0.01,
         torque_rate_weight: float = 0.01,
+        shaking_weight: float | None = None,
         max_episode_steps: int = 1000,
         fixed_options: Mapping[str, Any] | None = None,
         randomise: Mapping[str, float] | None = None,
@@ -85,8 +92,13 @@ class SJECore(BatchCore):
     ) -> None:
         """Make them; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
+        if shaking_weight is None:
+            shaking_weight = default("shaking.weight")
         check_arguments(
-            max_episode_steps, power_weight=power_weight, torque_rate_weight=torque_rate_weight
+            max_episode_steps,
+            power_weight=power_weight,
+            torque_rate_weight=torque_rate_weight,
+            shaking_weight=shaking_weight,
         )
         self.blocks = count_blocks(control_interval_s, BLOCK_S)
         self.experiment = e = SingleJointExperiment(
@@ -105,6 +117,14 @@ class SJECore(BatchCore):
             randomise=randomise,
         )
         self.rig = e.rig(num_envs, dither_all=True)
+        self.shaking_weight = shaking_weight
+        self.oscillation = Oscillation(
+            num_envs,
+            self.n,
+            corner=default("shaking.corner"),
+            far=experiment_settings().oscillation.share * e.protocol.threshold,
+        )
+        self.rig.watch = self.oscillation.add
         self.stiction = largest_stiction(e.sticking.parameters, e.poses)
         """(n,) unit of the observed torques [N·m]."""
         self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
@@ -151,12 +171,14 @@ class SJECore(BatchCore):
         while len(moving := ids[rig.stage[ids] == APPROACH]):
             rig.advance(moving)
         self._level[ids] = 0.0
+        self.oscillation.start(ids, rig.plant.position[ids], rig.joint[ids])
         if self.trace is not None:
             for i in ids:
                 self.trace[i].clear()
 
     def _advance(self, ids: Index) -> None:
         busy = ids
+        self.oscillation.begin_step(ids)
         for _ in range(self.blocks):
             ended = self.rig.advance(busy)
             if self.trace is not None:
@@ -174,11 +196,13 @@ class SJECore(BatchCore):
         truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
         torque = np.where(terminated, tau, self.torque(ids))
         level = np.abs(torque)
+        square = self.oscillation.step(ids)
         share = self.interval * rig.protocol.ramp_rate / base
         terms = {
             "breakaway": terminated.astype(float),
             "torque": -(level - self._level[ids]) / base,
             **self._penalties(ids, share),
+            "shaking": -self.shaking_weight * share * square / rig.protocol.threshold**2,
         }
         self._level[ids] = level
         self.alive[ids] = ~(terminated | truncated)
@@ -191,6 +215,8 @@ class SJECore(BatchCore):
             torque=torque,
             displacement=rig.displacement()[ids],
             time=self._time(ids),
+            vibration=np.sqrt(square),
+            shaking=self.oscillation.episode(ids),
             tau_sje=tau,
             tau_base=self.tau_base[ids].copy(),
             reduction=1.0 - np.abs(tau) / base,

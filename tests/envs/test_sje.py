@@ -95,8 +95,9 @@ def test_rewards_sum_to_the_reduction_less_the_penalties(name, direction):
     terms = [s[4]["reward_terms"] for s in steps[1:]]
     for s, t in zip(steps[1:], terms, strict=True):
         assert s[1] == pytest.approx(sum(t.values()), abs=1e-15)
-    penalties = sum(t["power"] + t["torque_rate"] for t in terms)
+    penalties = sum(t["power"] + t["torque_rate"] + t["shaking"] for t in terms)
     assert penalties < 0
+    assert sum(t["shaking"] for t in terms) < -0.001
     assert final["reduction"] == 1 - abs(final["tau_sje"]) / abs(final["tau_base"])
     assert sum(s[1] for s in steps) == pytest.approx(final["reduction"] + penalties, abs=1e-10)
     assert np.sign(final["tau_sje"]) == np.sign(final["tau_base"]) == float(f"{direction}1")
@@ -105,15 +106,18 @@ def test_rewards_sum_to_the_reduction_less_the_penalties(name, direction):
 
 
 def test_no_dither_and_no_scatter_is_the_base():
+    """A joint that runs away by itself is hardly taken for shaken."""
     env = make(scatter=False)
     steps = episode(env, quiet(env), seed=0, options=QUICK)
     final = steps[-1][4]
     assert final["tau_sje"] == final["tau_base"]
-    assert sum(s[1] for s in steps) == pytest.approx(0.0, abs=1e-12)
+    shaking = sum(s[4]["reward_terms"]["shaking"] for s in steps[1:])
+    assert -0.02 < shaking < 0
+    assert sum(s[1] for s in steps) - shaking == pytest.approx(0.0, abs=1e-12)
 
 
 def test_weights_can_be_zero():
-    env = make(power_weight=0.0, torque_rate_weight=0.0)
+    env = make(power_weight=0.0, torque_rate_weight=0.0, shaking_weight=0.0)
     steps = episode(env, mild(env, 6), seed=1, options=QUICK)
     assert sum(s[1] for s in steps) == pytest.approx(steps[-1][4]["reduction"], abs=1e-12)
 
@@ -137,6 +141,31 @@ def test_dither_of_another_joint_acts(panda):
     still = episode(panda, quiet(panda), seed=4, options=QUICK)
     shaken = episode(panda, mild(panda, 4, share=1.0, frequency=20), seed=4, options=QUICK)
     assert shaken[-1][4]["tau_sje"] != still[-1][4]["tau_sje"]
+
+
+def test_more_amplitude_shakes_more_and_another_joint_counts(panda):
+    shaking = [
+        episode(panda, mild(panda, j, share=s, frequency=12), seed=4, options=QUICK)[-1][4][
+            "shaking"
+        ]
+        for j, s in ((6, 0.0), (6, 0.2), (6, 0.4), (4, 0.4))
+    ]
+    still, little, much, other = shaking
+    assert 2 * still < little < 0.7 * much
+    assert other > 2 * still
+
+
+def test_observed_torques_are_the_ramp_and_what_holds_the_others(panda):
+    """The servos stay within the stiction while the arm rests; dither is not among them."""
+    names, core = panda.unwrapped.observation_names, panda.unwrapped.core
+    panda.reset(seed=1, options=QUICK)
+    for _ in range(4):
+        observation, *_, info = panda.step(mild(panda, 6, share=0.2))
+    see = dict(zip(names, observation, strict=True))
+    assert see["torque_6"] * core.stiction[5] == pytest.approx(info["torque"], rel=1e-5)
+    assert see["ramp"] * abs(core.tau_base[0]) == pytest.approx(info["torque"], rel=1e-5)
+    others = [see[f"torque_{j}"] for j in (1, 2, 3, 4, 5, 7)]
+    assert 0.01 < np.max(np.abs(others)) < 1.2
 
 
 def test_rescaled_actions():
@@ -214,6 +243,7 @@ def test_actions_of_another_shape(panda, action):
         ({"control_interval_s": float("nan")}, "multiples"),
         ({"power_weight": -1}, "power_weight"),
         ({"torque_rate_weight": float("nan")}, "torque_rate_weight"),
+        ({"shaking_weight": -1}, "shaking_weight"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"fixed_options": {"joint": 9}}, "joint"),
         ({"robot": "fanuc"}, "fanuc"),

@@ -8,7 +8,7 @@ Friction is never reset between one ramp and the next: the arm is moved back (th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,8 @@ class SJERig(Rig):
         self._oscillation = experiment_settings().oscillation
         self._speeds = np.zeros((nsim, 4))  # of `_add_squares`
         self._read_speed = np.zeros((nsim, self.columns))
+        self.watch: Callable[[Index, Array], None] | None = None
+        """Called with each block of ramps: simulations (M,), angles (M, K, n) [rad]."""
         self._origin = np.zeros((nsim, self.n))
         self._torque_noise = np.zeros(nsim)
         self._give_up = np.zeros(nsim)
@@ -185,6 +187,7 @@ class SJERig(Rig):
         joint = self.joint[ids]
         angle = np.empty((m, BLOCK + 1))
         angle[:, 0] = self.plant.position[ids, joint]
+        seen = np.empty((m, BLOCK, self.n)) if self.watch is not None else None
         part = self._steps_at_once(ids[rows])
         for k in range(0, BLOCK, part):
             here = slice(k, k + part)
@@ -192,14 +195,19 @@ class SJERig(Rig):
             if len(rows):
                 self._command(torque, rows, ids[rows], step[rows, here], k)
             moved_to = None if setpoint is None else setpoint[:, here]
-            angle[:, 1 + k : 1 + k + part] = self.plant.run(
-                torque, ids, setpoint=moved_to, joint=joint
-            )
+            only = joint if seen is None else None
+            found = self.plant.run(torque, ids, setpoint=moved_to, joint=only)
+            if seen is not None:
+                seen[:, here] = found
+                found = found[np.arange(m), :, joint]
+            angle[:, 1 + k : 1 + k + part] = found
         self.step[ids] += BLOCK
         self._start_ramps(ids[~ramping])
         if not len(rows):
             return ids[:0]
         self._add_speeds(ids[rows], angle[rows])
+        if self.watch is not None and seen is not None:
+            self.watch(ids[rows], seen[rows])
         return self._finish(ids[rows], step[rows], angle[rows, 1:])
 
     def _steps_at_once(self, ids: Index) -> int:

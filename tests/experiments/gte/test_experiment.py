@@ -164,7 +164,7 @@ def test_dither_reduces_the_standing_error_and_shakes():
         ],
         iterations=2,
     )
-    a, d = measure(plain), measure(shaken)
+    a, d = measure(plain, b.protocol), measure(shaken, b.protocol)
     norm = (
         np.linalg.norm(a.settling[:, -1, :3], axis=1),
         np.linalg.norm(d.settling[:, -1, :3], axis=1),
