@@ -63,7 +63,7 @@ def rates(robot, threads, rounds):
     """(environment, rollout) steps/s and their ratio: the median of pairs, back to back."""
     env = gym.make_vec(f"stiction_envs:{robot}GTE-v0", num_envs=NSIM, nthread=threads)
     env.reset(seed=0, options={"trajectory": "pentagon", "stiffness": (200, 20, 0)})
-    plants = [core.rig.plant for core in env.unwrapped._tiles.cores]
+    plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
     plant = plants[0]
     action = np.tile(np.repeat([0.3, 30.0], 7), (NSIM, 1)).astype(np.float32)
     bare = Batch(plant.sticking.model, NSIM, threads)

@@ -58,6 +58,10 @@ class BatchCore(ABC):
     arms_per_thread: ClassVar[int]
     """Arms of a tile per thread, measured by ``benchmarks/batch_size.py``: see `tiles.Tiles`."""
 
+    stiction: Array
+    """(n,) unit of the observed torques [N·m]."""
+    speed_unit: float
+    """Unit of the observed speeds [rad/s]."""
     rig: Any
     """The experiment's machine with all N arms."""
 
@@ -193,6 +197,13 @@ class BatchCore(ABC):
         self._advance(ids)
         self.steps[ids] += 1
         return self._outcome(ids)
+
+    def prepare(self, options: Sequence[Mapping[str, Any] | None]) -> None:
+        """Find the units of the rewards of all that options may start, in one batch."""
+        checked = self.check_reset(options)
+        distinct = {repr(sorted(o.items())): o for o in checked}
+        cases = set().union(*(self._cases(o) for o in distinct.values()))
+        self._undithered(sorted(cases))
 
     def check_reset(self, options: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]:
         """Return the options of a reset, what is fixed included; nothing changes.

@@ -80,7 +80,7 @@ class GTEEnv(ArmEnv):
     * `settling`: −w · ½ (distance / D + angle / A) / goals, paid when the arm's time at a goal is
       over: distance [m] and angle [rad] are what is left of the pose error in the last sample
       before the next goal is accepted, at the last goal 1 s (`tail`) after it was reached. D and A
-      are the same of undithered runs, mean over goals. w is `settling_weight`.
+      are the same of undithered runs at that goal. w is `settling_weight`.
     * `tracking`: −(1 − w) · mean over the axes x, y, z, roll, pitch, yaw of Σ|e| / E. e is the pose
       minus the reference, 100 samples/s from the start until 1 s (`tail`) after the last goal was
       reached; E is the same sum over a whole undithered run.
@@ -117,10 +117,12 @@ class GTEEnv(ArmEnv):
       before to 1 s after the last goal was accepted, as in Table 4.11; NaN if truncated before.
     * `undithered_error` (6,): the same without dither, mean over iterations.
     * `error_left` (2,): position [m] and orientation [rad] left when the arm's time at a goal was
-      over, mean over goals; NaN if truncated before. `undithered_error_left` (2,): without dither.
+      over, mean over goals, and `resting_error` (2,), at the last goal only, where the arm rests;
+      NaN if truncated before. `undithered_error_left`, `undithered_resting_error`: without dither.
     * `settling_error`, `tracking_error`: what −`settling` and −`tracking` would sum to with weight
       1: about 1 each without dither.
-    * `shaking`: root mean square of the vibration over the motion [m], and `undithered_shaking`.
+    * `shaking`: root mean square of the vibration over the motion [m], `undithered_shaking`, and
+      `shaking_at_rest` after the last goal was reached.
     * `duration`: when the last goal was reached [s]; NaN if truncated before.
 
     ## Options

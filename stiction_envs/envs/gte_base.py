@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
@@ -36,7 +35,7 @@ class Undithered:
     duration: float
     """From the start to the end of the tail [s]."""
     left: Array
-    """(2,) error left when the arm's time at a goal is over, mean over goals [m, rad]."""
+    """(G, 2) error left when the arm's time at each goal is over [m, rad]."""
     shaking: float
     """Vibration, turns included, root mean square over the motion [m]."""
 
@@ -48,7 +47,7 @@ def fingerprint(
     e, s = experiment, experiment.sticking
     paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
     return store.digest(
-        [f.name for f in dataclasses.fields(Undithered)],
+        "error left at each goal",
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
         *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
@@ -115,7 +114,7 @@ def _of_store(values: dict[str, Any]) -> Undithered:
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
     measures = measure(run, experiment.protocol)
     duration, total = measures.duration + experiment.protocol.tail, measures.total.mean(axis=0)
-    left = measures.left.mean(axis=(0, 1))
+    left = measures.left.mean(axis=0)
     if not (np.isfinite(duration).all() and (total > 0).all() and (left > 0).all()):
         raise StictionError(
             f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "

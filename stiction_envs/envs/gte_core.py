@@ -73,12 +73,18 @@ class Step(Outcome):
     orientation [rad]; NaN while one of them is not."""
     undithered_error_left: Array
     """(M, 2) the same without dither, mean over iterations."""
+    resting_error: Array
+    """(M, 2) error left at the last goal, where the arm rests [m, rad]; NaN while it does not."""
+    undithered_resting_error: Array
+    """(M, 2) the same without dither, mean over iterations."""
     settling_error: Array
-    """Error left at the goals so far over that of a whole undithered episode [-]."""
+    """Error left at the goals so far over that of undithered runs, mean over goals [-]."""
     tracking_error: Array
     """Error over the episode so far, over that of a whole undithered one [-]."""
     shaking: Array
     """Vibration, root mean square over the motion so far [m]."""
+    shaking_at_rest: Array
+    """The same after the last goal was reached [m]; NaN before."""
     undithered_shaking: Array
     """The same without dither, whole motion, mean over iterations [m]."""
     duration: Array
@@ -95,9 +101,12 @@ class GTECore(BatchCore):
         "undithered_error",
         "error_left",
         "undithered_error_left",
+        "resting_error",
+        "undithered_resting_error",
         "settling_error",
         "tracking_error",
         "shaking",
+        "shaking_at_rest",
         "undithered_shaking",
         "duration",
     )
@@ -190,11 +199,11 @@ class GTECore(BatchCore):
         self._stiffness = np.array([k for _, k in self.case])
         self._unit = np.ones((num_envs, 6))
         self._base_error, self._base_shaking = np.zeros((num_envs, 6)), np.zeros(num_envs)
-        self._unit_left = np.ones((num_envs, 2))
+        self._unit_left = np.ones((num_envs, CAPACITY, 2))
+        self._base_left, self._base_resting = np.zeros((2, num_envs, 2))
         self._left = np.zeros(num_envs)
         self._base_duration = np.ones(num_envs)
-        self.stiction = self._start_stiction()
-        """(n,) unit of the observed torque: the nominal stiction at the start [N·m]."""
+        self.stiction, self.speed_unit = self._start_stiction(), 1.0
         usual = MotionLimits()  # those in use may be infinite
         self.tolerance = usual.position_tolerance, usual.rotation_tolerance
         """Unit of the observed error [m], [rad]."""
@@ -278,7 +287,8 @@ class GTECore(BatchCore):
             else:
                 self._number[i] = -1
             self._unit[i], self._base_error[i] = b.total, b.window
-            self._unit_left[i], self._left[i] = b.left, 0.0
+            self._unit_left[i, : len(b.left)], self._left[i] = b.left, 0.0
+            self._base_left[i], self._base_resting[i] = b.left.mean(axis=0), b.left[-1]
             self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
         self.recorder.start(ids, self.goals[ids])
 
@@ -294,7 +304,7 @@ class GTECore(BatchCore):
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
         shaking = r.step_vibration[ids] / default("reward.shaking_unit")
-        left = np.mean(r.step_left[ids] / self._unit_left[ids], axis=1) / self.goals[ids]
+        left = (r.step_left[ids] / self._unit_left[ids]).sum(axis=(1, 2)) / (2 * self.goals[ids])
         self._left[ids] += left
         tracking = np.mean(r.step_error[ids] / self._unit[ids], axis=1)
         terms = {
@@ -315,10 +325,13 @@ class GTECore(BatchCore):
             error=r.window.sum[ids],
             undithered_error=self._base_error[ids],
             error_left=r.mean_left(ids),
-            undithered_error_left=self._unit_left[ids],
+            undithered_error_left=self._base_left[ids],
+            resting_error=r.left[ids, self.goals[ids] - 1],
+            undithered_resting_error=self._base_resting[ids],
             settling_error=self._left[ids],
             tracking_error=self.tracking_error(ids),
             shaking=r.shaking[ids],
+            shaking_at_rest=np.sqrt((r.vibration_at_rest[ids] ** 2).sum(axis=1)),
             undithered_shaking=self._base_shaking[ids],
             duration=rig.sequencer.reached_at[ids, self.goals[ids] - 1],
         )

@@ -43,8 +43,9 @@ class Recorder(Accumulator):
         self._rig, self._sampler = rig, Sampler(rig, protocol, steps)
         self.step_vibration = np.zeros(rig.nsim)
         """(N,) root mean square of the vibration in the last step [m]."""
-        self.step_left = np.zeros((rig.nsim, 2))
-        """(N, 2) error left at the goals whose time was over in the last step [m, rad]."""
+        self.step_left = np.zeros((rig.nsim, capacity, 2))
+        """(N, G, 2) error left at the goals whose time was over in the last step, else 0 [m,
+        rad]."""
         self.trace = [PathTrace() for _ in range(rig.nsim)] if record else None
 
     def start(self, ids: Index, goals: Index) -> None:
@@ -62,7 +63,7 @@ class Recorder(Accumulator):
         sequencer, before = self._rig.sequencer, np.isfinite(self.settling[..., :1])
         self.feed(s.error, s.mean_square, sequencer.accepted_at, sequencer.reached_at)
         left = self.left
-        self.step_left = np.where(np.isfinite(left) & ~before, left, 0.0).sum(axis=1)
+        self.step_left = np.where(np.isfinite(left) & ~before, left, 0.0)
         self.step_vibration = np.sqrt(s.mean_square.mean(axis=-1).sum(axis=-1))
 
     def mean_left(self, ids: Index) -> Array:

@@ -122,9 +122,9 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self._tiles = Tiles(make_core, num_envs, record=render_mode is not None, **arguments)
+        self.tiles = Tiles(make_core, num_envs, record=render_mode is not None, **arguments)
         # of one tile; spaces, names and experiment are those of all
-        self.core = self._tiles.cores[0]
+        self.core = self.tiles.cores[0]
         self.metadata = {**_metadata(self.core), "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self.core.action_space
         self.single_observation_space = self.core.observation_space
@@ -185,11 +185,11 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
 
     def _restart(self, ids: Index, options: Sequence[Mapping[str, Any] | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]
-        self._tiles.reset(ids, rngs, options)
+        self.tiles.reset(ids, rngs, options)
         self._ended[ids] = False
 
     def _observe(self) -> Observation:
-        observation: Observation = self._tiles.observe(np.arange(self.num_envs))
+        observation: Observation = self.tiles.observe(np.arange(self.num_envs))
         return observation
 
     def step(
@@ -208,7 +208,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         infos: dict[str, Any] = {}
         reward = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
-        result = self._tiles.step(ids, actions[ids]) if len(ids) else None
+        result = self.tiles.step(ids, actions[ids]) if len(ids) else None
         if len(waiting):
             self._restart(waiting, [None] * len(waiting))
         if result is not None:
@@ -248,11 +248,11 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self._add_descriptions(infos, np.arange(self.num_envs))
         if not ended.all():
             self._add_step(infos, ids, result, ~ended[ids])
-        observation[over] = self._tiles.observe(over)
+        observation[over] = self.tiles.observe(over)
         return observation
 
     def _add_descriptions(self, infos: dict[str, Any], ids: Index) -> None:
-        for name, values in self._tiles.describe(ids).items():
+        for name, values in self.tiles.describe(ids).items():
             self._put(infos, name, ids, values)
 
     def _add_step(
@@ -288,9 +288,9 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         return tuple(self._frame(i, self.render_mode) for i in range(self.num_envs))
 
     def _frame(self, i: int, mode: str) -> Any:
-        tile, place = self._tiles.locate(i)
+        tile, place = self.tiles.locate(i)
         if tile not in self._renderers:
-            self._renderers[tile] = self._make_renderer(self._tiles.cores[tile])
+            self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
         return self._renderers[tile].frame(place, mode)
 
     def close_extras(self, **kwargs: Any) -> None:

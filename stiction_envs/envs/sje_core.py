@@ -126,7 +126,7 @@ class SJECore(BatchCore):
         )
         self.rig.watch = self.oscillation.add
         self.stiction = largest_stiction(e.sticking.parameters, e.poses)
-        """(n,) unit of the observed torques [N·m]."""
+        self.speed_unit = e.protocol.threshold
         self.configuration: list[Configuration] = [Configuration(1, "load", "+")] * num_envs
         self.tau_base = np.ones(num_envs)
         self._level = np.zeros(num_envs)

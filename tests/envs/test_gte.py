@@ -174,8 +174,11 @@ def test_rewards_sum_to_the_tracking_error_and_the_penalties(name):
     tracking, settling = (sum(t[name] for t in terms) for name in ("tracking", "settling"))
     assert tracking == pytest.approx(-0.25 * final["tracking_error"], rel=1e-12)
     assert settling == pytest.approx(-0.75 * final["settling_error"], rel=1e-12)
-    ratio = final["error_left"] / final["undithered_error_left"]
+    core, unit = env.unwrapped.core, env.unwrapped.core._unit_left[0, :3]
+    ratio = core.recorder.left[0, :3] / unit
     assert final["settling_error"] == pytest.approx(ratio.mean(), rel=1e-12)
+    assert final["undithered_error_left"] == pytest.approx(unit.mean(axis=0), rel=1e-12)
+    assert np.array_equal(final["undithered_resting_error"], unit[-1])
     for term in ("power", "shaking"):
         assert all(t[term] < 0 for t in terms)
     assert all((t["torque_rate"] == 0) == (name == IIWA_GTE) for t in terms)
@@ -204,7 +207,8 @@ def test_settling_is_paid_when_the_time_at_a_goal_is_over(panda):
     over = [reached.index(1), reached.index(2), len(steps) - 1]
     assert paid == over
     core = panda.unwrapped.core
-    left, base = core.recorder.left[0, :3], steps[-1][4]["undithered_error_left"]
+    left, base = core.recorder.left[0, :3], core._unit_left[0, :3]
+    assert np.array_equal(steps[-1][4]["resting_error"], left[-1])
     share = 0.75 * (left / base).mean(axis=1) / 3
     assert [steps[k][4]["reward_terms"]["settling"] for k in paid] == pytest.approx(-share)
 

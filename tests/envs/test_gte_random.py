@@ -99,7 +99,9 @@ def test_the_unit_does_not_depend_on_who_asked_for_it(panda):
     alone = core.experiment.run(
         [gte_base.Case(trajectory=keys[1][0], stiffness=keys[1][1])], iterations=4
     )[0]
-    assert gte_base._summary(core.experiment, alone)["left"] == together[keys[1]].left.tolist()
+    left = gte_base._summary(core.experiment, alone)["left"]
+    assert left == together[keys[1]].left.tolist()
+    assert len(left) == len(core.experiment.path(keys[1][0]).position)
 
 
 def test_the_thesiss_dither_helps_on_a_path_as_slow_as_its_own():

@@ -34,7 +34,7 @@ def batch(
 
 
 def tiles(env: VectorEnv) -> Tiles:
-    return env.unwrapped._tiles  # type: ignore[attr-defined]
+    return env.unwrapped.tiles  # type: ignore[attr-defined]
 
 
 def actions(env: VectorEnv, count: int) -> list[np.ndarray]:

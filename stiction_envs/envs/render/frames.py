@@ -251,13 +251,14 @@ def ball(scene: mujoco.MjvScene, radius: float, at: Array, colour: NDArray[np.fl
     scene.ngeom += 1
 
 
-def _headless() -> bool:
-    has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return sys.platform.startswith("linux") and not has_display
+def has_display() -> bool:
+    """Return whether a window can be opened, as far as the environment variables tell."""
+    found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(found) or not sys.platform.startswith("linux")
 
 
 def _open_viewer(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
-    if _headless():
+    if not has_display():
         raise StictionError("render_mode human: no display found: use rgb_array or depth_array")
     try:
         import mujoco.viewer
@@ -297,7 +298,7 @@ class _Screen:
     def _open(model: mujoco.MjModel) -> tuple[Any, mujoco.MjrContext]:
         """Open MuJoCo's context; without display and MUJOCO_GL, whatever renders headless."""
         chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
-        names = ["egl", "osmesa"] if _headless() and not chosen else [chosen]
+        names = ["egl", "osmesa"] if not has_display() and not chosen else [chosen]
         reasons = []
         for name in names:
             try:

@@ -202,7 +202,7 @@ def test_rendering_does_not_touch_the_physics():
 
 
 def test_without_display_a_window_is_one_clear_line(monkeypatch):
-    monkeypatch.setattr(render, "_headless", lambda: True)
+    monkeypatch.setattr(render, "has_display", lambda: False)
     env = SJEEnv(render_mode="human")
     with pytest.raises(StictionError, match="no display found"):
         env.reset(seed=0, options=QUICK)

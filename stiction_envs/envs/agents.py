@@ -1,0 +1,304 @@
+"""Agents without learning, to compare a policy with; all with Stable-Baselines3's `predict`.
+
+    from stiction_envs.envs.agents import GatedTable
+
+    env = gym.make_vec("stiction_envs:PandaGTE-v0", num_envs=8)
+    agent = GatedTable(env)
+    actions, _ = agent.predict(observations)
+
+Observations are (observations,) or a batch (M, observations), actions (2n,) or (M, 2n) in the units
+of the environment: amplitudes [N·m], then frequencies [Hz]. What an agent does depends on what it
+sees and on nothing else, so that it is the same bits in any batch.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.method_settings import check_numbers, load_settings
+
+Array = NDArray[np.float64]
+Table = str | Path | Sequence[AmplitudeRow]
+State = tuple[NDArray[Any], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsualSettings:
+    """The table of an arm about which nothing is known."""
+
+    amplitude: float
+    """Over the stiction [-]."""
+    frequency: float
+    """[Hz]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateSettings:
+    """Where dither fades with speed."""
+
+    speed: float
+    """v_gate [rad/s]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RuleSettings:
+    """How much a joint is dithered that is pushed."""
+
+    factor: float
+    """Of the table's amplitudes [-]."""
+    share: float
+    """Of the stiction: torque from which the amplitude is the largest [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentSettings:
+    """All of `agents.toml`."""
+
+    usual: UsualSettings
+    """Tables."""
+    gate: GateSettings
+    """Gates."""
+    rule: RuleSettings
+    """The torque-and-speed rule."""
+
+
+@cache
+def agent_settings() -> AgentSettings:
+    """Return the defaults."""
+    return load_settings(AgentSettings, Path(__file__).with_name("agents.toml"))
+
+
+class Agent(ABC):
+    """What every agent knows of its environment: spaces, and where speeds and torques are."""
+
+    def __init__(self, env: Any) -> None:
+        """Make it for an environment of the project, single or native batch, wrapped or not."""
+        base = env.unwrapped
+        space = getattr(base, "single_action_space", base.action_space)
+        names = list(base.observation_names)
+        self.low, self.high = space.low.astype(float), space.high.astype(float)
+        self.n = n = len(self.low) // 2
+        joints = range(1, n + 1)
+        self._speed = np.array([names.index(f"velocity_{j}") for j in joints])
+        self._torque = np.array([names.index(f"torque_{j}") for j in joints])
+        self._speed_unit = float(base.core.speed_unit)
+
+    def predict(
+        self,
+        observation: NDArray[Any],
+        state: State | None = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], State | None]:
+        """Return the actions, and the state as it was given: agents have none.
+
+        Args:
+            observation: (observations,) or (M, observations).
+            state: not used.
+            episode_start: not used.
+            deterministic: not used.
+        """
+        rows = np.atleast_2d(observation)
+        actions = np.clip(self._act(rows), self.low, self.high).astype(np.float32)
+        # float32 may lie above the bound that it was rounded from
+        actions = np.clip(actions, self.low.astype(np.float32), self.high.astype(np.float32))
+        return (actions[0] if np.ndim(observation) == 1 else actions), state
+
+    @abstractmethod
+    def _act(self, observation: NDArray[Any]) -> Array:
+        """Return actions (M, 2n) for observations (M, observations)."""
+
+    def speed(self, observation: NDArray[Any]) -> Array:
+        """Return the joints' speeds (M, n) [rad/s]."""
+        return observation[:, self._speed].astype(float) * self._speed_unit
+
+    def torque(self, observation: NDArray[Any]) -> Array:
+        """Return the joints' torques without dither (M, n), over the stiction [-]."""
+        return observation[:, self._torque].astype(float)
+
+
+class NoDither(Agent):
+    """Does nothing."""
+
+    def _act(self, observation: NDArray[Any]) -> Array:
+        return np.tile(self.low, (len(observation), 1))
+
+
+class RandomDither(Agent):
+    """Any amplitude and frequency of the bounds, drawn anew in every step from what is seen."""
+
+    def __init__(self, env: Any, seed: int = 0) -> None:
+        """Make it; ``seed`` and the observation seed each draw."""
+        super().__init__(env)
+        self._seed = seed
+
+    def _act(self, observation: NDArray[Any]) -> Array:
+        rows = np.ascontiguousarray(observation, dtype=np.float32)
+        share = [
+            np.random.default_rng([self._seed, *np.frombuffer(row.tobytes(), np.uint32)]).uniform(
+                size=2 * self.n
+            )
+            for row in rows
+        ]
+        return self.low + np.array(share).reshape(-1, 2 * self.n) * (self.high - self.low)
+
+
+class ConstantTable(Agent):
+    """The amplitudes and frequencies of a table, always; gates of the table are not looked at."""
+
+    def __init__(self, env: Any, table: Table | None = None) -> None:
+        """Make it.
+
+        Args:
+            env: the environment.
+            table: file, or rows; None for `usual_table`.
+
+        Raises:
+            StictionError: a table that cannot be read, or that the environment cannot do.
+        """
+        super().__init__(env)
+        self.amplitude, self.frequency, self.gate = self._read(env, table)
+
+    def _read(self, env: Any, table: Table | None) -> tuple[Array, Array, Array]:
+        """Return amplitudes [N·m], frequencies [Hz] and gates [rad/s], inf for none, (n,) each."""
+        where = table if isinstance(table, (str, Path)) else "table"
+        if table is None:
+            rows: Sequence[AmplitudeRow] = usual_table(env)
+        elif isinstance(table, (str, Path)):
+            rows = read_amplitudes(Path(table), n_joints=self.n)
+        else:
+            rows = table
+        amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
+        gate = np.full(self.n, np.inf)
+        for row in rows:
+            if not 1 <= row.joint <= self.n:
+                raise StictionError(f"{where}: joint {row.joint}: expected 1 to {self.n}")
+            if row.waveform != DEFAULT_WAVEFORM or row.offset_nm != 0:
+                raise StictionError(
+                    f"{where}: joint {row.joint}: {row.waveform} with offset {row.offset_nm:g} "
+                    f"N·m: expected {DEFAULT_WAVEFORM} without offset, as in the environments"
+                )
+            if row.amplitude_nm == 0:
+                continue
+            j = row.joint - 1
+            for value, k, unit in (
+                (row.amplitude_nm, j, "N·m"),
+                (row.frequency_hz, j + self.n, "Hz"),
+            ):
+                if not self.low[k] <= value <= self.high[k] * (1 + 1e-6):
+                    raise StictionError(
+                        f"{where}: joint {row.joint}: {value:g} {unit}: expected "
+                        f"{self.low[k]:g} to {self.high[k]:g}, as in the environment's action"
+                    )
+            amplitude[j], frequency[j] = row.amplitude_nm, row.frequency_hz
+            gate[j] = row.gate_velocity
+        return amplitude, frequency, gate
+
+    def _factor(self, observation: NDArray[Any]) -> Array:
+        """Return factors (M, n) of the amplitudes."""
+        return np.ones((len(observation), self.n))
+
+    def _act(self, observation: NDArray[Any]) -> Array:
+        amplitude = self._factor(observation) * self.amplitude
+        frequency = np.broadcast_to(self.frequency, amplitude.shape)
+        return np.concatenate([amplitude, frequency], axis=1)
+
+
+class GatedTable(ConstantTable):
+    """A table whose amplitudes fade where a joint moves: A exp(−(q̇/v_gate)²), see `dither.gating`.
+
+    The controller of `dither.gating` looks at the speed in every cycle, an agent once per step.
+    """
+
+    def __init__(self, env: Any, table: Table | None = None, *, speed: float | None = None) -> None:
+        """Make it.
+
+        Args:
+            env: the environment.
+            table: as for `ConstantTable`.
+            speed: v_gate of joints for which the table has none [rad/s]; None for the default.
+
+        Raises:
+            StictionError: as `ConstantTable`, or a speed that is not above 0.
+        """
+        super().__init__(env, table)
+        speed = agent_settings().gate.speed if speed is None else speed
+        if not speed > 0:
+            raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
+        self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
+
+    def _factor(self, observation: NDArray[Any]) -> Array:
+        return np.exp(-((self.speed(observation) / self.gate) ** 2))
+
+
+class TorqueRule(GatedTable):
+    """A joint is dithered where it is pushed and does not move.
+
+    The amplitude is factor · A · min(1, |τ| / (share · stiction)), faded as in `GatedTable`, with
+    the table's A and the torque τ that the controller asks for without dither: a joint that is
+    where it should be is left in peace.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        table: Table | None = None,
+        *,
+        speed: float | None = None,
+        settings: RuleSettings | None = None,
+    ) -> None:
+        """Make it; amplitudes over the environment's are cut.
+
+        Args:
+            env: the environment.
+            table: as for `ConstantTable`.
+            speed: as for `GatedTable`.
+            settings: None for the defaults.
+        """
+        super().__init__(env, table, speed=speed)
+        self.rule = agent_settings().rule if settings is None else settings
+
+    def _factor(self, observation: NDArray[Any]) -> Array:
+        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / self.rule.share)
+        return self.rule.factor * pushed * super()._factor(observation)
+
+
+AGENTS: dict[str, type[Agent]] = {
+    "none": NoDither,
+    "random": RandomDither,
+    "constant": ConstantTable,
+    "gated": GatedTable,
+    "rule": TorqueRule,
+}
+"""Agents by name; each can be made of the environment alone."""
+
+
+def usual_table(env: Any) -> tuple[AmplitudeRow, ...]:
+    """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
+    core, usual = env.unwrapped.core, agent_settings().usual
+    if core.arm.name in thesis_robots("4.9"):
+        return thesis_final_dither()
+    top = core.action_space.high[: core.n].astype(float)
+    amplitude = np.minimum(top, usual.amplitude * core.stiction)
+    return tuple(AmplitudeRow(j + 1, usual.frequency, float(amplitude[j])) for j in range(core.n))

@@ -1,0 +1,185 @@
+"""What an agent is worth: episodes of given seeds on the native batch, one row each.
+
+    env = gym.make_vec("stiction_envs:PandaGTE-v0", num_envs=16)
+    rows = evaluate(env, GatedTable(env), seeds=range(50), options={"trajectory": "triangle"})
+
+Anything with Stable-Baselines3's `predict` whose actions are in the units of the environment is an
+agent. Every agent meets the same episodes; a row is the same bits in a batch of any size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from stiction_envs.envs.batch_core import BatchCore
+from stiction_envs.envs.gym_env import ArmVectorEnv
+from stiction_envs.envs.sje_core import SJECore
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import write_lines
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+Options = Mapping[str, Any] | None
+
+
+class Policy(Protocol):
+    """What is evaluated."""
+
+    def predict(
+        self,
+        observation: NDArray[Any],
+        state: Any = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """Return actions (M, 2n) [N·m, Hz] for observations (M, observations), and the state."""
+
+
+def evaluate(
+    env: Any,
+    agent: Policy,
+    seeds: Sequence[int],
+    options: Options | Sequence[Options] = None,
+    *,
+    deterministic: bool = True,
+) -> list[Row]:
+    """Return one row per episode, in the order of the seeds; `reset` the environment afterwards.
+
+    All rows have ``seed``, what the episode was (``trajectory`` … or ``joint`` …), ``return``,
+    ``steps``, ``terminated`` (1, or 0 for truncated), ``reward_…`` of every term, ``power``, mean
+    over steps and joints of (A/A_max)² [-], and ``torque_rate``, root mean square of the dither's
+    2πfA [N·m/s]. Rows of the GTE have ``position_left_m`` and ``orientation_left_rad``, mean over
+    goals, ``position_resting_m`` and ``orientation_resting_rad`` at the last one, where the arm
+    rests, all four ``undithered_…`` as well, ``settling_error`` and ``tracking_error`` over the
+    undithered run's [-], ``vibration_moving_mm``, ``vibration_at_rest_mm``,
+    ``undithered_vibration_mm`` and ``duration_s``; rows of the SJE ``reduction`` [-],
+    ``tau_sje_nm``, ``tau_base_nm``, ``oscillation_mrad`` and ``time_s``. What an episode that was
+    truncated does not have is NaN.
+
+    Args:
+        env: a `GTEVectorEnv` or `SJEVectorEnv`, of any size and autoreset mode.
+        agent: whose `predict` sees the episodes that are going on, and whatever else is in the
+            batch; its state has one row per environment.
+        seeds: of the episodes.
+        options: of all episodes, or one for each.
+        deterministic: handed to the agent.
+
+    Raises:
+        StictionError: another environment, other options, or an action outside the bounds.
+    """
+    batch = env.unwrapped
+    if not isinstance(batch, ArmVectorEnv):
+        raise StictionError(
+            f"evaluate: {type(batch).__name__}: expected a batch of gym.make_vec of this package"
+        )
+    if not len(seeds):
+        return []
+    each = _each(options, len(seeds))
+    tiles, core = batch.tiles, batch.core
+    core.prepare(each)
+    count = batch.num_envs
+    slots, episode = np.arange(count), np.full(count, -1)
+    rows: list[Row] = [{} for _ in seeds]
+    waiting = list(range(len(seeds)))
+    start, state = np.ones(count, dtype=bool), None
+    going = np.zeros(count, dtype=bool)
+    if len(spare := slots[len(seeds) :]):
+        # all arms of a batch move together: those that no row is about have to stand somewhere
+        rngs = [seeding.np_random(int(seeds[0]))[0] for _ in spare]
+        tiles.reset(spare, rngs, [each[0]] * len(spare))
+    top = core.action_space.high[: core.n].astype(float)
+    while waiting or going.any():
+        free = np.flatnonzero(~going)[: len(waiting)]
+        if len(free):
+            episode[free] = [waiting.pop(0) for _ in free]
+            rngs = [seeding.np_random(int(seeds[k]))[0] for k in episode[free]]
+            tiles.reset(free, rngs, [each[k] for k in episode[free]])
+            going[free] = start[free] = True
+            for i, k in enumerate(episode[free]):
+                rows[k] = _begun(int(seeds[k]), tiles.describe(free[i : i + 1]), core)
+        observation = tiles.observe(slots)
+        actions, state = agent.predict(
+            observation, state=state, episode_start=start, deterministic=deterministic
+        )
+        start[:] = False
+        ids = np.flatnonzero(going)
+        action = np.asarray(actions, dtype=float)[ids]
+        step = tiles.step(ids, action)
+        a, f = action[:, : core.n], action[:, core.n :]
+        power, rate = np.mean((a / top) ** 2, axis=1), np.mean((2 * np.pi * f * a) ** 2, axis=1)
+        over = step.terminated | step.truncated
+        for m, i in enumerate(ids.tolist()):
+            row = rows[episode[i]]
+            row["steps"] += 1
+            row["return"] += float(step.reward[m])
+            for name in core.terms:
+                row[f"reward_{name}"] += float(step.terms[name][m])
+            row["power"] += float(power[m])
+            row["torque_rate"] += float(rate[m])
+            if over[m]:
+                _end(row, step, m, core)
+        going[ids[over]] = False
+    return rows
+
+
+def write_rows(path: str | Path, rows: Sequence[Row]) -> None:
+    """Write rows as CSV; floats read back bit for bit."""
+    write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
+
+
+def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
+    if options is None or isinstance(options, Mapping):
+        return [options] * count
+    if len(options) != count:
+        raise StictionError(f"evaluate: {len(options)} options: expected one, or {count}")
+    return list(options)
+
+
+def _begun(seed: int, what: Mapping[str, NDArray[Any]], core: BatchCore) -> Row:
+    """Return the row of an episode that has just begun."""
+    row: Row = {"seed": seed}
+    for name, values in what.items():
+        value = values[0]
+        if name == "stiffness":
+            for part, number in zip(("translation", "rotation", "nullspace"), value, strict=True):
+                row[f"stiffness_{part}"] = float(number)
+        else:
+            row[name] = value.item() if isinstance(value, np.generic) else value
+    row |= {"return": 0.0, "steps": 0, "terminated": 0}
+    row |= {f"reward_{name}": 0.0 for name in core.terms}
+    return {**row, "power": 0.0, "torque_rate": 0.0}
+
+
+def _end(row: Row, step: Any, m: int, core: BatchCore) -> None:
+    """Complete the row of an episode that is over."""
+    row["terminated"] = int(step.terminated[m])
+    row["power"] /= row["steps"]
+    row["torque_rate"] = float(np.sqrt(row["torque_rate"] / row["steps"]))
+    if isinstance(core, SJECore):
+        row |= {
+            "reduction": float(step.reduction[m]),
+            "tau_sje_nm": float(step.tau_sje[m]),
+            "tau_base_nm": float(step.tau_base[m]),
+            "oscillation_mrad": 1e3 * float(step.shaking[m]),
+            "time_s": float(step.time[m]),
+        }
+        return
+    for name in ("", "undithered_"):
+        for what, field in (("left", "error_left"), ("resting", "resting_error")):
+            position, orientation = getattr(step, f"{name}{field}")[m]
+            row[f"{name}position_{what}_m"] = float(position)
+            row[f"{name}orientation_{what}_rad"] = float(orientation)
+    row |= {
+        "settling_error": float(step.settling_error[m]),
+        "tracking_error": float(step.tracking_error[m]),
+        "vibration_moving_mm": 1e3 * float(step.shaking[m]),
+        "vibration_at_rest_mm": 1e3 * float(step.shaking_at_rest[m]),
+        "undithered_vibration_mm": 1e3 * float(step.undithered_shaking[m]),
+        "duration_s": float(step.duration[m]),
+    }

@@ -1,0 +1,143 @@
+"""Agents without learning: what they do for what they see."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from stiction_envs.envs.agents import (
+    AGENTS,
+    ConstantTable,
+    GatedTable,
+    NoDither,
+    RandomDither,
+    RuleSettings,
+    TorqueRule,
+    usual_table,
+)
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.measured import AmplitudeRow
+from tests.envs.helpers import IIWA, IIWA_GTE, PANDA, PANDA_GTE
+
+ROWS = (AmplitudeRow(1, 50.0, 0.5), AmplitudeRow(6, 20.0, 0.3, gate_rad_s=0.1))
+
+
+@pytest.fixture(scope="module", params=[PANDA, PANDA_GTE])
+def env(request: pytest.FixtureRequest):
+    made = gym.make(request.param)
+    yield made
+    made.close()
+
+
+def seen(env: gym.Env, **values: dict[int, float]) -> np.ndarray:
+    """Return an observation of zeros but for some joints (from 1) of a group."""
+    names = env.unwrapped.observation_names
+    out = np.zeros(len(names), dtype=np.float32)
+    for group, joints in values.items():
+        for joint, value in joints.items():
+            out[names.index(f"{group}_{joint}")] = value
+    return out
+
+
+@pytest.mark.parametrize("name", [PANDA, PANDA_GTE, IIWA, IIWA_GTE])
+@pytest.mark.parametrize("agent", AGENTS)
+def test_every_agent_stays_in_the_space_alone_and_in_a_batch(name, agent):
+    env = gym.make(name)
+    space, made = env.observation_space, AGENTS[agent](env)
+    space.seed(0)
+    rows = np.stack([space.sample() for _ in range(40)])
+    actions, state = made.predict(rows)
+    assert actions.dtype == np.float32
+    assert actions.shape == (40, 14)
+    assert state is None
+    assert all(a in env.action_space for a in actions)
+    one, _ = AGENTS[agent](env).predict(rows[7])
+    assert np.array_equal(one, actions[7])
+
+
+def test_no_dither_is_no_dither(env):
+    assert np.array_equal(NoDither(env).predict(seen(env))[0], env.action_space.low)
+
+
+def test_random_dither_fills_the_space_and_has_a_seed(env):
+    rng = np.random.default_rng(0)
+    rows = rng.normal(size=(500, *env.observation_space.shape)).astype(np.float32)
+    low, high = env.action_space.low, env.action_space.high
+    share = (RandomDither(env).predict(rows)[0] - low) / (high - low)
+    assert share.mean() == pytest.approx(0.5, abs=0.02)
+    assert (share.min(axis=0) < 0.02).all()
+    assert (share.max(axis=0) > 0.98).all()
+    assert not np.array_equal(
+        RandomDither(env, seed=1).predict(rows)[0], RandomDither(env, seed=2).predict(rows)[0]
+    )
+
+
+def test_a_constant_table_is_the_table(env, tmp_path):
+    action = ConstantTable(env, ROWS).predict(seen(env, velocity={1: 1.0, 6: 1.0}))[0]
+    assert action[[0, 5]] == pytest.approx([0.5, 0.3])
+    assert action[[7, 12]] == pytest.approx([50, 20])
+    assert not action[[1, 2, 3, 4, 6]].any()
+    file = tmp_path / "table.csv"
+    file.write_text("joint,frequency_hz,amplitude_nm\n1,50,0.5\n6,20,0.3\n")
+    assert np.array_equal(ConstantTable(env, file).predict(seen(env))[0], action)
+
+
+def test_a_gated_table_fades_with_speed(env):
+    """exp(−(q̇/v_gate)²) with the table's own gate, or the agent's where it has none."""
+    agent = GatedTable(env, ROWS, speed=0.2)
+    unit = env.unwrapped.core.speed_unit
+    fast = seen(env, velocity={1: 0.2 / unit, 6: -0.2 / unit})
+    still, moving = agent.predict(seen(env))[0], agent.predict(fast)[0]
+    assert still[[0, 5]] == pytest.approx([0.5, 0.3])
+    assert moving[0] == pytest.approx(0.5 * np.exp(-1), rel=1e-5)
+    assert moving[5] == pytest.approx(0.3 * np.exp(-4), rel=1e-5)
+    assert np.array_equal(moving[7:], still[7:])
+
+
+def test_the_rule_dithers_what_is_pushed_and_slow(env):
+    settings = RuleSettings(factor=1.5, share=0.5)
+    agent = TorqueRule(env, ROWS, speed=0.2, settings=settings)
+
+    def amplitude(torque: float, speed: float = 0.0) -> float:
+        unit = env.unwrapped.core.speed_unit
+        row = seen(env, torque={1: torque}, velocity={1: speed / unit})
+        return float(agent.predict(row)[0][0])
+
+    assert amplitude(0.0) == 0.0
+    assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * 0.75)
+    assert amplitude(0.5) == amplitude(3.0) == pytest.approx(0.75)
+    assert amplitude(3.0, 0.2) == pytest.approx(0.75 * np.exp(-1), rel=1e-5)
+    strong = TorqueRule(env, ROWS, settings=RuleSettings(factor=50.0, share=0.5))
+    top = strong.predict(seen(env, torque={1: 1.0}))[0][0]
+    assert top == env.action_space.high[0], "cut"
+
+
+def test_usual_tables():
+    assert usual_table(gym.make(PANDA_GTE)) == thesis_final_dither()
+    env = gym.make(IIWA_GTE)
+    rows = usual_table(env)
+    assert [r.joint for r in rows] == list(range(1, 8))
+    assert [r.amplitude_nm for r in rows] == pytest.approx(1.5 * env.unwrapped.core.stiction)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([AmplitudeRow(1, 50.0, 99.0)], "joint 1: 99 N·m: expected 0 to"),
+        ([AmplitudeRow(2, 200.0, 0.1)], "joint 2: 200 Hz: expected 5 to 100"),
+        ([AmplitudeRow(8, 20.0, 0.1)], "joint 8: expected 1 to 7"),
+        ([AmplitudeRow(1, 20.0, 0.1, offset_nm=0.2)], "expected sine without offset"),
+        ([AmplitudeRow(1, 20.0, 0.1, waveform="square")], "square .*: expected sine"),
+        ("nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_wrong_tables(env, rows, words):
+    with pytest.raises(StictionError, match=words):
+        ConstantTable(env, rows)
+
+
+def test_a_gate_speed_is_above_zero(env):
+    with pytest.raises(StictionError, match="gate speed 0: expected a number above 0"):
+        GatedTable(env, ROWS, speed=0)
