@@ -110,7 +110,7 @@ class SJEEnv(ArmEnv):
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `control_interval_s`: time of a step, a multiple of 0.05 s. Default 0.1 s.
     * `power_weight`, `torque_rate_weight`: weights of the penalties [-]. Default 0.01 each.
-    * `shaking_weight`: likewise [-]. Default 200000: 0.34 mrad all along would cost the whole
+    * `shaking_weight`: likewise [-]. Default 100000: 0.47 mrad all along would cost the whole
       torque. Without it the largest amplitude at the lowest frequency is best on most joints, with
       it the best frequency is inside the bounds on all; `benchmarks/landscape.png` shows both.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs import gte_core, gte_layout
+from stiction_envs.envs import gte_core, gte_layout, sje_layout
 from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.envs.layout import (
     action_table,
@@ -20,6 +20,7 @@ from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.envs.sje_core import BLOCK_S, TERMS, SJECore
 from stiction_envs.envs.sje_layout import GROUPS
 from stiction_envs.experiments.gte.random_paths import random_path_settings
+from stiction_envs.experiments.sje.protocol import load_protocol
 
 PAGE = inspect.getdoc(SJEEnv) or ""
 
@@ -36,6 +37,14 @@ def test_every_reward_term_and_argument_is_explained():
     for name in set(core) - {"self", "num_envs", "record"}:
         assert f"`{name}`" in PAGE
     assert f"a multiple of {BLOCK_S:g} s" in PAGE
+
+
+def test_the_weight_of_shaking_on_the_page_is_the_one_in_use():
+    weight, threshold = sje_layout.default("shaking.weight"), load_protocol("panda").threshold
+    whole = 1e3 * threshold / np.sqrt(weight)
+    words = " ".join(PAGE.split())
+    assert f"Default {weight:.0f}: {whole:.2f} mrad all along would cost the whole torque" in words
+    assert f"above {sje_layout.default('shaking.corner'):g} Hz" in words
 
 
 @pytest.mark.parametrize("n", [2, 7, 9])
