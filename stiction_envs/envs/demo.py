@@ -1,0 +1,117 @@
+"""A first look at an environment: one episode of an agent that has not learned anything.
+
+    python -m stiction_envs.envs.demo PandaGTE-v0 --agent gated
+
+opens the viewer; without a display it writes an mp4 (extra `video`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import stiction_envs
+from stiction_envs.envs.agents import AGENTS
+from stiction_envs.envs.registration import KINDS
+from stiction_envs.envs.render.frames import has_display
+from stiction_envs.errors import ExperimentError, StictionError, missing_extra, unknown
+
+SPEED = 2.0
+"""Of the video: an episode of the SJE takes half a minute."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code: 0 done, 1 failed while working, 2 bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m stiction_envs.envs.demo",
+        description="Show one episode: in the viewer, or as an mp4 where there is no display.",
+    )
+    parser.add_argument("environment", help="such as PandaGTE-v0 or IiwaSJE-v0")
+    parser.add_argument("--agent", choices=AGENTS, default="gated", help="default: gated")
+    parser.add_argument("--seed", type=int, default=0, help="of the episode (default: 0)")
+    parser.add_argument("--path", type=int, help="GTE: number of a random path")
+    parser.add_argument("--out", type=Path, help="write this mp4 even where there is a display")
+    given = parser.parse_args(arguments)
+    try:
+        show(given.environment, given.agent, seed=given.seed, path=given.path, out=given.out)
+    except StictionError as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 2
+    except ExperimentError as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def show(
+    name: str, agent: str, *, seed: int = 0, path: int | None = None, out: Path | None = None
+) -> dict[str, Any]:
+    """Show an episode and say what came out; returns its last info.
+
+    Args:
+        name: of a registered environment.
+        agent: one of `agents.AGENTS`.
+        seed: of the episode.
+        path: number of a random path of the GTE; None draws triangle or pentagon.
+        out: where to write an mp4; None opens the viewer, or writes ``NAME-AGENT.mp4`` where there
+            is no display.
+
+    Raises:
+        StictionError: no such environment, no moviepy, or a file that is there already.
+    """
+    known = sorted(x for x in gym.registry if x.endswith(tuple(KINDS)))
+    if name not in known:
+        raise unknown("environment", name, known)
+    if out is None and not has_display():
+        out = Path(f"{name}-{agent}.mp4")
+    clip: Any = None
+    if out is not None:
+        clip = _writer()
+        if out.exists():
+            raise StictionError(f"{out} is there already: expected a new file (--out)")
+        if not out.parent.is_dir():
+            raise StictionError(f"{out.parent}: no such folder")
+    env = gym.make(
+        f"{stiction_envs.__name__}:{name}", render_mode="human" if clip is None else "rgb_array"
+    )
+    try:
+        acting = AGENTS[agent](env)
+        options = {} if path is None else {"path": path}
+        observation, info = env.reset(seed=seed, options=options)
+        frames, total, over = [], 0.0, False
+        while not over:
+            action, _ = acting.predict(observation)
+            observation, reward, terminated, truncated, info = env.step(action)
+            total, over = total + float(reward), terminated or truncated
+            if clip is not None:
+                frames.append(np.asarray(env.render()))
+        if clip is not None:
+            fps = SPEED * env.metadata["render_fps"]
+            clip(frames, fps=fps).write_videofile(str(out), codec="libx264", logger=None)
+            print(f"{out}: {len(frames)} frames")
+    finally:
+        env.close()
+    print(f"{name}, agent {agent}, seed {seed}: return {total:.3f}")
+    for key in ("reduction", "settling_error", "tracking_error"):
+        if key in info:
+            print(f"  {key}: {info[key]:.3f}")
+    return info
+
+
+def _writer() -> Any:
+    """Return moviepy's clip of frames."""
+    try:
+        from moviepy import ImageSequenceClip
+    except ImportError:
+        raise missing_extra("a video", "moviepy", "video") from None
+    return ImageSequenceClip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
