@@ -135,17 +135,6 @@ class Plant:
         return self._level.mean(axis=2)
 
     @property
-    def servo_torque(self) -> Array:
-        """(N, n) torque with which the servos hold the joints [N·m]."""
-        s = self.sticking
-        stiffness, damping = (
-            self._gainprm[:, s.servo_actuator, 0],
-            self._biasprm[:, s.servo_actuator, 2],
-        )
-        lag = self._setpoint - self.motor_position
-        return stiffness * lag + damping * self._qvel[:, s.motor]
-
-    @property
     def batch(self) -> Batch:
         """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
         return self._batch

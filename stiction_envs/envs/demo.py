@@ -16,7 +16,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import stiction_envs
 from stiction_envs.envs.agents import AGENTS
 from stiction_envs.envs.registration import KINDS
 from stiction_envs.envs.render.frames import has_display
@@ -77,9 +76,7 @@ def show(
             raise StictionError(f"{out} is there already: expected a new file (--out)")
         if not out.parent.is_dir():
             raise StictionError(f"{out.parent}: no such folder")
-    env = gym.make(
-        f"{stiction_envs.__name__}:{name}", render_mode="human" if clip is None else "rgb_array"
-    )
+    env = gym.make(name, render_mode="human" if clip is None else "rgb_array")
     try:
         acting = AGENTS[agent](env)
         options = {} if path is None else {"path": path}

@@ -234,7 +234,7 @@ class SJECore(BatchCore):
         rig, rows = self.rig, np.arange(len(ids))
         threshold = rig.protocol.threshold
         base = np.abs(self.tau_base[ids])
-        torque, asked = self.torque(ids), rig.plant.servo_torque[ids]
+        torque, asked = self.torque(ids), rig.holding_torque[ids]
         asked[rows, rig.joint[ids]] = torque
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0

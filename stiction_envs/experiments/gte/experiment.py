@@ -159,7 +159,7 @@ class GeneratedTrajectoryExperiment:
         if (number := path_number(name)) is not None:
             return random_paths(self.sticking, self.start, self.tool, [number])[number].path
         if name not in TRAJECTORIES:
-            raise unknown("trajectory", name, [*TRAJECTORIES, f"{RANDOM}-0, 1, …", *self.paths])
+            raise unknown("trajectory", name, [*TRAJECTORIES, *self.paths, f"{RANDOM}-0, 1, …"])
         return named_path(name)
 
     def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:

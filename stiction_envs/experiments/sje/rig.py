@@ -167,6 +167,14 @@ class SJERig(Rig):
         q = self.plant.position[np.arange(self.nsim), self.joint]
         return q - self.start_angle
 
+    @property
+    def holding_torque(self) -> Array:
+        """(N, n) torque with which servos hold joints, as if none were free [N·m]."""
+        lag = self.target - self.plant.motor_position
+        speed = self.plant.state[1][:, self.plant.sticking.motor]
+        out: Array = self._hold * lag - self._hold_damping * speed
+        return out
+
     def ramp_torque(self, ids: Index, step: Index) -> Array:
         """Return (M, K) commanded torque without dither [N·m] at control steps (M, K) of a ramp."""
         rate = self.sign[ids] * self.protocol.ramp_rate * CONTROL_DT
