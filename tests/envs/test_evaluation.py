@@ -50,7 +50,7 @@ def test_a_row_is_what_the_single_environment_says(kind):
     env = batch(kind, 2)
     agent = ConstantTable(env)
     option = OPTIONS[kind][0]
-    row = evaluate(env, agent, [11], option)[0]
+    row = evaluate(env, agent, [4, 11], option)[1]
     single = make_gte() if kind == "gte" else make()
     steps = episode(
         single, agent.predict(np.zeros(single.observation_space.shape))[0], seed=11, options=option
