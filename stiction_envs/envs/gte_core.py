@@ -183,6 +183,8 @@ class GTECore(BatchCore):
             fixed_options=fixed_options,
             randomise=randomise,
         )
+        self._random: dict[int, Key] = {}
+        self._units: dict[Key, Undithered] = {}
         self.settling_weight, self.shaking_weight = settling_weight, shaking_weight
         self.compensation = (
             e.compensation(compensation) if isinstance(compensation, str) else compensation
@@ -253,9 +255,11 @@ class GTECore(BatchCore):
 
     def _random_cases(self, numbers: Sequence[int]) -> list[Key]:
         """Return names and stiffnesses of random paths."""
-        e = self.experiment
-        found = find_random_paths(e.sticking, e.start, e.tool, numbers)
-        return [(f"{RANDOM}-{k}", p.stiffness) for k, p in found.items()]
+        e, new = self.experiment, [k for k in numbers if k not in self._random]
+        if new:
+            found = find_random_paths(e.sticking, e.start, e.tool, new)
+            self._random |= {k: (f"{RANDOM}-{k}", p.stiffness) for k, p in found.items()}
+        return [self._random[k] for k in numbers]
 
     def _cases(self, options: Mapping[str, Any]) -> set[Key]:
         if "path" in options or options.get("trajectory") == RANDOM:
@@ -266,7 +270,11 @@ class GTECore(BatchCore):
         return {(t, k) for t in trajectories for k in stiffness}
 
     def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
-        return undithered(self.experiment, cases, self.compensation)
+        # looked up once: an episode of a learner ends every tenth of a second
+        new = [case for case in cases if case not in self._units]
+        if new:
+            self._units |= undithered(self.experiment, new, self.compensation)
+        return self._units
 
     def _begin(
         self,
