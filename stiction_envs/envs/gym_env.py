@@ -141,6 +141,14 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         names: tuple[str, ...] = self.core.observation_names
         return names
 
+    @property
+    def generators(self) -> list[np.random.Generator]:
+        """Random generator of each environment, once it was reset: its episodes are drawn from it.
+
+        Each draws when an episode starts, never within one.
+        """
+        return [rng for rng in self._rngs if rng is not None]
+
     def reset(
         self,
         *,

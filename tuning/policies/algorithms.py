@@ -1,0 +1,179 @@
+"""Stable-Baselines3's algorithms with our defaults, and the policies of their models.
+
+Needs the extra `rl`: ``pip install 'stiction-envs[rl]'``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError, missing_extra
+from stiction_envs.reporting.provenance import versions
+from tuning.policies.policy import Card, Policy
+from tuning.policies.recorded import RecordedVecEnv
+from tuning.policies.settings import PPOSettings, RunSettings, SACSettings, TD3Settings
+from tuning.policies.task import Task
+
+try:
+    import torch
+    from stable_baselines3 import PPO, SAC, TD3
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+except ImportError:
+    raise missing_extra("stiction train", "stable-baselines3", "rl") from None
+
+Settings = PPOSettings | SACSettings | TD3Settings
+
+
+def least_steps(settings: Settings) -> tuple[int, str]:
+    """Return the fewest steps from which anything is learned, and why."""
+    if isinstance(settings, PPOSettings):
+        return (
+            settings.envs * settings.rollout,
+            f"one rollout of {settings.envs} arms, {settings.rollout} steps each",
+        )
+    return (
+        settings.learning_starts + settings.envs,
+        f"{settings.learning_starts} at random, then one of each of {settings.envs} arms",
+    )
+
+
+def make_env(task: Task, num_envs: int, settings: RunSettings, gamma: float) -> VecNormalize:
+    """Return N arms as Stable-Baselines3 trains on them: recorded, monitored, normalised."""
+    return VecNormalize(
+        VecMonitor(RecordedVecEnv(task.make(num_envs))),
+        clip_obs=settings.clip_observation,
+        clip_reward=settings.clip_reward,
+        gamma=gamma,
+    )
+
+
+def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorithm:
+    """Return an untrained model; everything random in it follows from the seed.
+
+    From here on torch has one thread: its sums depend on how many there are, and small networks
+    are no faster on more.
+    """
+    torch.set_num_threads(1)
+    arguments: dict[str, Any] = {
+        "learning_rate": settings.learning_rate,
+        "batch_size": settings.batch_size,
+        "gamma": settings.gamma,
+        "seed": seed,
+        "device": "cpu",
+    }
+    network: dict[str, Any] = {"net_arch": list(settings.network)}
+    if isinstance(settings, PPOSettings):
+        network["log_std_init"] = settings.log_std
+        return PPO(
+            "MlpPolicy",
+            env,
+            n_steps=settings.rollout,
+            n_epochs=settings.epochs,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip_range,
+            ent_coef=settings.entropy,
+            policy_kwargs=network,
+            **arguments,
+        )
+    arguments |= {
+        "learning_starts": settings.learning_starts,
+        "gradient_steps": settings.gradient_steps,
+        "buffer_size": settings.buffer_size,
+        "tau": settings.tau,
+        "policy_kwargs": network,
+    }
+    if not isinstance(settings, TD3Settings):
+        return SAC("MlpPolicy", env, **arguments)
+    spread = np.full(env.action_space.shape or (), settings.noise)
+    return TD3(
+        "MlpPolicy",
+        env,
+        action_noise=NormalActionNoise(np.zeros_like(spread), spread),
+        policy_delay=settings.policy_delay,
+        target_policy_noise=settings.target_noise,
+        target_noise_clip=settings.target_clip,
+        **arguments,
+    )
+
+
+def make_logger(folder: Path | None) -> Logger:
+    """Return a logger to TensorBoard, or to nobody."""
+    if folder is None:
+        return Logger(None, [])
+    return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
+
+
+def packages() -> dict[str, str]:
+    """Return the versions that decide a training's bits, besides ours."""
+    return {name: metadata.version(name) for name in ("stable-baselines3", "torch", "numpy")}
+
+
+# ---- the actor as numbers ------------------------------------------------------------------------
+
+
+def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None = None) -> Policy:
+    """Return what a model of Stable-Baselines3 does, its normalisation included, as numbers.
+
+    Args:
+        model: PPO, SAC or TD3 with an ``MlpPolicy`` that was trained on actions in [-1, 1]
+            (`SB3VecEnv`), within `VecNormalize` or not.
+        task: what it was trained on.
+        training: how it came about.
+
+    Raises:
+        StictionError: another algorithm, or layers that a `Policy` has not.
+    """
+    layers, output = _layers(model)
+    linear = [x for x in layers if isinstance(x, torch.nn.Linear)]
+    between = {type(x) for x in layers if not isinstance(x, torch.nn.Linear)}
+    names = {torch.nn.Tanh: "tanh", torch.nn.ReLU: "relu"}
+    if len(between) > 1 or not between <= set(names):
+        raise StictionError(f"layers {between}: expected one of Tanh, ReLU between linear ones")
+    batch: Any = model.get_env().unwrapped.env.unwrapped  # type: ignore[union-attr]
+    size = batch.single_observation_space.shape
+    normal = model.get_vec_normalize_env()
+    used = normal is not None and normal.norm_obs
+    return Policy(
+        card=Card(
+            robot=task.arm_name,
+            environment=task.kind,
+            observation_names=tuple(batch.observation_names),
+            interval=float(batch.core.interval),
+            activation=names[between.pop()] if between else "relu",
+            output=output,
+            clip=float(normal.clip_obs) if used else float(np.finfo(np.float32).max),
+            epsilon=float(normal.epsilon) if used else 1.0,
+            training={**(training or {}), "versions": {**versions(), **packages()}},
+        ),
+        low=batch.single_action_space.low.astype(float),
+        high=batch.single_action_space.high.astype(float),
+        mean=np.array(normal.obs_rms.mean) if used else np.zeros(size),
+        variance=np.array(normal.obs_rms.var) if used else np.zeros(size),
+        weights=tuple(_numbers(x.weight) for x in linear),
+        biases=tuple(_numbers(x.bias) for x in linear),
+    )
+
+
+def _layers(model: BaseAlgorithm) -> tuple[list[Any], str]:
+    """Return the actor's layers in order, the last linear, and what bounds the action."""
+    policy: Any = model.policy
+    if isinstance(model, PPO):
+        return [*policy.mlp_extractor.policy_net, policy.action_net], "clip"
+    if isinstance(model, SAC):
+        return [*policy.actor.latent_pi, policy.actor.mu], "tanh"
+    if isinstance(model, TD3):
+        return list(policy.actor.mu)[:-1], "tanh"
+    raise StictionError(f"{type(model).__name__}: expected one of PPO, SAC, TD3")
+
+
+def _numbers(tensor: Any) -> NDArray[np.float64]:
+    return np.asarray(tensor.detach().cpu().numpy(), dtype=float)

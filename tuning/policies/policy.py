@@ -1,0 +1,269 @@
+"""A trained policy as numbers: played with numpy alone, kept in a file that runs no code.
+
+policy = Policy.load("policy.zip")
+policy.check(env)                                # the one it was trained for
+action, _ = policy.predict(observation)          # [N·m, Hz]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.compiled import compiled
+from stiction_envs.errors import StictionError
+from tuning.policies.archive import read_archive, write_archive
+
+FORMAT = "stiction-envs policy 1"
+ACTIVATIONS = ("tanh", "relu")
+"""What hidden layers do."""
+OUTPUTS = ("tanh", "clip")
+"""How an action comes to lie in [-1, 1] of its range."""
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """What a policy is, besides its numbers."""
+
+    robot: str
+    """Name of the arm."""
+    environment: str
+    """End of the environment's identifier, its version in it: ``GTE-v0``."""
+    observation_names: tuple[str, ...]
+    """Of every element, in order."""
+    interval: float
+    """Time between two actions [s]."""
+    activation: str
+    """One of `ACTIVATIONS`."""
+    output: str
+    """One of `OUTPUTS`."""
+    clip: float
+    """Normalised observations are within this."""
+    epsilon: float
+    """Added to the variance where it is normalised."""
+    training: Mapping[str, Any]
+    """How it came about: algorithm, steps, seed, versions and whatever else; for people."""
+
+
+_CARD = {
+    "robot": str,
+    "environment": str,
+    "observation_names": list,
+    "interval": float,
+    "activation": str,
+    "output": str,
+    "clip": float,
+    "epsilon": float,
+    "training": dict,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Policy:
+    """Observation → normalised → layers → amplitudes [N·m] and frequencies [Hz].
+
+    A row of a batch has the same bits as alone.
+    """
+
+    card: Card
+    low: Array
+    """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
+    high: Array
+    """(2n,) highest action."""
+    mean: Array
+    """(observations,) of the observations in training."""
+    variance: Array
+    """(observations,) likewise."""
+    weights: tuple[Array, ...]
+    """(out, in) of every layer."""
+    biases: tuple[Array, ...]
+    """(out,) of every layer."""
+
+    def predict(
+        self,
+        observation: ArrayLike,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float64], None]:
+        """Return the mean action; Stable-Baselines3's face, in the units of the environment.
+
+        Args:
+            observation: (observations,) or (M, observations).
+            state: not used: the policy has no memory.
+            episode_start: not used.
+            deterministic: not used: nothing is drawn.
+
+        Returns:
+            (2n,) or (M, 2n) amplitudes [N·m] and frequencies [Hz], and None.
+
+        Raises:
+            StictionError: an observation of another shape.
+        """
+        x = np.asarray(observation, dtype=float)
+        size = len(self.mean)
+        if x.ndim not in (1, 2) or x.shape[-1] != size:
+            raise StictionError(
+                f"observation has shape {x.shape}: expected ({size},) or (M, {size})"
+            )
+        y = (x.reshape(-1, size) - self.mean) / np.sqrt(self.variance + self.card.epsilon)
+        # in single precision, as the networks were trained
+        y = np.clip(y, -self.card.clip, self.card.clip).astype(np.float32).astype(float)
+        last = len(self.weights) - 1
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            y = _layer(y, weight, bias)
+            if k < last:
+                y = np.tanh(y) if self.card.activation == "tanh" else np.maximum(y, 0.0)
+        y = np.tanh(y) if self.card.output == "tanh" else np.clip(y, -1.0, 1.0)
+        # −1 is exactly the lowest: no dither
+        action = self.low + 0.5 * (y + 1.0) * (self.high - self.low)
+        return action.reshape(*x.shape[:-1], len(self.low)), None
+
+    # ---- where it belongs --------------------------------------------------------------------
+
+    def check(
+        self, *, robot: str, environment: str, observation_names: Sequence[str], interval: float
+    ) -> None:
+        """Raise a StictionError that names the difference if this policy is for something else.
+
+        Args:
+            robot: name of the arm.
+            environment: end of the identifier, ``GTE-v0``.
+            observation_names: of the environment.
+            interval: time between two actions [s].
+        """
+        card = self.card
+        kind, version = card.environment.split("-")
+        if kind != environment.split("-")[0] or card.robot != robot:
+            mine = f"the {kind} environment of {card.robot}"
+            other = f"the {environment.split('-')[0]} environment of {robot}"
+            raise StictionError(f"policy for {mine}: expected one for {other}")
+        if version != environment.split("-")[1]:
+            raise StictionError(f"policy for {card.environment}: expected one for {environment}")
+        names = tuple(observation_names)
+        if card.observation_names != names:
+            more = [n for n in card.observation_names if n not in names]
+            less = [n for n in names if n not in card.observation_names]
+            words = [f"without {', '.join(less[:3])}"] if less else []
+            words += [f"with {', '.join(more[:3])}"] if more else []
+            raise StictionError(
+                f"policy for other observations, {' and '.join(words) or 'in another order'}: "
+                f"expected the {len(names)} of {environment}: train it anew"
+            )
+        if abs(card.interval - interval) > 1e-9:
+            raise StictionError(
+                f"policy for a control interval of {card.interval:g} s: expected {interval:g} s"
+            )
+
+    # ---- file --------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``policy.zip``: JSON and arrays."""
+        card = {"format": FORMAT, **vars(self.card), "layers": len(self.weights)}
+        arrays = {name: getattr(self, name) for name in _VECTORS}
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"weight_{k}": weight, f"bias_{k}": bias}
+        write_archive(Path(path), card, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a ``policy.zip``, whoever made it: no code in it is run.
+
+        Raises:
+            StictionError: no file, no policy, Stable-Baselines3's own zip, pickled objects, more
+                than fits, numbers that are not finite, shapes that do not belong together.
+        """
+        path = Path(path)
+        raw, arrays = read_archive(path)
+        card = _checked_card(path, raw)
+        layers = raw.get("layers")
+        if type(layers) is not int or not 1 <= layers <= len(arrays):
+            raise StictionError(f"{path}: layers is {layers!r}: expected a whole number from 1")
+        names = [*_VECTORS, *(f"{p}_{k}" for k in range(layers) for p in ("weight", "bias"))]
+        if sorted(names) != sorted(arrays):
+            odd = sorted(set(names) ^ set(arrays))
+            raise StictionError(
+                f"{path}: {odd[0]} is missing or too many: expected {', '.join(names)}"
+            )
+        weights = tuple(arrays[f"weight_{k}"].astype(float) for k in range(layers))
+        biases = tuple(arrays[f"bias_{k}"].astype(float) for k in range(layers))
+        out = cls(
+            card=card,
+            weights=weights,
+            biases=biases,
+            **{name: arrays[name].astype(float) for name in _VECTORS},
+        )
+        out._check_shapes(path)
+        return out
+
+    def _check_shapes(self, path: Path) -> None:
+        observations, actions = len(self.card.observation_names), self.low.size
+        sizes = [observations, *(w.shape[0] if w.ndim == 2 else -1 for w in self.weights)]
+        expected = {
+            "low": (actions,),
+            "high": (sizes[-1],),
+            "mean": (observations,),
+            "variance": (observations,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise StictionError(
+                    f"{path}: {name} has shape {getattr(self, name).shape}: expected {shape}"
+                )
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            if weight.shape != (sizes[k + 1], sizes[k]) or bias.shape != (sizes[k + 1],):
+                raise StictionError(
+                    f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}: expected "
+                    f"({bias.size}, {sizes[k]}) and ({bias.size},)"
+                )
+        if not (actions == sizes[-1] and actions % 2 == 0 and (self.low < self.high).all()):
+            raise StictionError(f"{path}: action bounds that are none: expected low < high")
+        if self.variance.min() < 0:
+            raise StictionError(f"{path}: variance below 0")
+
+
+_VECTORS = ("low", "high", "mean", "variance")
+
+
+def _checked_card(path: Path, raw: Mapping[str, Any]) -> Card:
+    if raw.get("format") != FORMAT:
+        raise StictionError(f"{path}: format {raw.get('format')!r}: expected {FORMAT!r}")
+    for name, kind in _CARD.items():
+        value = raw.get(name)
+        good = isinstance(value, (int, float) if kind is float else kind)
+        if not good or isinstance(value, bool):
+            words = {float: "a number", list: "a list", dict: "an object", str: "a word"}
+            raise StictionError(f"{path}: {name} is {value!r}: expected {words[kind]}")
+    for name in ("interval", "clip", "epsilon"):
+        if not 0 < raw[name] < np.inf:
+            raise StictionError(f"{path}: {name} is {raw[name]!r}: expected a number above 0")
+    for name, words in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
+        if raw[name] not in words:
+            raise StictionError(f"{path}: {name} {raw[name]!r}: expected one of {', '.join(words)}")
+    if raw["environment"].count("-") != 1:
+        raise StictionError(f"{path}: environment {raw['environment']!r}: expected one as GTE-v0")
+    names = raw["observation_names"]
+    if not names or not all(isinstance(n, str) for n in names):
+        raise StictionError(f"{path}: observation_names: expected a list of words")
+    fields = {name: raw[name] for name in _CARD}
+    return Card(**{**fields, "observation_names": tuple(names)})
+
+
+@compiled
+def _layer(x: Array, weight: Array, bias: Array) -> Array:
+    """Return x Wᵀ + b for x (M, in), summed in a fixed order whatever M is."""
+    out = np.empty((x.shape[0], weight.shape[0]))
+    turned = weight.T.copy()
+    for i in range(x.shape[0]):
+        for o in range(out.shape[1]):
+            out[i, o] = bias[o]
+        for k in range(x.shape[1]):
+            for o in range(out.shape[1]):
+                out[i, o] += x[i, k] * turned[k, o]
+    return out

@@ -1,0 +1,238 @@
+"""Training of a policy that goes on where it was interrupted, to the bit.
+
+    folder = OutputFolder(path, provenance(...), resumable=True)
+    with folder:
+        trained = train(Task(robot="panda", experiment="gte"), "ppo", steps=300_000, out=folder.path)
+
+Evaluate, then rollouts with evaluations and checkpoints between them, evaluate, keep the policy of
+the best evaluation. Whatever is random follows from the seed; how often it was interrupted does not
+matter. Needs the extra `rl`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.method_settings import fingerprint
+from tuning.policies.algorithms import (
+    export,
+    least_steps,
+    make_env,
+    make_logger,
+    make_model,
+    packages,
+)
+from tuning.policies.callbacks import Checkpoints, CurvePoint, Evaluations
+from tuning.policies.checkpoint import newest, read_state, restore, save
+from tuning.policies.curve import write_curve
+from tuning.policies.policy import Policy
+from tuning.policies.settings import PolicySettings, policy_settings
+from tuning.policies.task import Task
+
+ALGORITHMS = ("sac", "ppo", "td3")
+"""Names of the algorithms, each a table of the settings."""
+CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
+"""What is in the folder of a training."""
+Progress = Callable[[str, float], None]
+"""Called with a stage and the share of the training that is done."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """What a training gave."""
+
+    policy: Policy
+    """That of the best evaluation."""
+    points: tuple[CurvePoint, ...]
+    """The curve."""
+    resumed_at: int | None
+    """Steps of the checkpoint it went on from, None for none."""
+    steps_per_second: float | None
+    """Of this process, evaluations left out; None where nothing was left to train."""
+    notes: tuple[str, ...]
+    """What a person should know."""
+
+    @property
+    def best(self) -> CurvePoint:
+        """The evaluation whose policy was kept."""
+        return max(self.points, key=lambda p: p.evaluation_return)
+
+
+def check(
+    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings, out: Path
+) -> None:
+    """Raise a StictionError for whatever is wrong with a training; nothing is written."""
+    if algorithm not in ALGORITHMS:
+        raise unknown("algorithm", algorithm, ALGORITHMS)
+    least, why = least_steps(getattr(settings, algorithm))
+    if steps < least:
+        raise StictionError(f"{steps} steps: expected at least {least}: {why}")
+    if (place := newest(out / CHECKPOINTS)) is not None:
+        read_state(place, identity_of(task, algorithm, steps, seed, settings))
+    task.make(1).close()
+
+
+def identity_of(
+    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings
+) -> dict[str, Any]:
+    """Return what tells a training from another, bit for bit."""
+    return {
+        "robot": task.arm_name,
+        "environment": task.kind,
+        "algorithm": algorithm,
+        "steps": steps,
+        "seed": seed,
+        "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
+        "settings": fingerprint(settings),
+        "packages": packages(),
+    }
+
+
+def train(
+    task: Task,
+    algorithm: str,
+    *,
+    steps: int,
+    out: Path,
+    seed: int = 0,
+    settings: PolicySettings | None = None,
+    progress: Progress | None = None,
+) -> Trained:
+    """Train; ``policy.zip`` and ``curve.csv`` are in the folder afterwards, and from the start on.
+
+    Args:
+        task: the environment.
+        algorithm: one of `ALGORITHMS`.
+        steps: of all arms together; the last rollout may pass it.
+        out: an existing folder; a part of the same training in it is gone on with.
+        seed: of all that is random.
+        settings: None for the defaults.
+        progress: see `Progress`.
+
+    Raises:
+        StictionError: an unknown algorithm, too few steps, a checkpoint of another training.
+    """
+    settings = policy_settings() if settings is None else settings
+    check(task, algorithm, steps, seed, settings, out)
+    return _Training(task, algorithm, steps, seed, settings, out, progress).run()
+
+
+class _Training:
+    """One process's part of a training."""
+
+    def __init__(
+        self,
+        task: Task,
+        algorithm: str,
+        steps: int,
+        seed: int,
+        settings: PolicySettings,
+        out: Path,
+        progress: Progress | None,
+    ) -> None:
+        own = getattr(settings, algorithm)
+        self._task, self._algorithm, self._steps, self._seed = task, algorithm, steps, seed
+        self._out, self._progress = out, progress
+        self._identity = identity_of(task, algorithm, steps, seed, settings)
+        self._model = make_model(own, make_env(task, own.envs, settings.run, own.gamma), seed)
+        self._evaluations = Evaluations(
+            make_env(task, settings.run.evaluation_episodes, settings.run, own.gamma),
+            seed=far_seed(seed, 1),
+            every=settings.run.evaluation_every,
+            keep_best=self._keep_best,
+            say=self._evaluated,
+        )
+        self._checkpoints = Checkpoints(settings.run.checkpoint_every, self._save, self._say)
+        self._said = ""
+
+    def run(self) -> Trained:
+        """Train what is left."""
+        notes: list[str] = []
+        at, finished = None, False
+        if (place := newest(self._out / CHECKPOINTS)) is not None:
+            state = read_state(place, self._identity)
+            restore(place, state, self._model)
+            self._evaluations.restore(state["more"])
+            if (place / POLICY).exists():
+                shutil.copyfile(place / POLICY, self._out / POLICY)
+            at, finished = int(self._model.num_timesteps), bool(state["finished"])
+        rate = None
+        if not finished:
+            notes += self._log_to(at or 0)
+            rate = self._learn()
+            save(
+                self._out / CHECKPOINTS,
+                self._model,
+                self._identity,
+                self._evaluations.state(),
+                self._out / POLICY,
+                finished=True,
+            )
+        write_curve(self._out / CURVE, self._evaluations.points)
+        return Trained(
+            policy=Policy.load(self._out / POLICY),
+            points=tuple(self._evaluations.points),
+            resumed_at=at,
+            steps_per_second=rate,
+            notes=tuple(notes),
+        )
+
+    def _learn(self) -> float:
+        start, before = time.monotonic(), self._model.num_timesteps
+        self._model.learn(
+            self._steps - before,
+            callback=[self._evaluations, self._checkpoints],
+            reset_num_timesteps=before == 0,
+        )
+        seconds = time.monotonic() - start - self._evaluations.seconds
+        return (self._model.num_timesteps - before) / seconds
+
+    # ---- while it learns ---------------------------------------------------------------------
+
+    def _keep_best(self) -> None:
+        training = {
+            "algorithm": self._algorithm,
+            "steps": int(self._model.num_timesteps),
+            "seed": self._seed,
+            "arguments": self._identity["arguments"],
+            "settings": self._identity["settings"],
+        }
+        export(self._model, self._task, training).save(self._out / POLICY)
+
+    def _save(self) -> None:
+        more = self._evaluations.state()
+        save(self._out / CHECKPOINTS, self._model, self._identity, more, self._out / POLICY)
+
+    def _evaluated(self, said: str, steps: int) -> None:
+        write_curve(self._out / CURVE, self._evaluations.points)
+        self._said = said
+        self._say(steps)
+
+    def _say(self, steps: int) -> None:
+        if self._progress is not None:
+            stage = f"{self._algorithm}: {self._said}" if self._said else self._algorithm
+            self._progress(stage, min(1.0, steps / self._steps))
+
+    def _log_to(self, steps: int) -> list[str]:
+        """Log to TensorBoard where it is installed; return what a person should know."""
+        if importlib.util.find_spec("tensorboard") is None:
+            self._model.set_logger(make_logger(None))
+            return [f"tensorboard is not installed: the curve is in {CURVE} alone"]
+        # a folder for each start: what an interrupted one logged after its checkpoint is its own
+        folder = self._out / "tensorboard" / f"from-{steps:09d}"
+        self._model.set_logger(make_logger(folder))
+        return []
+
+
+def far_seed(seed: int, which: int) -> int:
+    """Return a first seed of episodes that is far from those of others, and of the training."""
+    return int(np.random.SeedSequence([seed, which]).generate_state(1)[0]) % 2**31
