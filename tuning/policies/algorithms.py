@@ -14,11 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.reporting.provenance import versions
-from tuning.policies.policy import Card, Policy
-from tuning.policies.recorded import RecordedVecEnv
-from tuning.policies.settings import PPOSettings, RunSettings, SACSettings, TD3Settings
-from tuning.policies.task import Task
 
 try:
     import torch
@@ -29,6 +24,12 @@ try:
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
+
+from stiction_envs.reporting.provenance import versions
+from tuning.policies.policy import Card, Policy
+from tuning.policies.recorded import RecordedVecEnv
+from tuning.policies.settings import PPOSettings, RunSettings, SACSettings, TD3Settings
+from tuning.policies.task import Task
 
 Settings = PPOSettings | SACSettings | TD3Settings
 
@@ -140,7 +141,7 @@ def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None 
         raise StictionError(f"layers {between}: expected one of Tanh, ReLU between linear ones")
     batch: Any = model.get_env().unwrapped.env.unwrapped  # type: ignore[union-attr]
     size = batch.single_observation_space.shape
-    normal = model.get_vec_normalize_env()
+    normal: Any = model.get_vec_normalize_env()
     used = normal is not None and normal.norm_obs
     return Policy(
         card=Card(

@@ -123,10 +123,10 @@ class Evaluations(BaseCallback):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a checkpoint."""
-        nan = float("nan")
+        # JSON has no NaN
+        points: list[dict[str, Any]] = state["points"]
         self.points = [
-            CurvePoint(**{k: nan if v is None else v for k, v in p.items()})
-            for p in state["points"]
+            CurvePoint(**{k: np.nan if v is None else v for k, v in p.items()}) for p in points
         ]
         self._ended = list(state["ended"])
 

@@ -63,7 +63,8 @@ def save(
     arrays, generators = _environment(model)
     if isinstance(model, OffPolicyAlgorithm) and not finished:
         arrays |= _replay(model)
-    legacy: Any = np.random.get_state(legacy=False)
+    # Stable-Baselines3 draws from numpy's global generator
+    legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002
     state = {
         "identity": identity,
         "finished": finished,
@@ -147,7 +148,7 @@ def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None
     # last: nothing above may draw from them
     model.action_space.np_random.bit_generator.state = state["actions"]
     key = np.array(state["numpy"]["state"]["key"], dtype=np.uint32)
-    np.random.set_state({**state["numpy"], "state": {**state["numpy"]["state"], "key": key}})
+    np.random.set_state({**state["numpy"], "state": {**state["numpy"]["state"], "key": key}})  # noqa: NPY002
     torch.set_rng_state(tensors["torch"])
 
 

@@ -1,8 +1,8 @@
 """A trained policy as numbers: played with numpy alone, kept in a file that runs no code.
 
 policy = Policy.load("policy.zip")
-policy.check(env)                                # the one it was trained for
-action, _ = policy.predict(observation)          # [N·m, Hz]
+policy.check(robot="panda", environment="GTE-v0", ...)     # what it was trained for
+action, _ = policy.predict(observation)                    # [N·m, Hz]
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from tuning.policies.archive import read_archive, write_archive
 
 FORMAT = "stiction-envs policy 1"
@@ -207,7 +207,7 @@ class Policy:
         sizes = [observations, *(w.shape[0] if w.ndim == 2 else -1 for w in self.weights)]
         expected = {
             "low": (actions,),
-            "high": (sizes[-1],),
+            "high": (actions,),
             "mean": (observations,),
             "variance": (observations,),
         }
@@ -243,9 +243,9 @@ def _checked_card(path: Path, raw: Mapping[str, Any]) -> Card:
     for name in ("interval", "clip", "epsilon"):
         if not 0 < raw[name] < np.inf:
             raise StictionError(f"{path}: {name} is {raw[name]!r}: expected a number above 0")
-    for name, words in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
-        if raw[name] not in words:
-            raise StictionError(f"{path}: {name} {raw[name]!r}: expected one of {', '.join(words)}")
+    for name, expected in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
+        if raw[name] not in expected:
+            raise unknown(f"{name} in {path}", raw[name], expected)
     if raw["environment"].count("-") != 1:
         raise StictionError(f"{path}: environment {raw['environment']!r}: expected one as GTE-v0")
     names = raw["observation_names"]

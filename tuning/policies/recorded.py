@@ -39,7 +39,7 @@ class RecordedVecEnv(SB3VecEnv):
         """Start all episodes with the seeds that were set, or with others."""
         if self._seeds[0] is None:
             self.seed()
-        self._start = [seeding.np_random(s)[0].bit_generator.state for s in self._seeds]
+        self._start = [dict(seeding.np_random(s)[0].bit_generator.state) for s in self._seeds]
         observation = super().reset()
         self._next = self._states()
         self._played, self._since = [], np.zeros(self.num_envs, dtype=np.int64)
@@ -98,11 +98,11 @@ class RecordedVecEnv(SB3VecEnv):
         for k in range(longest + 1):
             beginning = lengths == longest - k
             if beginning.any():
-                for i in np.flatnonzero(beginning):
-                    batch.generators[i].bit_generator.state = start[i]
+                for arm in np.flatnonzero(beginning):
+                    batch.generators[arm].bit_generator.state = start[arm]
                 observation, _ = self.env.reset(options={"reset_mask": beginning})
             if k < longest:
                 observation, *_ = self.env.step(self.scale(played[k]))
         self._start, self._next = [dict(s) for s in start], self._states()
-        self._played, self._since = list(played), longest - lengths
+        self._played, self._since = list(played), np.asarray(longest - lengths)
         return observation

@@ -1,8 +1,8 @@
 """Training of a policy that goes on where it was interrupted, to the bit.
 
-    folder = OutputFolder(path, provenance(...), resumable=True)
-    with folder:
-        trained = train(Task(robot="panda", experiment="gte"), "ppo", steps=300_000, out=folder.path)
+    task = Task(robot="panda", experiment="gte")
+    with OutputFolder(path, provenance(...), resumable=True) as folder:
+        trained = train(task, "ppo", steps=300_000, out=folder.path)
 
 Evaluate, then rollouts with evaluations and checkpoints between them, evaluate, keep the policy of
 the best evaluation. Whatever is random follows from the seed; how often it was interrupted does not
