@@ -14,12 +14,14 @@ from stiction_envs.cli import (
     check,
     conformance,
     diagnose,
+    evaluate,
     excite,
     export,
     gte,
     identify,
     reproduce,
     sje,
+    train,
     tune,
 )
 from stiction_envs.cli.common import Failed, Parser, one_line
@@ -29,8 +31,8 @@ from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 COMMANDS = (
-    *(sje, gte, tune, calibrate, excite, identify, check, diagnose, export, conformance),
-    reproduce,
+    *(sje, gte, tune, train, evaluate, calibrate, excite, identify, check, diagnose, export),
+    *(conformance, reproduce),
 )
 """Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
 

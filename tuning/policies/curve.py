@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.png import save_full
 
 POLICY, TRAINING, NONE = "#1f5fa8", "#8a8a8a", "#d1701a"
@@ -21,25 +19,17 @@ UNITS = {
     "gte": "return [−error / undithered error, less penalties]",
 }
 """What a return is, per experiment."""
-
-
-def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows with the same names as CSV, at once; numbers as they are, NaN as nan."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text_atomic(path, out.getvalue())
+UNDITHERED = {"sje": 0.0, "gte": -1.0}
+"""Mean return without dither, by definition of the rewards."""
 
 
 def write_curve(path: Path, points: Sequence[Any]) -> None:
     """Write a row per evaluation; see `callbacks.CurvePoint` for the columns."""
-    write_rows(path, [dataclasses.asdict(p) for p in points])
+    rows = [dataclasses.asdict(p) for p in points]
+    write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
-def draw_curve(
-    path: Path, points: Sequence[Any], *, title: str, experiment: str, undithered: float | None
-) -> None:
+def draw_curve(path: Path, points: Sequence[Any], *, title: str, experiment: str) -> None:
     """Draw returns over steps; the shade is the spread of the evaluation's episodes.
 
     Args:
@@ -47,7 +37,6 @@ def draw_curve(
         points: `callbacks.CurvePoint`.
         title: of the picture.
         experiment: one of `UNITS`.
-        undithered: mean return without dither on other episodes, None where it is not known.
     """
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
@@ -61,8 +50,8 @@ def draw_curve(
         axes.plot(steps, training, color=TRAINING, lw=1, label="training, exploration included")
     best = int(np.argmax(mean))
     axes.plot(steps[best], mean[best], "o", ms=9, mfc="none", color=POLICY, label="kept")
-    if undithered is not None:
-        axes.axhline(undithered, color=NONE, ls="--", lw=1, label="no dither")
+    # by definition of the rewards
+    axes.axhline(UNDITHERED[experiment], color=NONE, ls="--", lw=1, label="no dither")
     axes.set_xlabel("steps of all arms")
     axes.set_ylabel(UNITS[experiment])
     axes.set_title(title)

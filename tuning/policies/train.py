@@ -68,15 +68,18 @@ class Trained:
 
 
 def check(
-    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings, out: Path
+    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings, out: Path | None
 ) -> None:
-    """Raise a StictionError for whatever is wrong with a training; nothing is written."""
+    """Raise a StictionError for whatever is wrong with a training; nothing is written.
+
+    ``out`` is looked into for a checkpoint, None for a training that begins.
+    """
     if algorithm not in ALGORITHMS:
         raise unknown("algorithm", algorithm, ALGORITHMS)
     least, why = least_steps(getattr(settings, algorithm))
     if steps < least:
         raise StictionError(f"{steps} steps: expected at least {least}: {why}")
-    if (place := newest(out / CHECKPOINTS)) is not None:
+    if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
         read_state(place, identity_of(task, algorithm, steps, seed, settings))
     task.make(1).close()
 

@@ -176,7 +176,7 @@ def test_a_killed_process_goes_on(tmp_path):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_policy_is_stable_baselines_deterministic_action(tmp_path, algorithm):
-    """To 1e-6 of the action's range, with our defaults' networks and a normalisation that matters."""
+    """To 1e-6 of the action's range, with networks of the default size, normalised."""
     settings = PolicySettings(**vars(small_settings()))
     own = getattr(small_settings(**{f"{algorithm}.network": (128, 128)}), algorithm)
     model = make_model(own, make_env(SPRINT, 4, settings.run, 0.99), seed=3)

@@ -1,0 +1,127 @@
+"""``stiction train``: a policy that dithers, by reinforcement learning."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.cli import common, evaluate
+from stiction_envs.cli.progress import Progress
+
+# as the packages have them; written out, so that --help does not load them
+ALGORITHMS = ("sac", "ppo", "td3")
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "train",
+        summary="Train a policy that dithers (Stable-Baselines3, extra rl), and evaluate it.",
+        example="stiction train panda gte --algo ppo --steps 300000 --out runs/train-panda",
+        interrupted="the last checkpoint is kept; run the same command again to go on",
+        run=run,
+        show=show,
+    )
+    evaluate.add_task_options(parser)
+    parser.add_argument("--algo", required=True, metavar="|".join(ALGORITHMS), help="how it learns")
+    parser.add_argument(
+        "--steps",
+        required=True,
+        type=common.whole(1),
+        metavar="N",
+        help="of all arms together, 0.1 s each",
+    )
+    parser.add_argument(
+        "--settings",
+        type=Path,
+        metavar="FILE.toml",
+        help="numbers of environments, networks, intervals and so on that differ from the defaults "
+        "([ppo], [sac], [td3], [run] as in tuning/policies/settings.toml)",
+    )
+    parser.add_argument(
+        "--distil",
+        action="store_true",
+        help="also write the closest gated table (final.csv), and say what it loses",
+    )
+    common.add_shared_options(
+        parser,
+        out="output folder (default: runs/train-ROBOT); one that holds a part of the same training "
+        "is gone on with",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Train; write policy, curve, evaluation, plots and provenance."""
+    from stiction_envs.method_settings import override
+    from tuning.policies import train as training
+    from tuning.policies.curve import draw_curve
+    from tuning.policies.evaluation import evaluate_all
+    from tuning.policies.settings import policy_settings
+
+    # the triangle and the pentagon are what it is evaluated on
+    task = evaluate.read_task(
+        args, **({"trajectory": "random"} if args.experiment == "gte" else {})
+    )
+    settings = override(policy_settings(), args.settings)
+    inputs = {**common.model_files(args), "settings": args.settings}
+    folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
+    if folder.resumed:
+        training.check(task, args.algo, args.steps, args.seed, settings, folder.path)
+    else:
+        training.check(task, args.algo, args.steps, args.seed, settings, None)
+    with common.working(), Progress("episodes") as progress, folder:
+        trained = training.train(
+            task,
+            args.algo,
+            steps=args.steps,
+            out=folder.path,
+            seed=args.seed,
+            settings=settings,
+            progress=progress.whole,
+        )
+        test, options = evaluate.read_task(args), evaluate.read_options(args)
+        evaluated = evaluate_all(
+            test,
+            ["none", ("trained", trained.policy)],
+            episodes=settings.run.final_episodes,
+            seed=training.far_seed(args.seed, 2),
+            options=options,
+            progress=progress.set,
+        )
+        evaluated.save(folder.path)
+        summary = evaluated.summary()
+        draw_curve(
+            folder.path / "curve.png",
+            trained.points,
+            title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
+            experiment=args.experiment,
+        )
+    return {
+        "command": "train",
+        "seed": args.seed,
+        "out": str(folder.path),
+        "environment": task.name,
+        "algorithm": args.algo,
+        "steps": trained.points[-1].steps,
+        "steps_per_second": trained.steps_per_second,
+        "resumed_at": trained.resumed_at,
+        "first_return": trained.points[0].evaluation_return,
+        "best_return": trained.best.evaluation_return,
+        "best_steps": trained.best.steps,
+        "summary": summary,
+        "notes": list(trained.notes),
+    }
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the result as readable lines."""
+    rate = result["steps_per_second"]
+    speed = "" if rate is None else f", {rate:.0f} steps/s"
+    kept = (
+        f"{result['algorithm']}, {result['steps']} steps{speed}: evaluated return "
+        f"{result['first_return']:.3f} at first, {result['best_return']:.3f} at "
+        f"{result['best_steps']} steps (kept); other episodes:"
+    )
+    return "\n".join([kept, evaluate.show(result), *result["notes"]])

@@ -1,0 +1,201 @@
+"""What policies are worth: the same episodes for each, one row per episode.
+
+evaluated = evaluate_all(task, ["none", "gated", "policy.zip"], episodes=32, seed=0)
+evaluated.save("runs/evaluate-panda")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
+from stiction_envs.envs.evaluation import evaluate
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.csv_text import write_lines
+from tuning.policies.policy import Policy
+from tuning.policies.task import Task
+
+NAMED = ("none", "gated", "random", "rule")
+"""Policies that need no file."""
+EPISODES = 32
+"""Default number of episodes."""
+TEST_PATHS = 1000
+"""First number of the random paths that are evaluated on; training draws far smaller ones."""
+_TOGETHER = 64  # arms at once: as many as are quickest
+Progress = Callable[[str, float, float], None]
+"""Called with a policy's name, episodes done and episodes in all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluated:
+    """Rows and means of every policy."""
+
+    rows: tuple[dict[str, Any], ...]
+    """One per policy and episode; `stiction_envs.envs.evaluation.evaluate` explains the columns."""
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``evaluation.csv``."""
+        columns = tuple(self.rows[0])
+        lines = [tuple(row.values()) for row in self.rows]
+        write_lines(Path(folder) / "evaluation.csv", columns, lines)
+
+    @property
+    def policies(self) -> list[str]:
+        """Names, in the order in which they were evaluated."""
+        return list(dict.fromkeys(str(row["policy"]) for row in self.rows))
+
+    def values(self, policy: str, name: str) -> NDArray[np.float64]:
+        """Return a column (episodes,) of a policy."""
+        return np.array([row[name] for row in self.rows if row["policy"] == policy], dtype=float)
+
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Return, per policy, the means of all numbers and the standard error of the return."""
+        out: dict[str, dict[str, float]] = {}
+        for policy in self.policies:
+            returns = self.values(policy, "return")
+            error = np.std(returns, ddof=1) / np.sqrt(len(returns)) if len(returns) > 1 else np.nan
+            out[policy] = {"episodes": len(returns), "return": float(returns.mean())}
+            out[policy]["return_error"] = float(error)
+            out[policy] |= {n: float(self.values(policy, n).mean()) for n in self._measures}
+        return out
+
+    @property
+    def _measures(self) -> list[str]:
+        # behind the return: what the episode was stands before it
+        names = list(self.rows[0])
+        return [n for n in names[names.index("return") + 1 :] if not n.startswith("undithered")]
+
+
+def evaluate_all(
+    task: Task,
+    policies: Sequence[str | tuple[str, Any]],
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Evaluated:
+    """Evaluate every policy on the same episodes.
+
+    Args:
+        task: the environment.
+        policies: one of `NAMED`, a ``policy.zip``, an amplitude table, or a name and an agent.
+        episodes: of each.
+        seed: of the first episode; the others have those that follow.
+        options: reset options of all episodes; of random paths, those that training never draws.
+        progress: see `Progress`.
+
+    Raises:
+        StictionError: no such policy, one that is for something else, or unknown options.
+    """
+    env = task.make(min(episodes, _TOGETHER))
+    agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
+    each = [_held_out(options, k) for k in range(episodes)]
+    rows: list[dict[str, Any]] = []
+    for name, agent in agents:
+        for start in range(0, episodes, env.num_envs):
+            part = range(start, min(episodes, start + env.num_envs))
+            if progress is not None:
+                progress(name, start, episodes)
+            found = evaluate(env, agent, [seed + k for k in part], [each[k] for k in part])
+            rows += [
+                {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
+            ]
+        if progress is not None:
+            progress(name, episodes, episodes)
+    env.close()
+    return Evaluated(rows=tuple(rows))
+
+
+def check(task: Task, policies: Sequence[str], options: Mapping[str, Any] | None = None) -> None:
+    """Raise a StictionError for whatever is wrong with an evaluation; nothing is run."""
+    if len(set(policies)) < len(policies):
+        raise StictionError(f"policies {', '.join(policies)}: expected each once")
+    env = task.make(1)
+    env.core.check_reset([_held_out(options, 0)])
+    for name in policies:
+        read_agent(name, task, env)
+    env.close()
+
+
+def read_agent(name: str, task: Task, env: Any) -> Any:
+    """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
+
+    Args:
+        name: one of `NAMED`, a ``policy.zip``, or an amplitude table (gates in it are kept to).
+        task: the environment.
+        env: the same, made.
+
+    Raises:
+        StictionError: no such policy, one that is for something else, or a table that the
+            environment cannot do.
+    """
+    if name == "gated":
+        return GatedTable(env, gated_table(task.arm_name), speed=np.inf)
+    if name in NAMED:
+        return AGENTS[name](env)
+    path = Path(name)
+    if path.suffix == ".zip":
+        policy = Policy.load(path)
+        policy.check(
+            robot=task.arm_name,
+            environment=task.kind,
+            observation_names=env.observation_names,
+            interval=float(env.core.interval),
+        )
+        return _WithinBounds(policy, env)
+    if path.suffix != ".csv":
+        raise StictionError(
+            f"unknown policy {name!r}: expected one of {', '.join(NAMED)}, a policy.zip or an "
+            "amplitude table (.csv)"
+        )
+    rows = read_amplitudes(path, n_joints=env.core.n)
+    if any(row.gate_rad_s for row in rows):
+        return GatedTable(env, path, speed=np.inf)
+    return ConstantTable(env, path)
+
+
+def gated_table(robot: str) -> Path | None:
+    """Return the best gated table that is shipped for an arm; None where there is none.
+
+    The Panda's is the best of 1600 tables with one gate that ``stiction tune panda --protocol
+    search --objective gte --gates one --evaluations 1600`` tried (``benchmarks/search.md``). An arm
+    without one is given `agents.usual_table` with the default gate.
+    """
+    with resources.as_file(resources.files("tuning") / "tables" / f"{robot}_gated.csv") as path:
+        return path if path.is_file() else None
+
+
+class _WithinBounds:
+    """A policy whose actions are cut to the bounds of another friction than it was trained with."""
+
+    def __init__(self, policy: Policy, env: Any) -> None:
+        space = env.single_action_space
+        self._policy, self._low, self._high = policy, space.low, space.high
+
+    def predict(
+        self,
+        observation: NDArray[Any],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """Return the policy's action, cut."""
+        action, state = self._policy.predict(observation, state, episode_start, deterministic)
+        return np.clip(action, self._low, self._high), state
+
+
+def _held_out(options: Mapping[str, Any] | None, episode: int) -> dict[str, Any]:
+    """Return the options of an episode; random paths are those that no training draws."""
+    out = dict(options or {})
+    if out.get("trajectory") == "random" and "path" not in out:
+        out["path"] = TEST_PATHS + episode
+    return out
