@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.curve import draw_curve
+    from tuning.policies.distil import distil
     from tuning.policies.evaluation import evaluate_all
     from tuning.policies.settings import policy_settings
 
@@ -81,17 +82,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             settings=settings,
             progress=progress.whole,
         )
-        test, options = evaluate.read_task(args), evaluate.read_options(args)
+        test = evaluate.read_task(args)
         evaluated = evaluate_all(
             test,
             ["none", ("trained", trained.policy)],
             episodes=settings.run.final_episodes,
             seed=training.far_seed(args.seed, 2),
-            options=options,
+            options=evaluate.read_options(args),
             progress=progress.set,
         )
         evaluated.save(folder.path)
-        summary = evaluated.summary()
+        distilled = None
+        if args.distil:
+            distilled = distil(test, trained.policy, seed=training.far_seed(args.seed, 3))
+            distilled.save(folder.path)
         draw_curve(
             folder.path / "curve.png",
             trained.points,
@@ -110,7 +114,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "first_return": trained.points[0].evaluation_return,
         "best_return": trained.best.evaluation_return,
         "best_steps": trained.best.steps,
-        "summary": summary,
+        "summary": evaluated.summary(),
+        "distilled": None if distilled is None else distilled.to_json(),
         "notes": list(trained.notes),
     }
 
@@ -124,4 +129,11 @@ def show(result: dict[str, Any]) -> str:
         f"{result['first_return']:.3f} at first, {result['best_return']:.3f} at "
         f"{result['best_steps']} steps (kept); other episodes:"
     )
-    return "\n".join([kept, evaluate.show(result), *result["notes"]])
+    lines = [kept, evaluate.show(result), *result["notes"]]
+    if result["distilled"] is not None:
+        lost = result["distilled"]["lost"]
+        lines.append(
+            f"the closest gated table (final.csv) loses {100 * lost['table']:.0f} % of what the "
+            f"policy gains in return, the closest rule (rule.csv) {100 * lost['rule']:.0f} %"
+        )
+    return "\n".join(lines)

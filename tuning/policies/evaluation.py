@@ -7,16 +7,16 @@ evaluated.save("runs/evaluate-panda")
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
 from stiction_envs.envs.evaluation import evaluate
-
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.measured.csv_text import write_lines
@@ -139,7 +139,7 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
             environment cannot do.
     """
     if name == "gated":
-        return GatedTable(env, gated_table(task.arm_name), speed=np.inf)
+        return best_gated(task.arm_name, env)
     if name in NAMED:
         return AGENTS[name](env)
     path = Path(name)
@@ -163,15 +163,22 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
     return ConstantTable(env, path)
 
 
-def gated_table(robot: str) -> Path | None:
-    """Return the best gated table that is shipped for an arm; None where there is none.
+def best_gated(robot: str, env: Any) -> GatedTable:
+    """Return the best gated table that is shipped for an arm, cut to the environment's amplitudes.
 
     The Panda's is the best of 1600 tables with one gate that ``stiction tune panda --protocol
     search --objective gte --gates one --evaluations 1600`` tried (``benchmarks/search.md``). An arm
     without one is given `agents.usual_table` with the default gate.
     """
     with resources.as_file(resources.files("tuning") / "tables" / f"{robot}_gated.csv") as path:
-        return path if path.is_file() else None
+        if not path.is_file():
+            return GatedTable(env)
+        rows = read_amplitudes(path, n_joints=env.core.n)
+    top = env.single_action_space.high
+    cut = [
+        replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in rows
+    ]
+    return GatedTable(env, cut, speed=np.inf)
 
 
 class _WithinBounds:
