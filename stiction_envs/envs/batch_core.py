@@ -18,8 +18,14 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from stiction_envs.envs.layout import Group, action_bounds, observation_bounds, observation_names
-from stiction_envs.envs.randomise import check_spreads, draw, randomised
+from stiction_envs.envs.layout import (
+    Group,
+    action_bounds,
+    observation_bounds,
+    observation_names,
+    pack,
+)
+from stiction_envs.envs.randomise import check_spreads, draw, randomised, scaled
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -78,6 +84,7 @@ class BatchCore(ABC):
         torque_rate_weight: float,
         fixed_options: Mapping[str, Any] | None,
         randomise: Mapping[str, float] | None,
+        friction_factor: float,
     ) -> None:
         """Make the spaces.
 
@@ -92,8 +99,10 @@ class BatchCore(ABC):
             torque_rate_weight: of that penalty [-].
             fixed_options: reset options of all episodes.
             randomise: spreads of `randomise.FIELDS`.
+            friction_factor: of true stiction and load coefficient over the nominal ones [-].
         """
         self._nominal = experiment.sticking.parameters
+        self._true = scaled(experiment.sticking, friction_factor)
         self._spreads = check_spreads(randomise, experiment.sticking)
         self.arm = arm = experiment.sticking.arm
         self.n, self.num_envs = arm.n, num_envs
@@ -177,8 +186,10 @@ class BatchCore(ABC):
         base = self._undithered(sorted(wanted))
         if self._spreads:
             factors = np.stack([draw(rng, self.n) for rng in rngs])
-            friction = randomised(self._nominal, self._spreads, factors)
+            friction = randomised(self._true, self._spreads, factors)
             self.rig.plant.set_friction(ids, friction)
+        elif self._true is not self._nominal:
+            self.rig.plant.set_friction(ids, self._true.tile(len(ids)))
         self.action[ids] = self._low
         self._begin(ids, cases, keys, [base[case] for case in cases])
         self.steps[ids], self.alive[ids] = 0, True
@@ -276,9 +287,8 @@ class BatchCore(ABC):
 
     def _pack(self, values: Mapping[str, Array], m: int) -> NDArray[np.float32]:
         """Return observations (m, observations) of values by name of the group."""
-        columns = [values[g.name].reshape(m, -1) for g in self._groups]
         space = self.observation_space
-        return np.clip(np.concatenate(columns, axis=1), space.low, space.high).astype(np.float32)
+        return pack(self._groups, values, m, space.low, space.high)
 
 
 def check_arguments(max_episode_steps: Any, **weights: float) -> None:

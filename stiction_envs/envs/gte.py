@@ -172,6 +172,8 @@ class GTEEnv(ArmEnv):
       in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
       joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
       observation and reward, bounds and controller remain the nominal arm's. Default none.
+    * `friction_factor`: true stiction and load coefficient over the nominal ones: a friction that
+      nobody knows of, as in `randomise`. Default 1.
     * `nthread`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
       and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.batch_core import (
@@ -36,17 +35,17 @@ from stiction_envs.envs.gte_layout import (
     check_gte_options,
     default,
     drawn_stiffness,
-    stiffness_units,
 )
 from stiction_envs.envs.gte_log import Recorder
+from stiction_envs.envs.gte_observation import GTEObserver
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.protocol import TRAJECTORIES, pose_error
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number
 from stiction_envs.experiments.gte.random_paths import random_paths as find_random_paths
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.plant import CONTROL_DT, Plant
+from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
 TERMS = ("settling", "tracking", "power", "torque_rate", "shaking")
@@ -138,6 +137,7 @@ class GTECore(BatchCore):
         max_episode_steps: int = 400,
         fixed_options: Mapping[str, Any] | None = None,
         randomise: Mapping[str, float] | None = None,
+        friction_factor: float = 1.0,
         nthread: int = 0,
         record: bool = False,
     ) -> None:
@@ -182,6 +182,7 @@ class GTECore(BatchCore):
             torque_rate_weight=torque_rate_weight,
             fixed_options=fixed_options,
             randomise=randomise,
+            friction_factor=friction_factor,
         )
         self._random: dict[int, Key] = {}
         self._units: dict[Key, Undithered] = {}
@@ -205,17 +206,10 @@ class GTECore(BatchCore):
         self._base_left, self._base_resting = np.zeros((2, num_envs, 2))
         self._left = np.zeros(num_envs)
         self._base_duration = np.ones(num_envs)
-        self.stiction, self.speed_unit = self._start_stiction(), 1.0
-        usual = MotionLimits()  # those in use may be infinite
-        self.tolerance = usual.position_tolerance, usual.rotation_tolerance
+        self._observer = GTEObserver(e, self._low, self._high)
+        self.stiction, self.speed_unit = self._observer.stiction, 1.0
+        self.tolerance = self._observer.tolerance
         """Unit of the observed error [m], [rad]."""
-
-    def _start_stiction(self) -> Array:
-        """Return the larger stiction (n,) of both directions at the load of the start [N·m]."""
-        sticking = self.experiment.sticking
-        plant = Plant(sticking, 1, nthread=1)
-        plant.reset(np.array([0]), self.experiment.start[None])
-        return np.asarray(sticking.parameters.stiction_at(plant.load[1][0]).max(axis=-1))
 
     @staticmethod
     def block_steps(experiment: GeneratedTrajectoryExperiment) -> int:
@@ -352,35 +346,9 @@ class GTECore(BatchCore):
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
-        rig, m = self.rig, len(ids)
-        sequencer, limits = rig.sequencer, self.experiment.motion
-        t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
-        x, quaternion, velocity, turning = sequencer.reference(t)
-        pose = np.concatenate(
-            [rig.end_effector.position, to_rpy(rig.end_effector.quaternion)], axis=1
+        return self._observer.observe(
+            self.rig, ids, action=self.action, stiffness=self._stiffness, goals=self.goals
         )
-        error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
-        at = np.minimum(sequencer.index, self.goals - 1)
-        since = t - sequencer.accepted_at[np.arange(self.num_envs), at]
-        amplitude, frequency = self._scaled(ids)
-        stiffness = self._stiffness[ids, :2] / stiffness_units()
-        values = {
-            "displacement": rig.plant.position[ids] - rig.start,
-            "velocity": rig.plant.velocity[ids],
-            "torque": rig.undithered_torque[ids] / self.stiction,
-            "error": error[ids] / np.repeat(self.tolerance, 3),
-            "reference": velocity[ids] / limits.translational_speed,
-            "turning": turning[ids] / limits.rotational_speed,
-            "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
-            "goal": (sequencer.goal[0] - rig.end_effector.position)[ids],
-            "onward": sequencer.onward[ids],
-            "goals_left": sequencer.goals_left[ids],
-            "translational": stiffness[:, 0],
-            "rotational": stiffness[:, 1],
-            "amplitude": amplitude,
-            "frequency": frequency,
-        }
-        return self._pack({k: np.asarray(v, dtype=float) for k, v in values.items()}, m)
 
     def path_points(self, i: int) -> Array:
         """Return (goals + 1, 3) the nominal start and the goals of simulation ``i`` [m]."""

@@ -118,6 +118,18 @@ def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
     return np.maximum(*levels)
 
 
+def pack(
+    groups: Sequence[Group],
+    values: Mapping[str, Any],
+    m: int,
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Return observations (m, observations) of values by name of the group, within the bounds."""
+    columns = [np.asarray(values[g.name], dtype=float).reshape(m, -1) for g in groups]
+    return np.clip(np.concatenate(columns, axis=1), low, high).astype(np.float32)
+
+
 def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) -> dict[str, Any]:
     """Return reset options as a dict.
 

@@ -59,6 +59,21 @@ def check_spreads(
     return spreads
 
 
+def scaled(sticking: StickingModel, factor: float) -> FrictionParameters:
+    """Return the friction of an arm whose fields of ``friction`` are times a factor.
+
+    Raises:
+        StictionError: a factor that is not above 0.
+    """
+    own = sticking.parameters
+    number = isinstance(factor, (int, float)) and not isinstance(factor, bool)
+    if not (number and 0 < factor < np.inf):
+        raise StictionError(f"friction_factor {factor!r}: expected a number above 0")
+    if factor == 1:
+        return own
+    return own.replace(**{name: getattr(own, name) * factor for name in FIELDS["friction"]})
+
+
 def draw(rng: np.random.Generator, n: int) -> Array:
     """Return numbers (spreads, n) in [−1, 1], as many whatever the spreads are."""
     return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))

@@ -87,6 +87,7 @@ class SJECore(BatchCore):
         max_episode_steps: int = 1000,
         fixed_options: Mapping[str, Any] | None = None,
         randomise: Mapping[str, float] | None = None,
+        friction_factor: float = 1.0,
         nthread: int = 0,
         record: bool = False,
     ) -> None:
@@ -115,6 +116,7 @@ class SJECore(BatchCore):
             torque_rate_weight=torque_rate_weight,
             fixed_options=fixed_options,
             randomise=randomise,
+            friction_factor=friction_factor,
         )
         self.rig = e.rig(num_envs, dither_all=True)
         self.shaking_weight = shaking_weight

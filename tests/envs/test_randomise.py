@@ -147,3 +147,29 @@ def test_one_spread_does_not_shift_another():
 def test_wrong_spreads(kind, randomise, words):
     with pytest.raises(StictionError, match=words):
         kind[0](randomise=randomise)
+
+
+def test_a_friction_that_nobody_knows_of():
+    """Bounds, units of observation and reward are the nominal arm's; what it does is not."""
+    arguments = KINDS["gte"][2]
+    env, p = GTEEnv(friction_factor=1.3, **arguments), load_friction("panda")
+    final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
+    own = p.replace(stiction=1.3 * p.stiction, load_coefficient=1.3 * p.load_coefficient)
+    twin, nominal = GTEEnv(friction=own, **arguments), GTEEnv(**arguments)
+    other = episode(twin, quiet(twin), seed=2, options=TRIANGLE)[-1][4]
+    usual = episode(nominal, quiet(nominal), seed=2, options=TRIANGLE)[-1][4]
+    for name in ("error", "error_left", "shaking", "duration"):
+        assert np.array_equal(final[name], other[name]), name
+    assert env.action_space == nominal.action_space != twin.action_space
+    assert np.array_equal(env.core.stiction, nominal.core.stiction)
+    assert np.array_equal(final["undithered_error_left"], usual["undithered_error_left"])
+    with_spread = GTEEnv(friction_factor=1.3, randomise={"friction": 0.1}, **arguments)
+    with_spread.reset(seed=2)
+    ratio = with_spread.core.rig.plant._p["stiction"][0] / p.stiction
+    assert 1.17 <= ratio.min() < ratio.max() <= 1.43
+
+
+@pytest.mark.parametrize("factor", [0, -1, float("nan"), float("inf"), "much", True])
+def test_friction_factors_that_are_none(factor):
+    with pytest.raises(StictionError, match="friction_factor"):
+        GTEEnv(friction_factor=factor, **KINDS["gte"][2])

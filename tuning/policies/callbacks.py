@@ -36,6 +36,12 @@ class CurvePoint:
     """Mean length of these episodes [steps]."""
 
 
+def _point(row: Mapping[str, Any]) -> CurvePoint:
+    """Return a point as a checkpoint has it: JSON has no NaN."""
+    values: dict[str, Any] = {k: np.nan if v is None else v for k, v in row.items()}
+    return CurvePoint(**values)
+
+
 class Evaluations(BaseCallback):
     """Evaluates at the start, at intervals and at the end, on the same episodes every time.
 
@@ -124,10 +130,7 @@ class Evaluations(BaseCallback):
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a checkpoint."""
         # JSON has no NaN
-        points: list[dict[str, Any]] = state["points"]
-        self.points = [
-            CurvePoint(**{k: np.nan if v is None else v for k, v in p.items()}) for p in points
-        ]
+        self.points = [_point(p) for p in state["points"]]
         self._ended = list(state["ended"])
 
 

@@ -67,7 +67,7 @@ class DistilledRule(GatedTable):
 
     def __init__(self, env: Any, fits: Sequence[Fit]) -> None:
         """Make it for an environment of the project."""
-        top = env.unwrapped.single_action_space.high
+        top = env.unwrapped.core.action_space.high
         rows = [_row(f.joint, f.frequency_hz, f.rule_nm, f.rule_gate_rad_s, top) for f in fits]
         super().__init__(env, [r for r in rows if r is not None], speed=np.inf)
         self.threshold = np.array([f.rule_threshold for f in fits])
@@ -143,9 +143,8 @@ def distil(
     """
     settings = policy_settings().distil if settings is None else settings
     env = task.make(episodes)
-    seen = watch(env, policy, seed)
-    fits = fit(*seen, top=env.single_action_space.high[: env.core.n], settings=settings)
-    top = env.single_action_space.high
+    top = env.core.action_space.high[: env.core.n]
+    fits = fit(*watch(env, policy, seed), top=top, settings=settings)
     found = [_row(f.joint, f.frequency_hz, f.table_nm, f.table_gate_rad_s, top) for f in fits]
     table = tuple(r for r in found if r is not None)
     agents = [

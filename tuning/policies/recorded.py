@@ -98,7 +98,7 @@ class RecordedVecEnv(SB3VecEnv):
         for k in range(longest + 1):
             beginning = lengths == longest - k
             if beginning.any():
-                for arm in np.flatnonzero(beginning):
+                for arm in map(int, np.flatnonzero(beginning)):
                     batch.generators[arm].bit_generator.state = start[arm]
                 observation, _ = self.env.reset(options={"reset_mask": beginning})
             if k < longest:
