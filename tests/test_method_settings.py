@@ -16,6 +16,7 @@ from stiction_envs.gap.causes import default_settings
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
+from tuning.policies.settings import policy_settings
 from tuning.settings import tuning_settings
 
 ROOT = Path(__file__).parents[1]
@@ -25,11 +26,12 @@ ROOMS = {
     "gap": default_settings,
     "identification": identification_settings,
     "tuning": tuning_settings,
+    "tuning/policies": policy_settings,
 }
 
 
 def folder(room: str) -> Path:
-    return ROOT / room if room == "tuning" else ROOT / "stiction_envs" / room
+    return ROOT / room if room.startswith("tuning") else ROOT / "stiction_envs" / room
 
 
 @dataclass(frozen=True, kw_only=True)

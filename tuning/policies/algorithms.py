@@ -13,25 +13,50 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, missing_extra
-
-try:
-    import torch
-    from stable_baselines3 import PPO, SAC, TD3
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-    from stable_baselines3.common.noise import NormalActionNoise
-    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
-except ImportError:
-    raise missing_extra("stiction train", "stable-baselines3", "rl") from None
-
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.provenance import versions
+from tuning.policies.extra import (
+    PPO,
+    SAC,
+    TD3,
+    BaseAlgorithm,
+    Logger,
+    NormalActionNoise,
+    TensorBoardOutputFormat,
+    VecMonitor,
+    VecNormalize,
+    torch,
+)
 from tuning.policies.policy import Card, Policy
 from tuning.policies.recorded import RecordedVecEnv
-from tuning.policies.settings import PPOSettings, RunSettings, SACSettings, TD3Settings
+from tuning.policies.settings import (
+    PolicySettings,
+    PPOSettings,
+    RunSettings,
+    SACSettings,
+    TD3Settings,
+)
 from tuning.policies.task import Task
 
 Settings = PPOSettings | SACSettings | TD3Settings
+ALGORITHMS = ("sac", "ppo", "td3")
+"""Names of the algorithms."""
+
+
+def settings_of(algorithm: str, settings: PolicySettings) -> Settings:
+    """Return the settings of one of `ALGORITHMS`.
+
+    Raises:
+        StictionError: another algorithm.
+    """
+    if algorithm not in ALGORITHMS:
+        raise unknown("algorithm", algorithm, ALGORITHMS)
+    found: dict[str, Settings] = {
+        "sac": settings.sac,
+        "ppo": settings.ppo,
+        "td3": settings.td3,
+    }
+    return found[algorithm]
 
 
 def least_steps(settings: Settings) -> tuple[int, str]:

@@ -8,9 +8,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalization
+
+from tuning.policies.extra import (
+    BaseCallback,
+    VecNormalize,
+    evaluate_policy,
+    sync_envs_normalization,
+)
 
 Say = Callable[[str, int], None]
 """Called with what is being done and the steps so far."""

@@ -21,15 +21,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import plain
+from tuning.policies.extra import (
+    BaseAlgorithm,
+    OffPolicyAlgorithm,
+    RunningMeanStd,
+    VecMonitor,
+    VecNormalize,
+    torch,
+)
 from tuning.policies.recorded import RecordedVecEnv
 
 PART = "next"

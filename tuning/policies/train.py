@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import fingerprint
 from tuning.policies.algorithms import (
     export,
@@ -30,6 +30,7 @@ from tuning.policies.algorithms import (
     make_logger,
     make_model,
     packages,
+    settings_of,
 )
 from tuning.policies.callbacks import Checkpoints, CurvePoint, Evaluations
 from tuning.policies.checkpoint import newest, read_state, restore, save
@@ -38,8 +39,6 @@ from tuning.policies.policy import Policy
 from tuning.policies.settings import PolicySettings, policy_settings
 from tuning.policies.task import Task
 
-ALGORITHMS = ("sac", "ppo", "td3")
-"""Names of the algorithms, each a table of the settings."""
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
 """What is in the folder of a training."""
 Progress = Callable[[str, float], None]
@@ -74,9 +73,7 @@ def check(
 
     ``out`` is looked into for a checkpoint, None for a training that begins.
     """
-    if algorithm not in ALGORITHMS:
-        raise unknown("algorithm", algorithm, ALGORITHMS)
-    least, why = least_steps(getattr(settings, algorithm))
+    least, why = least_steps(settings_of(algorithm, settings))
     if steps < least:
         raise StictionError(f"{steps} steps: expected at least {least}: {why}")
     if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
@@ -114,7 +111,7 @@ def train(
 
     Args:
         task: the environment.
-        algorithm: one of `ALGORITHMS`.
+        algorithm: one of `algorithms.ALGORITHMS`.
         steps: of all arms together; the last rollout may pass it.
         out: an existing folder; a part of the same training in it is gone on with.
         seed: of all that is random.
@@ -142,7 +139,7 @@ class _Training:
         out: Path,
         progress: Progress | None,
     ) -> None:
-        own = getattr(settings, algorithm)
+        own = settings_of(algorithm, settings)
         self._task, self._algorithm, self._steps, self._seed = task, algorithm, steps, seed
         self._out, self._progress = out, progress
         self._identity = identity_of(task, algorithm, steps, seed, settings)
