@@ -117,6 +117,9 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
         assert "holds a run of stiction train: choose another folder" in ran.lines[-1]
     assert train("--out", "parts", algo="sac").code == 2
     assert {p: p.read_bytes() for p in (work / "parts").rglob("*") if p.is_file()} == before
+    ran = train("--out", "parts", "--seed", 1, "--force", "--json")
+    assert ran.code == 0
+    assert json.loads(ran.out)["resumed_at"] is None
 
 
 BAD = {

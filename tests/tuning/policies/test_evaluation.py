@@ -12,6 +12,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from tests.tuning.policies.small import SPRINT, made_up
+from tuning.policies import evaluation
 from tuning.policies.evaluation import TEST_PATHS, check, evaluate_all, read_agent
 from tuning.policies.task import Task
 
@@ -60,14 +61,27 @@ def test_every_policy_meets_the_same_episodes(policy, tmp_path):
 
 
 def test_random_paths_are_those_of_no_training():
-    said = []
     quick = Task(robot="panda", experiment="gte", arguments={"control_interval_s": 0.2})
     check(quick, ["none"], {"trajectory": "random"})
     env = quick.make(1)
     assert env.core.random_paths <= TEST_PATHS
     with pytest.raises(StictionError, match="unknown reset option 'colour'"):
         check(quick, ["none"], {"colour": "red"})
-    assert said == []
+
+
+def test_held_out_paths_are_evaluated_by_number(monkeypatch):
+    """Seeds and numbers of paths follow one another, in batches of any size."""
+    asked = []
+
+    def evaluate(env, agent, seeds, options):
+        asked.append((env.num_envs, list(seeds), [o["path"] for o in options]))
+        return [{"seed": s, "return": 0.0} for s in seeds]
+
+    monkeypatch.setattr(evaluation, "evaluate", evaluate)
+    monkeypatch.setattr(evaluation, "_TOGETHER", 2)
+    random = {"trajectory": "random", "stiffness": (200, 20, 0)}
+    evaluate_all(SPRINT, ["none"], episodes=3, seed=7, options=random)
+    assert asked == [(2, [7, 8], [1000, 1001]), (2, [9], [1002])]
 
 
 def test_the_shipped_table_is_the_best_of_the_search(env):

@@ -133,6 +133,21 @@ def test_the_curve_has_a_row_per_evaluation(tmp_path):
     )
 
 
+def test_tensorboard_has_a_folder_for_every_start(tmp_path, monkeypatch):
+    folders = []
+    monkeypatch.setattr(training.importlib.util, "find_spec", lambda _: object())
+    make = training.make_logger
+    monkeypatch.setattr(training, "make_logger", lambda f: folders.append(f) or make(None))
+    assert train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL).notes == ()
+    assert folders == [tmp_path / "tensorboard" / "from-000000000"]
+
+
+def test_without_tensorboard_one_line_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(training.importlib.util, "find_spec", lambda _: None)
+    trained = train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL)
+    assert trained.notes == ("tensorboard is not installed: the curve is in curve.csv alone",)
+
+
 def test_evaluations_are_of_the_same_episodes(tmp_path):
     """A policy that does not change (learning rate next to 0) has the same return every time."""
     still = small_settings(**{"ppo.learning_rate": 1e-30})
