@@ -46,7 +46,7 @@ def save(
     model: BaseAlgorithm,
     identity: Mapping[str, Any],
     more: Mapping[str, Any],
-    best: Path | None,
+    best: Path,
     *,
     finished: bool = False,
 ) -> None:
@@ -57,7 +57,7 @@ def save(
         model: with its environments.
         identity: what makes the training.
         more: what else is to come back, JSON.
-        best: the best policy's file, None where there is none yet.
+        best: the best policy's file.
         finished: whether the training is over: what is only needed to go on is left out.
     """
     part = folder / PART
@@ -84,8 +84,7 @@ def save(
     (part / "state.json").write_text(json.dumps(plain(state)), encoding="utf-8")
     np.savez(part / "arrays.npz", allow_pickle=False, **arrays)
     torch.save(tensors, part / "weights.pt")
-    if best is not None:
-        shutil.copyfile(best, part / best.name)
+    shutil.copyfile(best, part / best.name)
     for file in part.iterdir():
         with open(file, "rb+") as handle:
             os.fsync(handle.fileno())
@@ -129,6 +128,8 @@ def read_state(place: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None:
     """Bring a fresh model of the same training, and its environments, to where it was saved.
 
+    A finished training has nothing to go on with.
+
     Raises:
         StictionError: files that cannot be read.
     """
@@ -145,7 +146,7 @@ def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None
         setattr(model, name, value)
     model.ep_info_buffer = deque(state["returns"], maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
-    if isinstance(model, OffPolicyAlgorithm) and not state["finished"]:
+    if isinstance(model, OffPolicyAlgorithm):
         _restore_replay(model, arrays)
     _restore_environment(model, arrays, state["episodes"])
     # last: nothing above may draw from them

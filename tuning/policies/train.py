@@ -160,11 +160,12 @@ class _Training:
         at, finished = None, False
         if (place := newest(self._out / CHECKPOINTS)) is not None:
             state = read_state(place, self._identity)
-            restore(place, state, self._model)
+            at, finished = int(state["counters"]["num_timesteps"]), bool(state["finished"])
+            if not finished:
+                restore(place, state, self._model)
             self._evaluations.restore(state["more"])
-            if (place / POLICY).exists():
-                shutil.copyfile(place / POLICY, self._out / POLICY)
-            at, finished = int(self._model.num_timesteps), bool(state["finished"])
+            # what was better after the checkpoint is found again
+            shutil.copyfile(place / POLICY, self._out / POLICY)
         rate = None
         if not finished:
             notes += self._log_to(at or 0)

@@ -33,6 +33,7 @@ def small_settings(**changes: Any) -> PolicySettings:
         few |= {f"{name}.envs": 4, f"{name}.batch_size": 16, f"{name}.network": (16,)}
         if name != "ppo":
             few |= {f"{name}.learning_starts": 16, f"{name}.gradient_steps": 1}
+            few |= {f"{name}.buffer_size": 80}  # full before the second checkpoint
     few |= {"run.evaluation_every": 64, "run.evaluation_episodes": 2}
     few |= {"run.checkpoint_every": 48, "run.final_episodes": 2}
     return override(policy_settings(), {**few, **changes})
