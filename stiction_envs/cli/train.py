@@ -136,4 +136,7 @@ def show(result: dict[str, Any]) -> str:
             f"the closest gated table (final.csv) loses {100 * lost['table']:.0f} % of what the "
             f"policy gains in return, the closest rule (rule.csv) {100 * lost['rule']:.0f} %"
         )
+        for kind in ("table", "rule"):
+            shares = [joint[f"{kind}_r2"] for joint in result["distilled"]["joints"]]
+            lines.append(f"R² of its amplitudes, {kind}: {', '.join(f'{x:.2f}' for x in shares)}")
     return "\n".join(lines)

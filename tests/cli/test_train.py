@@ -91,6 +91,16 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     assert (work / "evaluated" / NAME).exists()
 
 
+def test_what_is_shown(train):
+    ran = train("--distil", steps=32)
+    lines = ran.out.splitlines()
+    assert lines[0].startswith("ppo, 32 steps, ")
+    assert lines[1] == "PandaSJE-v0, 2 episodes"
+    assert "the closest gated table (final.csv) loses" in lines[-3]
+    assert lines[-2].startswith("R² of its amplitudes, table: ")
+    assert lines[-1].count(",") == 7
+
+
 def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     assert train("--out", "whole").code == 0
 

@@ -75,7 +75,8 @@ def _check_entries(path: Path, file: zipfile.ZipFile, limits: FileSettings) -> N
     if _SB3 & set(names):
         raise StictionError(
             f"{path}: Stable-Baselines3's zip holds pickled code and is not opened: expected a "
-            "policy.zip of `stiction train`, or one that tuning.policies.algorithms.export made of your own model"
+            "policy.zip of `stiction train`, or what tuning.policies.algorithms.export makes of a "
+            "model of your own"
         )
     if len(names) > limits.most_entries or len(set(names)) < len(names):
         raise StictionError(
