@@ -35,7 +35,7 @@ def noise_left(
     if not len(joints):
         return noise, []
     left = np.stack([data.residual[:, j] - library.torque(terms, c, int(j)) for j in joints], 1)
-    slow, start = slow_noise(data.recording, left)
+    slow, start = slow_noise(data.recording, left, signals.motion_hz)
     noise[joints] = np.fmax(noise[joints], slow)
     seen, hidden = joints[np.isfinite(slow)], joints[np.isnan(slow)]
     notes = []

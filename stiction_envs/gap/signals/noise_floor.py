@@ -34,18 +34,20 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
     return np.maximum(_floor(recording, noise_tau, residual), creep)
 
 
-def slow_noise(recording: Recording, left: Array) -> tuple[Array, Array]:
+def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Array, Array]:
     """Return (n,) noise of a residual down to where it takes over [N·m], and (n,) that point [Hz].
 
     The spectrum S stops falling at the lowest f with S(f) ≤ 2·median of S over the octave above
     (as in `spectra`, which has three octaves: a low-pass before the log may leave one). From there
     on all of it is noise, and below it the noise is taken to be as dense as there:
     σ² = f S(f) + ∫_f S. Of white noise it is the whole. NaN where no such point is, as noise is
-    nowhere to be seen then.
+    nowhere to be seen then, or it lies in the band of the motion: what a model gets wrong is there
+    too.
 
     Args:
         recording: of the logs.
         left: (T, n) torque that the extended model leaves [N·m].
+        motion_hz: frequency below which the motion is [Hz].
     """
     s, n = recording.settings.noise, left.shape[1]
     sigma, start = np.full(n, np.nan), np.full(n, np.nan)
@@ -64,6 +66,8 @@ def slow_noise(recording: Recording, left: Array) -> tuple[Array, Array]:
     for j in range(n):
         for i, at in enumerate(edges[: max(len(level) - 2, 0)]):
             if level[i, j] <= 2 * np.median(level[i + 1 : i + 3, j]):
+                if f[at] <= motion_hz:
+                    break
                 start[j] = f[at]
                 dense = level[i : i + 2, j].mean()
                 sigma[j] = np.sqrt(f[at] * dense + power[at:, j].sum() * f[1])

@@ -80,6 +80,8 @@ class Signals:
     """Noise of the filtered torques, standard deviation, (n,), N·m: compare residuals with it."""
     noise_tau_raw: NDArray[np.float64]
     """Noise of the torques as logged, standard deviation, (n,), N·m."""
+    motion_hz: float
+    """Frequency below which nearly all of the motion is, Hz; NaN without any motion log."""
     low_passed: NDArray[np.bool_]
     """Whether torque spectra fall on past the filter's band, (n,), as after a low-pass before the
     log: then there may be more noise in the band than ``noise_tau``, which is from beside it."""
@@ -158,6 +160,7 @@ def prepare(
             cutoff_hz=float("nan"),
             noise_tau=nan,
             noise_tau_raw=nan,
+            motion_hz=float("nan"),
             low_passed=np.zeros(n, dtype=bool),
             sessions=sessions(logs, own.sessions),
             notes=("poses at rest only: nothing filtered",),
@@ -210,6 +213,7 @@ def prepare(
         noise_tau=noise,
         noise_tau_raw=raw,
         sessions=sessions(logs, own.sessions),
+        motion_hz=spectra.motion_hz,
         low_passed=spectra.low_passed(cutoff, own.noise.falling),
         notes=tuple(notes),
     )
