@@ -1,0 +1,197 @@
+"""Page of `policies`: tables of its results; words are in `templates/policies.md.j2`."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from benchmarks._policies_measures import MEASURES, Measure
+from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pareto
+from benchmarks._policies_plan import (
+    ALGORITHMS,
+    BASELINES,
+    NOMINAL,
+    RANDOM_PATHS,
+    SHAKING_WEIGHT,
+    SMALL,
+    SPREADS,
+    Cell,
+    title,
+    trainings,
+)
+from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Against, Results
+from benchmarks._policies_statistics import DRAWS, Estimate
+from benchmarks._policies_training import RATES, TOGETHER
+from stiction_envs.reporting.markdown import listed, number, table
+from stiction_envs.reporting.templates import write_page
+
+TEMPLATE = Path(__file__).parent / "templates" / "policies.md.j2"
+CURVES, PARETO, BEHAVIOUR = (f"policies_{x}.png" for x in ("curves", "pareto", "behaviour"))
+
+
+def write(folder: Path, results: Results) -> None:
+    """Write page and pictures.
+
+    Args:
+        folder: where to.
+        results: of whatever was measured.
+    """
+    pictures = {
+        CURVES: draw_curves(folder / CURVES, results),
+        PARETO: draw_pareto(folder / PARETO, results),
+        BEHAVIOUR: draw_behaviour(folder / BEHAVIOUR, results),
+    }
+    rivals, plan = results.rivals(), results.plan
+    duels: dict[str, dict[float, Against]] = {}
+    if rivals is not None:
+        constant, rule = rivals
+        duels["rule"] = results.duels(rule, constant)
+        if results.learned is not None:
+            duels["constant"] = results.duels(results.learned, constant)
+            duels["learned"] = results.duels(results.learned, rule)
+    cell = results.cell("panda", RANDOM_PATHS)
+    over = {} if cell is None else results.improvements(cell)
+    write_page(
+        folder / "policies.md",
+        TEMPLATE,
+        small=plan == SMALL,
+        plan=plan,
+        done=len(results.folders),
+        in_all=results.trainings,
+        missing=results.missing,
+        cells_in_all=len(results.in_all),
+        learned=results.learned,
+        duels=duels,
+        says=_says,
+        frictions=[f for f in plan.frictions if f != NOMINAL],
+        nominal=NOMINAL,
+        aim=AIM,
+        over=over,
+        improvements=_improvements(over),
+        baseline=BASELINES["panda"],
+        sections=_sections(results),
+        pictures=pictures,
+        names={"curves": CURVES, "pareto": PARETO, "behaviour": BEHAVIOUR},
+        hours=_hours(results),
+        rates=_rates(results),
+        together=TOGETHER,
+        spreads=SPREADS,
+        shaking_weight=SHAKING_WEIGHT,
+        draws=DRAWS,
+    )
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def _says(found: Against) -> str:
+    """Return what one agent does against another: less or more, of everything."""
+
+    def change(key: str) -> str:
+        less = round(found.less(key))
+        return f"{abs(less)} % {'less' if less >= 0 else 'more'}"
+
+    errors = " and ".join(f"{change(key)} {key} error" for key in ERRORS)
+    moving, rest = (change(key) for key in VIBRATIONS)
+    doubt = [key for key in ERRORS if key not in (*found.better_in, *found.worse_in)]
+    unsure = f" (not significant: {listed(doubt)})" if doubt else ""
+    return f"{errors} left{unsure}, {moving} vibration moving and {rest} at rest"
+
+
+def _range(found: Estimate, measure: Measure) -> str:
+    if not math.isfinite(found.value):
+        return "–"
+    value, low, high = (number(x, measure.digits) for x in (found.value, found.low, found.high))
+    return f"{value} ({low} to {high})"
+
+
+# ---- tables --------------------------------------------------------------------------------------
+
+
+def _improvements(over: dict[str, Against]) -> str:
+    """Return a table: every agent against Table 4.9 on the random paths."""
+    lines = []
+    for name, found in over.items():
+        cells = [name]
+        for key in ERRORS:
+            r = found.ratio[key]
+            less = [number(100 * (1 - x), 0) for x in (r.value, r.high, r.low)]
+            cells.append(f"{less[0]} ({less[1]} to {less[2]})")
+        cells += [number(found.ratio[key].value, 2) for key in VIBRATIONS]
+        for key in ERRORS:
+            p = found.improvement[key]
+            cells.append(f"{p.value:.2f} ({p.low:.2f} to {p.high:.2f})")
+        lines.append([*cells, "met" if found.meets_aim else "missed"])
+    header = ["agent", *(f"less {key} error left [%]" for key in ERRORS)]
+    header += ["vibration moving, ratio", "at rest, ratio"]
+    header += [f"P(improvement), {key}" for key in ERRORS]
+    return "\n".join(table([*header, "aim"], lines)) if lines else ""
+
+
+def _sections(results: Results) -> dict[str, dict[str, str]]:
+    """Return tables by title: everything at the nominal friction, then what friction changes."""
+    out: dict[str, dict[str, str]] = {}
+    cells = [c for c in results.by_cell if c.friction == NOMINAL]
+    for cell in cells:
+        of = f"{title(cell.robot)}, {cell.task}"
+        out[of] = {"nominal": _nominal(results, cell), "others": _frictions(results, cell)}
+    return out
+
+
+def _nominal(results: Results, cell: Cell) -> str:
+    measures = MEASURES[cell.experiment]
+    lines = []
+    for name, ones in results.by_cell[cell].items():
+        runs = sum(len(results.rows.runs(one)) for one in ones)
+        lost = results.truncated(cell, name)
+        shown = name + (
+            f", {runs} of {results.plan.runs} trained" if ones[0].run is not None else ""
+        )
+        shown += f", {lost} truncated" if lost else ""
+        found = [_range(results.estimate(cell, name, key), m) for key, m in measures.items()]
+        lines.append([shown, *found])
+    header = [m.label + (f" [{m.unit}]" if m.unit != "1" else "") for m in measures.values()]
+    return "\n".join(table(["agent", *header], lines))
+
+
+def _frictions(results: Results, cell: Cell) -> str:
+    """Return a table: errors and vibration at rest, or torque and oscillation, by friction."""
+    keys = (*ERRORS, "at_rest") if cell.experiment == "gte" else ("torque", "oscillation")
+    measures = MEASURES[cell.experiment]
+    others = [results.cell(cell.robot, cell.task, f) for f in results.plan.frictions]
+    there = [c for c in others if c is not None and c != cell]
+    lines = []
+    for name in results.by_cell[cell]:
+        line = [name]
+        for other in there:
+            for key in keys:
+                known = name in results.by_cell[other]
+                found = results.estimate(other, name, key) if known else None
+                line.append("–" if found is None else _range(found, measures[key]))
+        lines.append(line)
+    header = [f"× {c.friction:g}: {measures[key].label}" for c in there for key in keys]
+    return "\n".join(table(["agent", *header], lines)) if there else ""
+
+
+# ---- time ----------------------------------------------------------------------------------------
+
+
+def _rates(results: Results) -> dict[str, float]:
+    """Return steps/s of each algorithm, two trainings together; measured ones where there are."""
+    out = dict(RATES)
+    found: dict[str, list[float]] = {}
+    for one in results.folders:
+        if one.rate is not None:
+            found.setdefault(one.training.algorithm, []).append(one.rate)
+    return out | {name: sum(x) / len(x) for name, x in found.items()}
+
+
+def _hours(results: Results) -> float:
+    """Return how long all trainings take [h]."""
+    rates: dict[str, Any] = _rates(results)
+    slowest = min(ALGORITHMS, key=lambda a: rates[a])
+    counts = Counter(t.algorithm for t in trainings(results.plan, results.best or slowest))
+    seconds = sum(n * results.plan.steps / rates[name] for name, n in counts.items())
+    return seconds / TOGETHER / 3600

@@ -1,0 +1,206 @@
+"""Trainings of `policies`: each in a process of its own, which goes on where it was stopped.
+
+    python -m benchmarks._policies_training FOLDER ROBOT EXPERIMENT ALGORITHM RUN STEPS
+
+is one of them; `train_all` starts them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks._policies_plan import ALGORITHMS, Plan, Training, trainings
+from stiction_envs.errors import StictionError
+from stiction_envs.method_settings import fingerprint
+from stiction_envs.precomputed.store import digest
+from stiction_envs.reporting.atomic import write_text_atomic
+from tuning.policies.settings import policy_settings
+
+TOGETHER = 2
+"""Processes at most."""
+DONE, SHARE, LOG, LOCK = "trained.json", "share", "log", "lock"
+"""What the benchmark adds to the folder of a training."""
+RATES = {"sac": 300.0, "td3": 300.0, "ppo": 700.0}
+"""Steps/s of each of two trainings together on two processors, to tell the time that is left."""
+POLL = 0.5  # seconds
+Tell = Callable[[dict[Training, float]], None]
+"""Called with the share of each training that is done."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """The folder of a training."""
+
+    training: Training
+    steps: int
+    path: Path
+
+    @property
+    def policy(self) -> Path:
+        """What was trained."""
+        return self.path / "policy.zip"
+
+    @property
+    def done(self) -> bool:
+        """Whether the training is over."""
+        return (self.path / DONE).exists()
+
+    @property
+    def share(self) -> float:
+        """Share of the training that is done."""
+        if self.done:
+            return 1.0
+        try:
+            return float((self.path / SHARE).read_text("utf-8"))
+        except (OSError, ValueError):
+            return 0.0
+
+    @property
+    def rate(self) -> float | None:
+        """Steps/s of its last process; None where that had nothing to do."""
+        found: dict[str, Any] = json.loads((self.path / DONE).read_text("utf-8"))
+        return found["steps_per_second"]
+
+    def curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return steps and the returns of their evaluations."""
+        table = np.genfromtxt(self.path / "curve.csv", delimiter=",", names=True)
+        return np.atleast_1d(table["steps"]), np.atleast_1d(table["evaluation_return"])
+
+
+def folder(work: Path, plan: Plan, training: Training) -> Folder:
+    """Return the folder of a training; other settings have another one."""
+    arguments = {k: repr(v) for k, v in training.task.arguments.items()}
+    of = digest(training.name, plan.steps, arguments, fingerprint(policy_settings()))
+    return Folder(training, plan.steps, work / "trainings" / f"{training.name}-{of[:8]}")
+
+
+def best_algorithm(work: Path, plan: Plan) -> str | None:
+    """Return whose kept policies had the best evaluations while the Panda's were trained.
+
+    These episodes are on paths that training knows: none of the test's has a say. None while a
+    training is missing.
+    """
+    mean = {}
+    for algorithm in ALGORITHMS:
+        mine = [
+            folder(work, plan, t)
+            for t in trainings(plan, None)
+            if (t.experiment, t.algorithm) == ("gte", algorithm)
+        ]
+        if not all(f.done for f in mine):
+            return None
+        mean[algorithm] = np.mean([f.curve()[1].max() for f in mine])
+    return max(mean, key=lambda a: float(mean[a]))
+
+
+# ---- the one that starts them --------------------------------------------------------------------
+
+
+def train_all(folders: Sequence[Folder], tell: Tell, deadline: float) -> list[str]:
+    """Train what is not done, two at a time; return what went wrong.
+
+    Args:
+        folders: of the trainings.
+        tell: called about once a second.
+        deadline: of `time.monotonic`, when what is going on is stopped: it goes on later from its
+            last checkpoint.
+    """
+    waiting = [f for f in folders if not f.done]
+    running: dict[Training, tuple[Folder, subprocess.Popen[bytes]]] = {}
+    wrong: list[str] = []
+    try:
+        while (waiting or running) and time.monotonic() < deadline:
+            while waiting and len(running) < TOGETHER:
+                one = waiting.pop(0)
+                running[one.training] = one, _start(one)
+            time.sleep(POLL)
+            for training, (one, process) in list(running.items()):
+                if process.poll() is not None:
+                    del running[training]
+                    if process.returncode:
+                        wrong.append(f"{training.name}: {_last_line(one.path / LOG)}")
+            tell({f.training: f.share for f in folders})
+    finally:
+        for _, process in running.values():
+            process.terminate()
+        for _, process in running.values():
+            process.wait()
+    return wrong
+
+
+def _start(one: Folder) -> subprocess.Popen[bytes]:
+    one.path.mkdir(parents=True, exist_ok=True)
+    t = one.training
+    words = [one.path, t.robot, t.experiment, t.algorithm, t.run, one.steps]
+    command = [sys.executable, "-m", "benchmarks._policies_training", *map(str, words)]
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with (one.path / LOG).open("ab") as log:
+        # a session of its own: Ctrl-C is for the one that starts them
+        return subprocess.Popen(
+            command, stdout=log, stderr=log, env={**os.environ, **threads}, start_new_session=True
+        )
+
+
+def _last_line(path: Path) -> str:
+    lines = path.read_text("utf-8", errors="replace").strip().splitlines()
+    return lines[-1] if lines else "ended without a word"
+
+
+# ---- one of them ---------------------------------------------------------------------------------
+
+
+def _train(path: Path, training: Training, steps: int) -> None:
+    from tuning.policies.train import train
+
+    parent, said = os.getppid(), 0.0
+
+    def progress(stage: str, share: float) -> None:
+        nonlocal said
+        if os.getppid() != parent:  # whoever started this was killed
+            os.kill(os.getpid(), signal.SIGTERM)
+        if time.monotonic() - said > 1.0:
+            said = time.monotonic()
+            (path / SHARE).write_text(f"{share:.5f}", "utf-8")
+
+    with (path / LOCK).open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # until one that was left alone has noticed
+        found = train(
+            training.task,
+            training.algorithm,
+            steps=steps,
+            out=path,
+            seed=training.run,
+            progress=progress,
+        )
+        text = json.dumps({"steps_per_second": found.steps_per_second})
+        write_text_atomic(path / DONE, text)
+
+
+def main() -> int:
+    path, robot, experiment, algorithm, run, steps = sys.argv[1:]
+    training = Training(robot=robot, experiment=experiment, algorithm=algorithm, run=int(run))
+    warnings.simplefilter("ignore")
+    try:
+        _train(Path(path), training, int(steps))
+    except StictionError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
