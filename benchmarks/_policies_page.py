@@ -12,12 +12,14 @@ from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pare
 from benchmarks._policies_plan import (
     ALGORITHMS,
     BASELINES,
+    EPISODE,
     NOMINAL,
     RANDOM_PATHS,
     SHAKING_WEIGHT,
     SMALL,
     SPREADS,
     Cell,
+    episodes_in_all,
     title,
     trainings,
 )
@@ -75,6 +77,8 @@ def write(folder: Path, results: Results) -> None:
         pictures=pictures,
         names={"curves": CURVES, "pareto": PARETO, "behaviour": BEHAVIOUR},
         hours=_hours(results),
+        episodes=episodes_in_all(plan),
+        measuring_hours=EPISODE * episodes_in_all(plan) / 3600,
         rates=_rates(results),
         together=TOGETHER,
         spreads=SPREADS,

@@ -29,6 +29,8 @@ ALGORITHMS = ("sac", "td3", "ppo")
 SJE_ALGORITHM = "ppo"
 NOMINAL = 1.0
 """Friction over the one that is known."""
+EPISODE = 0.1
+"""Seconds that an episode of the measurement takes, to tell the time that is left."""
 RANDOM_PATHS = "random paths"
 TRAINED = {alg: alg.upper() for alg in ALGORITHMS}
 BASELINES = {"panda": "Table 4.9", "iiwa7": "make tune"}
@@ -149,6 +151,16 @@ def trainings(plan: Plan, best: str | None) -> list[Training]:
         for robot, e, alg in out
         for k in range(plan.runs)
     ]
+
+
+def episodes_in_all(plan: Plan) -> int:
+    """Return how many episodes are measured."""
+    runs = [(t.robot, t.experiment) for t in trainings(plan, ALGORITHMS[0])]
+    return sum(
+        len(c.options)
+        * (plan.runs * len(unlearned(c.robot, c.experiment)) + runs.count((c.robot, c.experiment)))
+        for c in cells(plan)
+    )
 
 
 def trainings_in_all(plan: Plan) -> int:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from benchmarks._policies_page import write
 from benchmarks._policies_plan import (
+    EPISODE,
     SMALL,
     Cell,
     Contestant,
@@ -38,8 +39,6 @@ from benchmarks._policies_training import RATES, Folder, best_algorithm, folder,
 
 HERE = Path(__file__).parent
 STAGES = ("agents", "train", "policies", "page")
-EPISODE = 0.1
-"""Seconds that an episode of the measurement takes, to tell the time that is left."""
 
 
 class Whole:

@@ -1,0 +1,77 @@
+"""What counts as beating, and one yardstick for all agents of the policy benchmark."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks._policies_plan import (
+    Plan,
+    environment,
+    trainings,
+    trainings_in_all,
+    unlearned,
+    within_bounds,
+)
+from benchmarks._policies_results import Against
+from benchmarks._policies_rows import compensate
+from benchmarks._policies_statistics import Estimate
+from stiction_envs.envs.agents import NoDither
+from stiction_envs.envs.evaluation import evaluate
+
+
+def against(errors: float, vibration: float, sure: bool = True) -> Against:
+    improvement = Estimate(0.9, 0.6 if sure else 0.4, 1.0)
+    ratio = {key: Estimate(errors, errors, errors) for key in ("position", "orientation")}
+    ratio |= {key: Estimate(vibration, vibration, vibration) for key in ("moving", "at_rest")}
+    both = {key: improvement for key in ("position", "orientation")}
+    return Against(ours="a", theirs="b", ratio=ratio, improvement=both)
+
+
+def test_who_is_better_without_doubt_and_as_calm_beats():
+    assert against(0.8, 1.0).beats
+    assert not against(0.8, 1.01).beats
+    assert not against(0.8, 1.0, sure=False).beats
+
+
+def test_the_aim_asks_for_less_error_and_no_more_vibration():
+    assert against(0.6, 1.0).meets_aim
+    assert not against(0.62, 1.0).meets_aim  # 40 % of the orientation
+    assert not against(0.6, 1.01).meets_aim
+
+
+def test_the_iiwa_waits_for_the_best_algorithm():
+    plan = Plan()
+    assert {t.robot for t in trainings(plan, None)} == {"panda"}
+    assert {t.algorithm for t in trainings(plan, "td3") if t.robot == "iiwa7"} == {"td3"}
+    assert trainings_in_all(plan) == len(trainings(plan, "td3")) == 25
+
+
+def test_all_agents_can_be_played_and_tables_are_cut():
+    for robot in Plan().robots:
+        for experiment in ("gte", "sje"):
+            env = environment(robot, experiment).make(1)
+            top = env.single_action_space.high[: env.core.n]
+            observation = np.zeros((1, len(env.observation_names)))
+            for one in unlearned(robot, experiment):
+                agent = one.make(env)
+                action, _ = agent.predict(observation)
+                assert (action[0, : env.core.n] <= top).all()
+                if hasattr(agent, "amplitude"):
+                    assert (agent.amplitude <= top * (1 + 1e-6)).all()
+            assert within_bounds(env, ()) == ()
+
+
+@pytest.mark.slow
+def test_compensation_does_what_the_argument_does_with_the_undithered_runs_of_others():
+    ask = [3], {"trajectory": "triangle", "stiffness": (200, 20, 0)}
+    plain = environment("panda", "gte").make(1)
+    [none] = evaluate(plain, NoDither(plain), *ask)
+    compensate(plain, plain.core.experiment.compensation("push"))
+    [ours] = evaluate(plain, NoDither(plain), *ask)
+    argument = environment("panda", "gte", compensation="push").make(1)
+    [theirs] = evaluate(argument, NoDither(argument), *ask)
+    for name in ("position_left_m", "orientation_left_rad", "vibration_at_rest_mm", "duration_s"):
+        assert ours[name] == theirs[name] != none[name]
+    name = "undithered_position_left_m"
+    assert ours[name] == none[name] != theirs[name]
