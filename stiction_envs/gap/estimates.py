@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
 from stiction_envs.gap.settings import EstimateSettings
 
@@ -160,19 +159,16 @@ def _profiled(
     The error that is left with a parameter, all else at its best, may be larger than the least by
     1 + F(1, B − 1)/(B − 1) (Seber and Wild, "Nonlinear Regression", 1989, chapter 5): what is
     left is a model's error, as one within each of B blocks, and not noise from row to row. [] of a
-    cause without a `profile`.
+    cause that is not `profiled`.
     """
     data, j = library.data, term.joint
     cause = library.causes[term.cause]
-    if j == ARM or not term.shape or type(cause).profile is Cause.profile:
+    if not cause.profiled:
         return [], False
     others = library.own(terms, [t for t in terms if t != term])
     residual = data.residual[:, j] - library.torque(terms, c * others, j)
     weight = library.weight[:, j] * (data.block >= 0)
-    found = cause.profile(data, j, term.shape, residual, weight)
-    if found is None:
-        return [], False
-    at, left = found
+    at, left = cause.profile(data, j, term.shape, residual, weight)
     allowed = 1 + data.settings.estimates.interval**2 / max(data.blocks - 1, 1)
     inside = np.flatnonzero(left <= allowed * left.min())
     first, last = int(inside[0]), int(inside[-1])

@@ -37,24 +37,20 @@ def noise_left(
     left = np.stack([data.residual[:, j] - library.torque(terms, c, int(j)) for j in joints], 1)
     slow, start = slow_noise(data.recording, left, signals.motion_hz)
     noise[joints] = np.fmax(noise[joints], slow)
-    seen, hidden = joints[np.isfinite(slow)], joints[np.isnan(slow)]
+    seen, hidden = ((joints[x] + 1).tolist() for x in (np.isfinite(slow), np.isnan(slow)))
     notes = []
     fall = (
         "fall on past the filter's band, as of torques that were low-passed before they were logged"
     )
     if len(seen):
         notes.append(
-            f"torque spectra of {_names(seen)} {fall}: the noise floor is of what the model leaves "
+            f"torque spectra of {joint_list(seen)} {fall}: the noise floor is of what the model leaves "
             f"above {np.nanmax(start):.2g} Hz, taken to be as dense below, where nobody can tell "
             "noise from what a model gets wrong"
         )
     if len(hidden):
         notes.append(
-            f"torque spectra of {_names(hidden)} {fall}, and what the model leaves hides their "
+            f"torque spectra of {joint_list(hidden)} {fall}, and what the model leaves hides their "
             "noise: its floor is a lower bound"
         )
     return noise, notes
-
-
-def _names(joints: NDArray[np.int64]) -> str:
-    return joint_list(tuple(int(j) + 1 for j in joints))

@@ -201,6 +201,8 @@ class NoiseSettings:
     """For the spectrum in which slow noise is looked for [s]: two periods of the slowest."""
     least_windows: float
     """Of them that the longest run holds side by side, at least."""
+    level: float
+    """Of a spectrum over its median in the octave above, at most, where it falls no more [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)

@@ -127,7 +127,9 @@ def profiled(library: RegressorLibrary, monkeypatch, middle: float, width: float
 
     c = library.grams.fit(library.model_columns(terms))
     before = estimates(library, terms, [stribeck], c, None)[4]
-    monkeypatch.setattr(type(BY_NAME["stribeck_friction"]), "profile", parabola)
+    cause = type(BY_NAME["stribeck_friction"])
+    monkeypatch.setattr(cause, "profile", parabola)
+    monkeypatch.setattr(cause, "profiled", True)
     return before, estimates(library, terms, [stribeck], c, None)[4]
 
 

@@ -179,6 +179,7 @@ class Backlash(Cause):
     coupled: ClassVar[bool] = True
     dependent_parameters: ClassVar[int] = 1
     multimodal: ClassVar[bool] = True
+    profiled: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
     view: ClassVar = View("transmitted torque [N·m]", load, note="a dent about zero load")
 

@@ -124,6 +124,10 @@ class Cause(ABC):
     rather: ClassVar[tuple[str, ...]] = ()
     """Names of simpler causes which such ranges prefer to it, where they predict them as well."""
 
+    profiled: ClassVar[bool] = False
+    """Whether the interval of its first nonlinear parameter is of its `profile`: where a tangent
+    does not tell how far it may be off."""
+
     # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
@@ -222,11 +226,10 @@ class Cause(ABC):
 
     def profile(
         self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
-    ) -> tuple[Array, Array] | None:
+    ) -> tuple[Array, Array]:
         """Return others than the first nonlinear parameter, (K,), and what is left with each, (K,).
 
-        That is for its interval, where a tangent does not tell how far it may be off; None where it
-        does. What is left is the weighted squared error with the best of all else of the cause.
+        What is left is the weighted squared error with the best of all else of a `profiled` cause.
 
         Args:
             data: the logs.
@@ -235,7 +238,7 @@ class Cause(ABC):
             residual: (T,) what the other causes leave on the joint [N·m].
             weight: (T,) of each row.
         """
-        return None
+        raise NotImplementedError
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return coefficients and nonlinear parameters as they stand in a model."""

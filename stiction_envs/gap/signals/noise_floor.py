@@ -37,7 +37,7 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
 def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Array, Array]:
     """Return (n,) noise of a residual down to where it takes over [N·m], and (n,) that point [Hz].
 
-    The spectrum S stops falling at the lowest f with S(f) ≤ 2·median of S over the octave above
+    The spectrum S stops falling at the lowest f with S(f) ≤ `level`·median of S, the octave above
     (as in `spectra`, which has three octaves: a low-pass before the log may leave one). From there
     on all of it is noise, and below it the noise is taken to be as dense as there:
     σ² = f S(f) + ∫_f S. Of white noise it is the whole. NaN where no such point is, as noise is
@@ -65,7 +65,7 @@ def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Arr
     level = np.array([power[a:b].mean(axis=0) for a, b in pairwise(edges)]).reshape(-1, n)
     for j in range(n):
         for i, at in enumerate(edges[: max(len(level) - 2, 0)]):
-            if level[i, j] <= 2 * np.median(level[i + 1 : i + 3, j]):
+            if level[i, j] <= s.level * np.median(level[i + 1 : i + 3, j]):
                 if f[at] <= motion_hz:
                     break
                 start[j] = f[at]
