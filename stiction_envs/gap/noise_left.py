@@ -44,9 +44,9 @@ def noise_left(
     )
     if len(seen):
         notes.append(
-            f"torque spectra of {joint_list(seen)} {fall}: the noise floor is of what the model leaves "
-            f"above {np.nanmax(start):.2g} Hz, taken to be as dense below, where nobody can tell "
-            "noise from what a model gets wrong"
+            f"torque spectra of {joint_list(seen)} {fall}: the noise floor is of what the model "
+            f"leaves above {np.nanmax(start):.2g} Hz, taken to be as dense below, where nobody can "
+            "tell noise from what a model gets wrong"
         )
     if len(hidden):
         notes.append(
