@@ -187,8 +187,8 @@ def _rates(results: Results) -> dict[str, float]:
     out = dict(RATES)
     found: dict[str, list[float]] = {}
     for one in results.folders:
-        if one.rate is not None:
-            found.setdefault(one.training.algorithm, []).append(one.rate)
+        if (rate := one.found["steps_per_second"]) is not None:
+            found.setdefault(one.training.algorithm, []).append(rate)
     return out | {name: sum(x) / len(x) for name, x in found.items()}
 
 

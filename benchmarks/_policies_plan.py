@@ -143,13 +143,16 @@ def cells(plan: Plan) -> list[Cell]:
 
 
 def trainings(plan: Plan, best: str | None) -> list[Training]:
-    """Return all trainings; ``best`` is the algorithm of the iiwa, None while nobody knows it."""
+    """Return all trainings; ``best`` is the algorithm of the iiwa, None while nobody knows it.
+
+    One seed of each comes first: half of them say something of every algorithm.
+    """
     out = [("panda", "gte", alg) for alg in ALGORITHMS] + [("panda", "sje", SJE_ALGORITHM)]
     out += [(robot, "gte", best) for robot in plan.robots if robot != "panda" and best]
     return [
         Training(robot=robot, experiment=e, algorithm=alg, run=k)
-        for robot, e, alg in out
         for k in range(plan.runs)
+        for robot, e, alg in out
     ]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,17 +24,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._made_by import made_by
 from benchmarks._policies_plan import ALGORITHMS, Plan, Training, trainings
 from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import fingerprint
-from stiction_envs.precomputed.store import digest
+from stiction_envs.precomputed.store import MADE_BY, digest
 from stiction_envs.reporting.atomic import write_text_atomic
 from tuning.policies.settings import policy_settings
 
 TOGETHER = 2
 """Processes at most."""
-DONE, SHARE, LOG, LOCK = "trained.json", "share", "log", "lock"
+DONE, CODE, SHARE, LOG, LOCK = "trained.json", "code", "share", "log", "lock"
 """What the benchmark adds to the folder of a training."""
+TRAINED_BY = (
+    *(f"stiction_envs/{place}" for place in MADE_BY),
+    *(f"tuning/policies/{name}*.py" for name in ("algo", "call", "check", "policy", "recorded")),
+    *(f"tuning/policies/{name}.py" for name in ("task", "train")),
+)
+"""Code that decides the bits of a training; its settings are in the name of its folder."""
 RATES = {"sac": 440.0, "td3": 550.0, "ppo": 600.0}
 """Steps/s of each of two trainings together on two processors, to tell the time that is left:
 measured on the Panda's GTE over 6000 to 11,000 steps, evaluations left out."""
@@ -71,10 +79,13 @@ class Folder:
             return 0.0
 
     @property
-    def rate(self) -> float | None:
-        """Steps/s of its last process; None where that had nothing to do."""
-        found: dict[str, Any] = json.loads((self.path / DONE).read_text("utf-8"))
-        return found["steps_per_second"]
+    def found(self) -> dict[str, Any]:
+        """``code`` that trained it, and ``steps_per_second`` of its last process.
+
+        The latter is None where that process had nothing left to do.
+        """
+        out: dict[str, Any] = json.loads((self.path / DONE).read_text("utf-8"))
+        return out
 
     def curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return steps and the returns of their evaluations."""
@@ -83,9 +94,15 @@ class Folder:
 
 
 def folder(work: Path, plan: Plan, training: Training) -> Folder:
-    """Return the folder of a training; other settings have another one."""
+    """Return the folder of a training; other settings have another one.
+
+    What was finished by other code stays, and says so (`Folder.found`): a policy is what it is,
+    however it came about. What was only begun by other code is begun anew.
+    """
     arguments = {k: repr(v) for k, v in training.task.arguments.items()}
-    of = digest(training.name, plan.steps, arguments, fingerprint(policy_settings()))
+    settings = policy_settings()
+    used = {"own": getattr(settings, training.algorithm), "run": settings.run}
+    of = digest(training.name, plan.steps, arguments, fingerprint(used))
     return Folder(training, plan.steps, work / "trainings" / f"{training.name}-{of[:8]}")
 
 
@@ -165,7 +182,7 @@ def _last_line(path: Path) -> str:
 
 
 def _train(path: Path, training: Training, steps: int) -> None:
-    from tuning.policies.train import train
+    from tuning.policies.train import CHECKPOINTS, train
 
     parent, said = os.getppid(), 0.0
 
@@ -179,6 +196,10 @@ def _train(path: Path, training: Training, steps: int) -> None:
 
     with (path / LOCK).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # until one that was left alone has noticed
+        code = made_by(TRAINED_BY, ("stable-baselines3", "torch", "gymnasium"))
+        if not (path / CODE).exists() or (path / CODE).read_text("utf-8") != code:
+            shutil.rmtree(path / CHECKPOINTS, ignore_errors=True)
+            write_text_atomic(path / CODE, code)
         found = train(
             training.task,
             training.algorithm,
@@ -187,7 +208,7 @@ def _train(path: Path, training: Training, steps: int) -> None:
             seed=training.run,
             progress=progress,
         )
-        text = json.dumps({"steps_per_second": found.steps_per_second})
+        text = json.dumps({"code": code, "steps_per_second": found.steps_per_second})
         write_text_atomic(path / DONE, text)
 
 

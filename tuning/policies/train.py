@@ -92,7 +92,7 @@ def identity_of(
         "steps": steps,
         "seed": seed,
         "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
-        "settings": fingerprint(settings),
+        "settings": fingerprint({"own": settings_of(algorithm, settings), "run": settings.run}),
         "packages": packages(),
     }
 
