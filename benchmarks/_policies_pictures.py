@@ -23,7 +23,7 @@ from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Results
 from benchmarks._policies_training import Folder
 from stiction_envs.reporting.png import save_full
 from tuning.policies.distil import watch
-from tuning.policies.evaluation import TEST_PATHS
+from tuning.policies.settings import policy_settings
 
 LOOKS = {
     "none": ("o", "0.4"),
@@ -137,7 +137,8 @@ def draw_behaviour(path: Path, results: Results) -> bool:
         path.unlink(missing_ok=True)
         return False
     training: Training = best.training
-    fixed = [{"path": TEST_PATHS + k} for k in range(WATCHED)]
+    first = policy_settings().evaluation.test_paths
+    fixed = [{"path": first + k} for k in range(WATCHED)]
     seen = []
     for options in fixed[:: max(1, WATCHED // 4)]:
         task = environment(training.robot, training.experiment, fixed_options=options)

@@ -16,7 +16,7 @@ from stiction_envs.measured import AmplitudeRow
 from stiction_envs.precomputed.store import digest
 from stiction_envs.robots.registry import ARMS
 from tuning.explore.tables import HERE as TABLES
-from tuning.policies.evaluation import TEST_PATHS
+from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
 Table = tuple[AmplitudeRow, ...]
@@ -125,8 +125,9 @@ def environment(robot: str, experiment: str, *, nthread: int = 0, **arguments: A
 
 def cells(plan: Plan) -> list[Cell]:
     """Return all that is measured."""
+    first = policy_settings().evaluation.test_paths
     tasks: list[tuple[str, str, list[Mapping[str, Any]]]] = [
-        ("gte", RANDOM_PATHS, [{"path": TEST_PATHS + k} for k in range(plan.paths)])
+        ("gte", RANDOM_PATHS, [{"path": first + k} for k in range(plan.paths)])
     ]
     for name in ("triangle", "pentagon"):
         both = [{"trajectory": name, "stiffness": k} for k in thesis_stiffness()]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 EXPERIMENTS = ("sje", "gte")
 TRAJECTORIES = ("triangle", "pentagon", "random")
 NAMED = ("none", "gated", "random", "rule")
+EPISODES = 32
 GTE_ONLY = ("trajectory", "stiffness")
 
 
@@ -45,7 +46,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--episodes",
         type=common.whole(1),
-        default=32,
+        default=EPISODES,
         metavar="N",
         help="of each policy (default: %(default)s)",
     )
@@ -137,7 +138,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     task, options = read_task(args), read_options(args)
     check(task, args.policy, options)
-    inputs = {**common.model_files(args), **policy_files(args.policy)}
+    inputs = {**common.model_files(args), **policy_files(task.arm_name, args.policy)}
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(
@@ -160,10 +161,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def policy_files(policies: list[str]) -> dict[str, Path]:
+def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     """Return the policies that are files, by a name of their own."""
-    files = [Path(p) for p in policies if p not in NAMED]
-    return {f"policy {k}": path for k, path in enumerate(files, 1)}
+    from tuning.policies.evaluation import gated_file
+
+    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in NAMED}
+    if "gated" in policies and (shipped := gated_file(robot)) is not None:
+        files["gated"] = shipped
+    return files
 
 
 COLUMNS = {

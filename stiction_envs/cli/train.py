@@ -31,7 +31,7 @@ def add_parser(subparsers: Any) -> None:
         required=True,
         type=common.whole(1),
         metavar="N",
-        help="of all arms together, 0.1 s each",
+        help="of all arms together, each a control interval long (default: 0.1 s)",
     )
     parser.add_argument(
         "--settings",
@@ -68,10 +68,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     settings = override(policy_settings(), args.settings)
     inputs = {**common.model_files(args), "settings": args.settings}
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
-    if folder.resumed:
-        training.check(task, args.algo, args.steps, args.seed, settings, folder.path)
-    else:
-        training.check(task, args.algo, args.steps, args.seed, settings, None)
+    there = folder.path if folder.resumed else None
+    training.check(task, args.algo, args.steps, args.seed, settings, there)
     with common.working(), Progress("episodes") as progress, folder:
         trained = training.train(
             task,

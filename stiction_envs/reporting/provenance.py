@@ -91,8 +91,9 @@ def provenance(
     files = {k: {"file": str(v), "sha256": sha256(v)} for k, v in sorted(inputs.items())}
     package = package_folder()
     for k, v in inputs.items():
-        if v.resolve().is_relative_to(package):  # where it is installed does not matter
-            files[k]["file"] = f"stiction_envs/{v.resolve().relative_to(package).as_posix()}"
+        for ours in (package, package.parent / "tuning"):
+            if v.resolve().is_relative_to(ours):  # where it is installed does not matter
+                files[k]["file"] = v.resolve().relative_to(package.parent).as_posix()
     identity = {
         "command": command,
         "seed": seed,

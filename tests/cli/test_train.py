@@ -6,12 +6,17 @@ import sys
 
 import pytest
 
+from stiction_envs.cli import evaluate
+from stiction_envs.cli import train as command
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
 from tests.tuning.policies.small import made_up
 
 pytest.importorskip("stable_baselines3")
-from tuning.policies import checkpoint
+from tuning.policies import algorithms, checkpoint, evaluation, task
 from tuning.policies import train as training
+from tuning.policies.settings import policy_settings
 
 SETTINGS = """
 [ppo]
@@ -232,3 +237,18 @@ def test_a_table_of_means_is_shown(cli):
     assert lines[1].split()[:3] == ["policy", "return", "±"]
     assert [line.split()[0] for line in lines[2:4]] == ["none", "rule"]
     assert lines[-1] == "written to runs/evaluate-panda"
+
+
+def test_names_are_those_of_the_packages():
+    defaults = policy_settings().evaluation
+    assert command.ALGORITHMS == algorithms.ALGORITHMS
+    assert evaluate.EXPERIMENTS == task.EXPERIMENTS
+    assert evaluate.NAMED == evaluation.NAMED
+    assert (*TRAJECTORIES, RANDOM) == evaluate.TRAJECTORIES
+    assert defaults.episodes == evaluate.EPISODES
+
+
+def test_the_gated_table_is_among_the_inputs():
+    """Whoever changes it gets another provenance; an arm without one has no file."""
+    assert evaluate.policy_files("panda", ["none", "gated"])["gated"].name == "panda_gated.csv"
+    assert evaluate.policy_files("iiwa7", ["none", "gated"]) == {}

@@ -18,8 +18,8 @@ OBJECTIVES = ("sje", "gte", "both")
 GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", *KINDS)
 PRICES = ("shaking", "power", "torque_rate")
-"""Second objectives: displacement (SJE) or vibration (GTE) [rad, m], mean power of the dither [W],
-rate of its torque [N·m/s]."""
+"""Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
+(GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,8 +32,6 @@ from tuning.policies.settings import DistilSettings, policy_settings
 from tuning.policies.task import Task
 
 Array = NDArray[np.float64]
-EPISODES = 16
-"""Default number of episodes that are looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +126,7 @@ def distil(
     task: Task,
     policy: Any,
     *,
-    episodes: int = EPISODES,
+    episodes: int | None = None,
     seed: int = 0,
     settings: DistilSettings | None = None,
 ) -> Distilled:
@@ -137,11 +135,12 @@ def distil(
     Args:
         task: the environment.
         policy: anything with Stable-Baselines3's `predict`.
-        episodes: that are looked at, and as many others to evaluate.
+        episodes: that are looked at, and as many others to evaluate; None for the settings'.
         seed: of the first episode.
         settings: None for the defaults.
     """
     settings = policy_settings().distil if settings is None else settings
+    episodes = settings.episodes if episodes is None else episodes
     env = task.make(episodes)
     top = env.core.action_space.high[: env.core.n]
     fits = fit(*watch(env, policy, seed), top=top, settings=settings)
@@ -237,10 +236,10 @@ def _fitted(
     lower, upper = np.transpose(bounds)
 
     def shape(x: Array) -> Array:
-        gate = np.exp(x[0])
         # at the edge of its range a parameter is none
-        out = np.ones_like(a) if x[0] >= upper[0] - 1e-3 else np.exp(-((speed / gate) ** 2))
-        if pushed is not None and x[1] > lower[1] + 1e-3:
+        gate = np.inf if x[0] >= upper[0] - settings.edge else np.exp(x[0])
+        out = np.exp(-((speed / gate) ** 2))
+        if pushed is not None and x[1] > lower[1] + settings.edge:
             out = out * _pushed(pushed, np.exp(x[1]))
         return out
 
@@ -257,11 +256,11 @@ def _fitted(
         best[1] = lower[1]
     cost = float(np.sum(residual(best) ** 2))
     total = float(np.sum((a - a.mean()) ** 2))
-    if total > 1e-12 * len(a) * top**2:
+    if total > len(a) * (settings.least_spread * top) ** 2:
         grids = [np.linspace(lo, hi, settings.starts + 2)[1:-1] for lo, hi in bounds]
         for start in np.stack(np.meshgrid(*grids), axis=-1).reshape(-1, len(bounds)):
             found = least_squares(residual, start, bounds=(lower, upper))
-            if 2 * found.cost < cost * (1 - 1e-9):
+            if 2 * found.cost < cost * (1 - 1e-9):  # by more than rounding
                 best, cost = found.x, 2 * float(found.cost)
         r2 = 1.0 - cost / total
     else:
@@ -269,9 +268,9 @@ def _fitted(
     amplitude = level(shape(best))
     if amplitude < settings.least_share * top:
         return 0.0, 0.0, 0.0, r2
-    gate = 0.0 if best[0] >= upper[0] - 1e-3 else float(np.exp(best[0]))
+    gate = 0.0 if best[0] >= upper[0] - settings.edge else float(np.exp(best[0]))
     threshold = 0.0
-    if pushed is not None and best[1] > lower[1] + 1e-3:
+    if pushed is not None and best[1] > lower[1] + settings.edge:
         threshold = float(np.exp(best[1]))
     return amplitude, gate, threshold, r2
 

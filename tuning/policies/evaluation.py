@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,14 @@ from numpy.typing import NDArray
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
 from stiction_envs.envs.evaluation import evaluate
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.measured.csv_text import write_lines
 from tuning.policies.policy import Policy
+from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
 NAMED = ("none", "gated", "random", "rule")
 """Policies that need no file."""
-EPISODES = 32
-"""Default number of episodes."""
-TEST_PATHS = 1000
-"""First number of the random paths that are evaluated on; training draws far smaller ones."""
 _TOGETHER = 64  # arms at once: as many as are quickest
 Progress = Callable[[str, float, float], None]
 """Called with a policy's name, episodes done and episodes in all."""
@@ -78,7 +74,7 @@ def evaluate_all(
     task: Task,
     policies: Sequence[str | tuple[str, Any]],
     *,
-    episodes: int = EPISODES,
+    episodes: int | None = None,
     seed: int = 0,
     options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
@@ -88,7 +84,7 @@ def evaluate_all(
     Args:
         task: the environment.
         policies: one of `NAMED`, a ``policy.zip``, an amplitude table, or a name and an agent.
-        episodes: of each.
+        episodes: of each; None for the settings'.
         seed: of the first episode; the others have those that follow.
         options: reset options of all episodes; of random paths, those that training never draws.
         progress: see `Progress`.
@@ -96,6 +92,7 @@ def evaluate_all(
     Raises:
         StictionError: no such policy, one that is for something else, or unknown options.
     """
+    episodes = policy_settings().evaluation.episodes if episodes is None else episodes
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     each = [_held_out(options, k) for k in range(episodes)]
@@ -170,15 +167,25 @@ def best_gated(robot: str, env: Any) -> GatedTable:
     search --objective gte --gates one --evaluations 1600`` tried (``benchmarks/search.md``). An arm
     without one is given `agents.usual_table` with the default gate.
     """
-    with resources.as_file(resources.files("tuning") / "tables" / f"{robot}_gated.csv") as path:
-        if not path.is_file():
-            return GatedTable(env)
-        rows = read_amplitudes(path, n_joints=env.core.n)
-    top = env.single_action_space.high
-    cut = [
-        replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in rows
-    ]
-    return GatedTable(env, cut, speed=np.inf)
+    path = gated_file(robot)
+    if path is None:
+        return GatedTable(env)
+    rows = read_amplitudes(path, n_joints=env.unwrapped.core.n)
+    return GatedTable(env, within_bounds(env, rows), speed=np.inf)
+
+
+def gated_file(robot: str) -> Path | None:
+    """Return the best gated table that is shipped for an arm, None where there is none."""
+    path = Path(__file__).parents[1] / "tables" / f"{robot}_gated.csv"
+    return path if path.is_file() else None
+
+
+def within_bounds(env: Any, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow, ...]:
+    """Return a table whose amplitudes are cut to those of the environment's action."""
+    top = env.unwrapped.single_action_space.high
+    return tuple(
+        replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in table
+    )
 
 
 class _WithinBounds:
@@ -204,5 +211,5 @@ def _held_out(options: Mapping[str, Any] | None, episode: int) -> dict[str, Any]
     """Return the options of an episode; random paths are those that no training draws."""
     out = dict(options or {})
     if out.get("trajectory") == "random" and "path" not in out:
-        out["path"] = TEST_PATHS + episode
+        out["path"] = policy_settings().evaluation.test_paths + episode
     return out

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,17 +51,9 @@ class Card:
     """How it came about: algorithm, steps, seed, versions and whatever else; for people."""
 
 
-_CARD = {
-    "robot": str,
-    "environment": str,
-    "observation_names": list,
-    "interval": float,
-    "activation": str,
-    "output": str,
-    "clip": float,
-    "epsilon": float,
-    "training": dict,
-}
+_IN_JSON = {str: str, float: float, tuple: list, Mapping: dict}
+_CARD = {name: _IN_JSON[get_origin(kind) or kind] for name, kind in get_type_hints(Card).items()}
+"""Kinds of a card's entries in JSON."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

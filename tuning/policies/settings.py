@@ -104,6 +104,19 @@ class RunSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EvaluationSettings:
+    """Episodes on which policies are compared."""
+
+    episodes: int
+    """Default number of them."""
+    test_paths: int
+    """First number of the random paths that are evaluated on; training may draw smaller ones."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class FileSettings:
     """What a policy's file may be: a stranger's could be made to fill the memory."""
 
@@ -120,6 +133,8 @@ class FileSettings:
 class DistilSettings:
     """The closest gated table and rule to what a policy does."""
 
+    episodes: int
+    """Default number that is looked at."""
     starts: int
     """Gates, and thresholds, from which a joint's fit is started: each with each."""
     gate_rad_s: tuple[float, float]
@@ -128,6 +143,10 @@ class DistilSettings:
     """Lowest and highest torque threshold over stiction; one on the lowest is none [-]."""
     least_share: float
     """A joint whose amplitude is below this share of the highest possible is not dithered [-]."""
+    edge: float
+    """A gate or threshold this near its bound is on it, in its logarithm [-]."""
+    least_spread: float
+    """Amplitudes whose standard deviation is below this share of the highest are constant [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -145,6 +164,8 @@ class PolicySettings:
     """Twin delayed deterministic policy gradient."""
     run: RunSettings
     """Evaluations and checkpoints."""
+    evaluation: EvaluationSettings
+    """Comparisons."""
     file: FileSettings
     """A policy's file."""
     distil: DistilSettings

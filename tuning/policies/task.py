@@ -14,7 +14,7 @@ from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.envs.registration import KINDS
 from stiction_envs.envs.sje import SJEVectorEnv
 from stiction_envs.envs.sje_core import SJECore
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import unknown
 from stiction_envs.robots.registry import ARMS
 
 EXPERIMENTS = ("sje", "gte")
@@ -75,14 +75,3 @@ def argument_names(experiment: str) -> list[str]:
     """Return the names of an environment's arguments, besides the arm and the threads."""
     core = SJECore if experiment == "sje" else GTECore
     return [n for n in inspect.signature(core.__init__).parameters if n not in _NOT_OPTIONS]
-
-
-def checked_steps(steps: int, least: int, why: str) -> int:
-    """Return a number of steps of a training.
-
-    Raises:
-        StictionError: below ``least``, which is ``why``.
-    """
-    if steps < least:
-        raise StictionError(f"{steps} steps: expected at least {least}: {why}")
-    return steps

@@ -78,7 +78,13 @@ def check(
         raise StictionError(f"{steps} steps: expected at least {least}: {why}")
     if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
         read_state(place, identity_of(task, algorithm, steps, seed, settings))
-    task.make(1).close()
+    env = task.make(1)
+    drawn, first = getattr(env.core, "random_paths", 0), settings.evaluation.test_paths
+    env.close()
+    if drawn > first:
+        raise StictionError(
+            f"random_paths {drawn}: expected at most {first}: policies are evaluated on the others"
+        )
 
 
 def identity_of(

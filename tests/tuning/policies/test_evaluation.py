@@ -13,7 +13,8 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from tests.tuning.policies.small import SPRINT, made_up
 from tuning.policies import evaluation
-from tuning.policies.evaluation import TEST_PATHS, check, evaluate_all, read_agent
+from tuning.policies.evaluation import check, evaluate_all, read_agent
+from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
 ROOT = Path(__file__).parents[3]
@@ -64,7 +65,7 @@ def test_random_paths_are_those_of_no_training():
     quick = Task(robot="panda", experiment="gte", arguments={"control_interval_s": 0.2})
     check(quick, ["none"], {"trajectory": "random"})
     env = quick.make(1)
-    assert env.core.random_paths <= TEST_PATHS
+    assert env.core.random_paths <= policy_settings().evaluation.test_paths
     with pytest.raises(StictionError, match="unknown reset option 'colour'"):
         check(quick, ["none"], {"colour": "red"})
 

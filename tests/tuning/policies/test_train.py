@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -175,12 +176,15 @@ def test_a_killed_process_goes_on(tmp_path):
     end = time.monotonic() + 120
     while checkpoint.newest(parts / "checkpoint") is None and time.monotonic() < end:
         time.sleep(0.05)
+    assert process.poll() is None, "it was killed on its way"
     process.send_signal(signal.SIGKILL)
     process.wait()
+    assert checkpoint.newest(parts / "checkpoint") is not None
     half = parts / "checkpoint" / checkpoint.PART
     half.mkdir(exist_ok=True)
     (half / "arrays.npz").write_bytes(b"half")
-    train(SPRINT, "sac", steps=STEPS, out=parts, settings=SMALL)
+    went_on = train(SPRINT, "sac", steps=STEPS, out=parts, settings=SMALL)
+    assert 0 < went_on.resumed_at < STEPS
     train(SPRINT, "sac", steps=STEPS, out=whole, settings=SMALL)
     assert (parts / "curve.csv").read_bytes() == (whole / "curve.csv").read_bytes()
     assert equal(last(parts), last(whole))
@@ -225,28 +229,35 @@ def test_another_network_is_refused():
 # ---- episodes in the middle ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("experiment", ["sje", "gte"])
-def test_arms_on_their_way_are_brought_back(experiment):
+RAMPS = Task(
+    robot="panda",
+    experiment="sje",
+    arguments={"control_interval_s": 0.2, "fixed_options": {"load": "no_load"}},
+)
+"""Of any joint: 28 to 40 steps."""
+PATHS = replace(
+    SPRINT, arguments={**SPRINT.arguments, "fixed_options": {"stiffness": (400, 40, 0)}}
+)
+"""Triangles of 14 steps, pentagons of 21."""
+
+
+@pytest.mark.parametrize(("task", "seed"), [(RAMPS, 3), (PATHS, 1)], ids=["sje", "gte"])
+def test_arms_on_their_way_are_brought_back(task, seed):
     """Observations, rewards, ends and what comes after them, of arms at different times."""
-    sje = Task(
-        robot="panda",
-        experiment="sje",
-        arguments={"control_interval_s": 0.2, "fixed_options": {"joint": 6, "load": "no_load"}},
-    )
-    task = SPRINT if experiment == "gte" else sje
     env = RecordedVecEnv(task.make(3))
-    env.seed(3)
+    env.seed(seed)
     env.reset()
     rng = np.random.default_rng(0)
-    actions = rng.uniform(-1, 0, size=(40, 3, 14)).astype(np.float32)
-    for a in actions[:20]:
+    actions = rng.uniform(-1, 0, size=(60, 3, 14)).astype(np.float32)
+    for a in actions[:30]:
         env.step(a)
     generators, since = env.snapshot()
-    assert min(map(len, since)) > 0 or max(map(len, since)) < 20, "an episode has ended"
+    assert min(map(len, since)) < 30, "an episode has ended"
+    assert len(set(map(len, since))) > 1, "the arms are at different times"
     other = RecordedVecEnv(task.make(3))
     seen = other.restore(generators, since)
     ended = 0
-    for a in actions[20:]:
+    for a in actions[30:]:
         mine, theirs = env.step(a), other.step(a)
         for x, y in zip(mine[:3], theirs[:3], strict=True):
             assert np.array_equal(x, y)
@@ -265,12 +276,16 @@ def test_arms_on_their_way_are_brought_back(experiment):
         ({"algorithm": "a2c"}, "unknown algorithm 'a2c': expected one of sac, ppo, td3"),
         ({"steps": 31}, "31 steps: expected at least 32: one rollout of 4 arms, 8 steps each"),
         ({"algorithm": "sac", "steps": 19}, "19 steps: expected at least 20: 16 at random"),
+        (
+            {"task": Task(robot="panda", experiment="gte", arguments={"random_paths": 1001})},
+            "random_paths 1001: expected at most 1000: policies are evaluated on the others",
+        ),
     ],
 )
 def test_bad_input_writes_nothing(tmp_path, change, words):
-    arguments = {"algorithm": "ppo", "steps": 64, **change}
+    arguments = {"task": SPRINT, "algorithm": "ppo", "steps": 64, **change}
     with pytest.raises(StictionError) as error:
-        train(SPRINT, **arguments, out=tmp_path, settings=SMALL)
+        train(**arguments, out=tmp_path, settings=SMALL)
     assert words in str(error.value)
     assert list(tmp_path.iterdir()) == []
 
