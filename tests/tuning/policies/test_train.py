@@ -234,14 +234,14 @@ RAMPS = Task(
     experiment="sje",
     arguments={"control_interval_s": 0.2, "fixed_options": {"load": "no_load"}},
 )
-"""Of any joint: 28 to 40 steps."""
+"""Of any joint: 28 steps and more."""
 PATHS = replace(
     SPRINT, arguments={**SPRINT.arguments, "fixed_options": {"stiffness": (400, 40, 0)}}
 )
 """Triangles of 14 steps, pentagons of 21."""
 
 
-@pytest.mark.parametrize(("task", "seed"), [(RAMPS, 3), (PATHS, 1)], ids=["sje", "gte"])
+@pytest.mark.parametrize(("task", "seed"), [(RAMPS, 1), (PATHS, 1)], ids=["sje", "gte"])
 def test_arms_on_their_way_are_brought_back(task, seed):
     """Observations, rewards, ends and what comes after them, of arms at different times."""
     env = RecordedVecEnv(task.make(3))
