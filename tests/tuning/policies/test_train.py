@@ -248,7 +248,7 @@ def test_arms_on_their_way_are_brought_back(task, seed):
     env.seed(seed)
     env.reset()
     rng = np.random.default_rng(0)
-    actions = rng.uniform(-1, 0, size=(60, 3, 14)).astype(np.float32)
+    actions = rng.uniform(-1, 0, size=(90, 3, 14)).astype(np.float32)
     for a in actions[:30]:
         env.step(a)
     generators, since = env.snapshot()
