@@ -35,7 +35,8 @@ RANDOM_PATHS = "random paths"
 TRAINED = {alg: alg.upper() for alg in ALGORITHMS}
 BASELINES = {"panda": "Table 4.9", "iiwa7": "make tune"}
 """Whom an improvement is over: the thesis has Table 4.9 for the Panda alone."""
-CONSTANT = ("Table 4.9", "make tune", "search, constant")
+SEARCHED = "search, constant"
+CONSTANT = ("Table 4.9", "make tune", SEARCHED)
 RULES = ("gated", "rule")
 
 
@@ -92,6 +93,17 @@ class Training:
     def name(self) -> str:
         """Of its folder."""
         return f"{self.robot}-{self.experiment}-{self.algorithm}-{self.run}"
+
+    @property
+    def start(self) -> Table:
+        """The constant table that its policy begins with: the best one that a search found.
+
+        The action is one for all friction: amplitudes beyond its bounds are cut.
+        """
+        env = environment(self.robot, self.experiment).make(1)
+        out = within_bounds(env, tables(self.robot, self.experiment)[SEARCHED])
+        env.close()
+        return tuple(row for row in out if row.amplitude_nm)
 
     @property
     def task(self) -> Task:
@@ -181,7 +193,7 @@ def tables(robot: str, experiment: str) -> dict[str, Table]:
     return {
         **thesis,
         "make tune": table_of(TABLES / f"{robot}.csv"),
-        "search, constant": table_of(KEPT / f"{robot}_{experiment}.csv"),
+        SEARCHED: table_of(KEPT / f"{robot}_{experiment}.csv"),
     }
 
 
@@ -193,7 +205,7 @@ def unlearned(robot: str, experiment: str) -> list[Contestant]:
     out += [_of_table(name, ConstantTable, table) for name, table in found.items()]
     if experiment == "gte":
         kept = KEPT / f"{robot}_gte_gated_1600.csv"
-        gated = table_of(kept) if kept.exists() else found["search, constant"]
+        gated = table_of(kept) if kept.exists() else found[SEARCHED]
         out.append(_of_table("gated", GatedTable, gated))
     out.append(_of_table("rule", TorqueRule, base))
     if experiment == "gte":

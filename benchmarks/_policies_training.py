@@ -102,7 +102,8 @@ def folder(work: Path, plan: Plan, training: Training) -> Folder:
     arguments = {k: repr(v) for k, v in training.task.arguments.items()}
     settings = policy_settings()
     used = {"own": getattr(settings, training.algorithm), "run": settings.run}
-    of = digest(training.name, plan.steps, arguments, fingerprint(used))
+    start = [repr(row) for row in training.start]
+    of = digest(training.name, plan.steps, arguments, start, fingerprint(used))
     return Folder(training, plan.steps, work / "trainings" / f"{training.name}-{of[:8]}")
 
 
@@ -206,6 +207,7 @@ def _train(path: Path, training: Training, steps: int) -> None:
             steps=steps,
             out=path,
             seed=training.run,
+            start=training.start,
             progress=progress,
         )
         text = json.dumps({"code": code, "steps_per_second": found.steps_per_second})

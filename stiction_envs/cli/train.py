@@ -34,6 +34,13 @@ def add_parser(subparsers: Any) -> None:
         help="of all arms together, each a control interval long (default: 0.1 s)",
     )
     parser.add_argument(
+        "--start",
+        type=Path,
+        metavar="TABLE.csv",
+        help="amplitude table that the policy begins with, its gates not looked at (default: half "
+        "of the highest amplitudes and frequencies)",
+    )
+    parser.add_argument(
         "--settings",
         type=Path,
         metavar="FILE.toml",
@@ -54,6 +61,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Train; write policy, curve, evaluation, plots and provenance."""
+    from stiction_envs.measured import AmplitudeRow, read_amplitudes
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.curve import draw_curve
@@ -66,10 +74,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args, **({"trajectory": "random"} if args.experiment == "gte" else {})
     )
     settings = override(policy_settings(), args.settings)
-    inputs = {**common.model_files(args), "settings": args.settings}
+    start: list[AmplitudeRow] = []
+    if args.start is not None:
+        start = read_amplitudes(args.start, n_joints=common.read_arm(args).n)
+    inputs = {**common.model_files(args), "settings": args.settings, "start": args.start}
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     there = folder.path if folder.resumed else None
-    training.check(task, args.algo, args.steps, args.seed, settings, there)
+    training.check(task, args.algo, args.steps, args.seed, settings, there, start)
     with common.working(), Progress("episodes") as progress, folder:
         trained = training.train(
             task,
@@ -77,6 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             steps=args.steps,
             out=folder.path,
             seed=args.seed,
+            start=start,
             settings=settings,
             progress=progress.whole,
         )

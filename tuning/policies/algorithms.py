@@ -117,8 +117,8 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
         "tau": settings.tau,
         "policy_kwargs": network,
     }
-    if not isinstance(settings, TD3Settings):
-        return SAC("MlpPolicy", env, **arguments)
+    if isinstance(settings, SACSettings):
+        return SAC("MlpPolicy", env, ent_coef=f"auto_{settings.temperature}", **arguments)
     spread = np.full(env.action_space.shape or (), settings.noise)
     return TD3(
         "MlpPolicy",
@@ -129,6 +129,24 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
         target_noise_clip=settings.target_clip,
         **arguments,
     )
+
+
+def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], slope: float) -> None:
+    """Make an untrained model's mean action (nearly) the same whatever is seen.
+
+    Args:
+        model: of `make_model`.
+        action: (2n,) in [-1, 1].
+        slope: by which the last layer's weights are multiplied: how much it varies at first.
+    """
+    layers, output = _layers(model)
+    # a tanh never comes to its bounds, and hardly moves next to them
+    bias = np.arctanh(np.clip(action, -0.95, 0.95)) if output == "tanh" else action
+    with torch.no_grad():
+        layers[-1].weight *= slope
+        layers[-1].bias.copy_(torch.as_tensor(bias))
+    if isinstance(model, TD3):
+        model.actor_target.load_state_dict(model.actor.state_dict())
 
 
 def make_logger(folder: Path | None) -> Logger:

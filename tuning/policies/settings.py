@@ -42,8 +42,8 @@ class PPOSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SACSettings:
-    """Soft actor-critic (Haarnoja et al. 2018) with learned temperature, by Stable-Baselines3."""
+class OffPolicySettings:
+    """What soft actor-critic and TD3 have in common."""
 
     envs: int
     """Arms that are stepped together."""
@@ -69,7 +69,15 @@ class SACSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TD3Settings(SACSettings):
+class SACSettings(OffPolicySettings):
+    """Soft actor-critic (Haarnoja et al. 2018) with learned temperature, by Stable-Baselines3."""
+
+    temperature: float
+    """Price of entropy at first, in normalised reward; learned from there on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TD3Settings(OffPolicySettings):
     """Twin delayed deterministic policy gradient (Fujimoto et al. 2018), by Stable-Baselines3."""
 
     noise: float
@@ -92,6 +100,8 @@ class RunSettings:
     """Episodes of each, the same ones every time."""
     checkpoint_every: int
     """Steps between two checkpoints: what an interruption may cost."""
+    start_slope: float
+    """A policy that begins with a table varies by this share of an untrained network's [-]."""
     final_episodes: int
     """Episodes with other seeds on which the finished policy is compared."""
     clip_observation: float

@@ -14,16 +14,20 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import fingerprint
 from tuning.policies.algorithms import (
+    begin_with,
     export,
     least_steps,
     make_env,
@@ -67,7 +71,13 @@ class Trained:
 
 
 def check(
-    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings, out: Path | None
+    task: Task,
+    algorithm: str,
+    steps: int,
+    seed: int,
+    settings: PolicySettings,
+    out: Path | None,
+    start: Sequence[AmplitudeRow] = (),
 ) -> None:
     """Raise a StictionError for whatever is wrong with a training; nothing is written.
 
@@ -77,8 +87,9 @@ def check(
     if steps < least:
         raise StictionError(f"{steps} steps: expected at least {least}: {why}")
     if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
-        read_state(place, identity_of(task, algorithm, steps, seed, settings))
+        read_state(place, identity_of(task, algorithm, steps, seed, settings, start))
     env = task.make(1)
+    ConstantTable(env, start)  # raises where it cannot be done
     drawn, first = getattr(env.core, "random_paths", 0), settings.evaluation.test_paths
     env.close()
     if drawn > first:
@@ -88,7 +99,12 @@ def check(
 
 
 def identity_of(
-    task: Task, algorithm: str, steps: int, seed: int, settings: PolicySettings
+    task: Task,
+    algorithm: str,
+    steps: int,
+    seed: int,
+    settings: PolicySettings,
+    start: Sequence[AmplitudeRow] = (),
 ) -> dict[str, Any]:
     """Return what tells a training from another, bit for bit."""
     return {
@@ -97,6 +113,7 @@ def identity_of(
         "algorithm": algorithm,
         "steps": steps,
         "seed": seed,
+        "start": [repr(row) for row in start],
         "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
         "settings": fingerprint({"own": settings_of(algorithm, settings), "run": settings.run}),
         "packages": packages(),
@@ -110,6 +127,7 @@ def train(
     steps: int,
     out: Path,
     seed: int = 0,
+    start: Sequence[AmplitudeRow] = (),
     settings: PolicySettings | None = None,
     progress: Progress | None = None,
 ) -> Trained:
@@ -121,15 +139,18 @@ def train(
         steps: of all arms together; the last rollout may pass it.
         out: an existing folder; a part of the same training in it is gone on with.
         seed: of all that is random.
+        start: amplitudes that the policy begins with, whatever it sees; their gates are not looked
+            at. None: half of the highest amplitudes and frequencies.
         settings: None for the defaults.
         progress: see `Progress`.
 
     Raises:
-        StictionError: an unknown algorithm, too few steps, a checkpoint of another training.
+        StictionError: an unknown algorithm, too few steps, a checkpoint of another training, a
+            table that the environment cannot do.
     """
     settings = policy_settings() if settings is None else settings
-    check(task, algorithm, steps, seed, settings, out)
-    return _Training(task, algorithm, steps, seed, settings, out, progress).run()
+    check(task, algorithm, steps, seed, settings, out, start)
+    return _Training(task, algorithm, steps, seed, settings, out, progress, start).run()
 
 
 class _Training:
@@ -144,12 +165,16 @@ class _Training:
         settings: PolicySettings,
         out: Path,
         progress: Progress | None,
+        start: Sequence[AmplitudeRow],
     ) -> None:
         own = settings_of(algorithm, settings)
         self._task, self._algorithm, self._steps, self._seed = task, algorithm, steps, seed
         self._out, self._progress = out, progress
-        self._identity = identity_of(task, algorithm, steps, seed, settings)
-        self._model = make_model(own, make_env(task, own.envs, settings.run, own.gamma), seed)
+        self._identity = identity_of(task, algorithm, steps, seed, settings, start)
+        env = make_env(task, own.envs, settings.run, own.gamma)
+        self._model = make_model(own, env, seed)
+        if start:
+            begin_with(self._model, scaled_table(task, start), settings.run.start_slope)
         self._evaluations = Evaluations(
             make_env(task, settings.run.evaluation_episodes, settings.run, own.gamma),
             seed=far_seed(seed, 1),
@@ -210,6 +235,7 @@ class _Training:
             "algorithm": self._algorithm,
             "steps": int(self._model.num_timesteps),
             "seed": self._seed,
+            "start": self._identity["start"],
             "arguments": self._identity["arguments"],
             "settings": self._identity["settings"],
         }
@@ -238,6 +264,20 @@ class _Training:
         folder = self._out / "tensorboard" / f"from-{steps:09d}"
         self._model.set_logger(make_logger(folder))
         return []
+
+
+def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
+    """Return an amplitude table as an action (2n,) in [-1, 1].
+
+    Raises:
+        StictionError: a table that the environment cannot do.
+    """
+    env = task.make(1)
+    space: Any = env.single_action_space
+    table = ConstantTable(env, rows)
+    env.close()
+    action = np.concatenate([table.amplitude, table.frequency])
+    return 2.0 * (action - space.low) / (space.high - space.low) - 1.0
 
 
 def far_seed(seed: int, which: int) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured import AmplitudeRow
 from tests.tuning.policies.small import SPRINT, small_settings
 
 pytest.importorskip("stable_baselines3")
@@ -218,6 +219,32 @@ def test_the_policy_is_stable_baselines_deterministic_action(tmp_path, algorithm
     assert policy.card.interval == 0.2
 
 
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_training_begins_with_a_table(tmp_path, algorithm):
+    """Whatever is seen, to a hundredth of the range; joints that are not in it rest."""
+    table = [AmplitudeRow(2, 40.0, 1.0), AmplitudeRow(6, 25.0, 0.5)]
+    still = small_settings(**{f"{algorithm}.learning_rate": 1e-30})
+    policy = train(SPRINT, algorithm, steps=32, out=tmp_path, start=table, settings=still).policy
+    size = len(policy.card.observation_names)
+    seen = np.random.default_rng(0).normal(scale=3.0, size=(50, size))
+    action, _ = policy.predict(seen)
+    span = policy.high - policy.low
+    expected = np.zeros(14)
+    expected[[1, 5]], expected[[8, 12]] = (1.0, 0.5), (40.0, 25.0)
+    there = [0, 1, 2, 3, 4, 5, 6, 8, 12]
+    # a tanh does not come to its bound
+    most = 0.01 if algorithm == "ppo" else 0.03
+    assert np.abs((action - expected) / span)[:, there].max() < most
+    assert np.ptp(action[:, 1]) > 0, "it does look"
+
+
+def test_a_start_that_the_environment_cannot_do(tmp_path):
+    with pytest.raises(StictionError, match=r"joint 2: 50 N·m: expected 0 to"):
+        start = [AmplitudeRow(2, 40.0, 50.0)]
+        train(SPRINT, "ppo", steps=32, out=tmp_path, start=start, settings=SMALL)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_network_is_refused():
     own = SMALL.ppo
     model = make_model(own, make_env(SPRINT, 4, SMALL.run, 0.99), seed=3)
@@ -309,6 +336,7 @@ def begun(tmp_path_factory) -> Path:
     ("change", "words"),
     [
         ({"seed": 1}, "of another training: seed is 0: expected 1"),
+        ({"start": [AmplitudeRow(2, 40.0, 1.0)]}, "of another training: start is []: expected ["),
         ({"steps": 64}, "steps is 32: expected 64"),
         ({"algorithm": "sac"}, "algorithm is 'ppo': expected 'sac'"),
         ({"settings": small_settings(**{"ppo.gamma": 0.9})}, "settings is '"),
