@@ -135,9 +135,17 @@ def test_the_curve_has_a_row_per_evaluation(tmp_path):
     )
 
 
+def pretend_tensorboard(monkeypatch, spec):
+    """Make it installed, or not; torch looks for other modules while it is loaded."""
+    find = training.importlib.util.find_spec
+    monkeypatch.setattr(
+        training.importlib.util, "find_spec", lambda n: spec if n == "tensorboard" else find(n)
+    )
+
+
 def test_tensorboard_has_a_folder_for_every_start(tmp_path, monkeypatch):
     folders = []
-    monkeypatch.setattr(training.importlib.util, "find_spec", lambda _: object())
+    pretend_tensorboard(monkeypatch, object())
     make = training.make_logger
     monkeypatch.setattr(training, "make_logger", lambda f: folders.append(f) or make(None))
     assert train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL).notes == ()
@@ -145,7 +153,7 @@ def test_tensorboard_has_a_folder_for_every_start(tmp_path, monkeypatch):
 
 
 def test_without_tensorboard_one_line_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(training.importlib.util, "find_spec", lambda _: None)
+    pretend_tensorboard(monkeypatch, None)
     trained = train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL)
     assert trained.notes == ("tensorboard is not installed: the curve is in curve.csv alone",)
 
@@ -239,8 +247,8 @@ def test_a_training_begins_with_a_table(tmp_path, algorithm):
 
 
 def test_a_start_that_the_environment_cannot_do(tmp_path):
+    start = [AmplitudeRow(2, 40.0, 50.0)]
     with pytest.raises(StictionError, match=r"joint 2: 50 N·m: expected 0 to"):
-        start = [AmplitudeRow(2, 40.0, 50.0)]
         train(SPRINT, "ppo", steps=32, out=tmp_path, start=start, settings=SMALL)
     assert list(tmp_path.iterdir()) == []
 
