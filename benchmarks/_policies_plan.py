@@ -25,8 +25,11 @@ SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
 SHAKING_WEIGHT = 1.0
 """Of the GTE's reward here, assumed: a millimetre of shaking all along costs as much as the whole
 undithered error. With the environment's 0.01 whoever shakes most is best."""
-ALGORITHMS = ("sac", "td3", "ppo")
+ALGORITHMS = ("ppo", "td3", "sac")
 SJE_ALGORITHM = "ppo"
+FROM_A_TABLE = ("ppo",)
+"""Algorithms whose policies begin with the best constant table. The others forget it: with a critic
+that knows nothing, 10,000 steps of the Panda's GTE took TD3 and SAC from -0.930 to -0.997."""
 NOMINAL = 1.0
 """Friction over the one that is known."""
 EPISODE = 0.1
@@ -98,8 +101,10 @@ class Training:
     def start(self) -> Table:
         """The constant table that its policy begins with: the best one that a search found.
 
-        The action is one for all friction: amplitudes beyond its bounds are cut.
+        Amplitudes beyond the action's bounds are cut; none where the algorithm forgets it.
         """
+        if self.algorithm not in FROM_A_TABLE:
+            return ()
         env = environment(self.robot, self.experiment).make(1)
         out = within_bounds(env, tables(self.robot, self.experiment)[SEARCHED])
         env.close()
@@ -156,16 +161,13 @@ def cells(plan: Plan) -> list[Cell]:
 
 
 def trainings(plan: Plan, best: str | None) -> list[Training]:
-    """Return all trainings; ``best`` is the algorithm of the iiwa, None while nobody knows it.
-
-    One seed of each comes first: half of them say something of every algorithm.
-    """
+    """Return all trainings; ``best`` is the algorithm of the iiwa, None while nobody knows it."""
     out = [("panda", "gte", alg) for alg in ALGORITHMS] + [("panda", "sje", SJE_ALGORITHM)]
     out += [(robot, "gte", best) for robot in plan.robots if robot != "panda" and best]
     return [
         Training(robot=robot, experiment=e, algorithm=alg, run=k)
-        for k in range(plan.runs)
         for robot, e, alg in out
+        for k in range(plan.runs)
     ]
 
 

@@ -103,7 +103,8 @@ def folder(work: Path, plan: Plan, training: Training) -> Folder:
     settings = policy_settings()
     used = {"own": getattr(settings, training.algorithm), "run": settings.run}
     start = [repr(row) for row in training.start]
-    of = digest(training.name, plan.steps, arguments, start, fingerprint(used))
+    begun = [start, fingerprint(settings.start)] if start else []
+    of = digest(training.name, plan.steps, arguments, fingerprint(used), *begun)
     return Folder(training, plan.steps, work / "trainings" / f"{training.name}-{of[:8]}")
 
 

@@ -34,6 +34,7 @@ from tuning.policies.settings import (
     PPOSettings,
     RunSettings,
     SACSettings,
+    StartSettings,
     TD3Settings,
 )
 from tuning.policies.task import Task
@@ -131,19 +132,19 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
     )
 
 
-def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], slope: float) -> None:
+def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: StartSettings) -> None:
     """Make an untrained model's mean action (nearly) the same whatever is seen.
 
     Args:
         model: of `make_model`.
         action: (2n,) in [-1, 1].
-        slope: by which the last layer's weights are multiplied: how much it varies at first.
+        settings: how nearly.
     """
     layers, output = _layers(model)
-    # a tanh never comes to its bounds, and hardly moves next to them
-    bias = np.arctanh(np.clip(action, -0.95, 0.95)) if output == "tanh" else action
+    inside = np.clip(action, -settings.most, settings.most)
+    bias = np.arctanh(inside) if output == "tanh" else action
     with torch.no_grad():
-        layers[-1].weight *= slope
+        layers[-1].weight *= settings.slope
         layers[-1].bias.copy_(torch.as_tensor(bias))
     if isinstance(model, TD3):
         model.actor_target.load_state_dict(model.actor.state_dict())

@@ -100,8 +100,6 @@ class RunSettings:
     """Episodes of each, the same ones every time."""
     checkpoint_every: int
     """Steps between two checkpoints: what an interruption may cost."""
-    start_slope: float
-    """A policy that begins with a table varies by this share of an untrained network's [-]."""
     final_episodes: int
     """Episodes with other seeds on which the finished policy is compared."""
     clip_observation: float
@@ -111,6 +109,19 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartSettings:
+    """A policy that begins with an amplitude table."""
+
+    slope: float
+    """How much it varies at first, over an untrained network [-]."""
+    most: float
+    """Most and least of its action where a tanh bounds it, in [-1, 1] of the range."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("most",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +185,8 @@ class PolicySettings:
     """Twin delayed deterministic policy gradient."""
     run: RunSettings
     """Evaluations and checkpoints."""
+    start: StartSettings
+    """Trainings from a table on."""
     evaluation: EvaluationSettings
     """Comparisons."""
     file: FileSettings

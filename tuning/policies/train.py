@@ -116,6 +116,7 @@ def identity_of(
         "start": [repr(row) for row in start],
         "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
         "settings": fingerprint({"own": settings_of(algorithm, settings), "run": settings.run}),
+        "start_settings": fingerprint(settings.start) if start else None,
         "packages": packages(),
     }
 
@@ -174,7 +175,7 @@ class _Training:
         env = make_env(task, own.envs, settings.run, own.gamma)
         self._model = make_model(own, env, seed)
         if start:
-            begin_with(self._model, scaled_table(task, start), settings.run.start_slope)
+            begin_with(self._model, scaled_table(task, start), settings.start)
         self._evaluations = Evaluations(
             make_env(task, settings.run.evaluation_episodes, settings.run, own.gamma),
             seed=far_seed(seed, 1),
