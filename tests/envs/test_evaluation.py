@@ -125,6 +125,19 @@ def test_rows_are_written(tmp_path):
     assert read[0]["direction"] == "+"
 
 
+def test_rows_are_written_by_name(tmp_path):
+    path = tmp_path / "rows.csv"
+    write_rows(path, [{"a": 1, "b": 0.1}, {"b": 0.2, "a": 2}])
+    assert path.read_text() == "a,b\n1,0.1\n2,0.2\n"
+    for rows, words in (
+        ([], "no rows: expected one or more"),
+        ([{"a": 1}, {"a": 2}, {"b": 3}], "row 3: a is not in both"),
+    ):
+        with pytest.raises(StictionError, match=words):
+            write_rows(path, rows)
+    assert path.read_text().count("\n") == 3, "nothing was written"
+
+
 def test_wrong_calls():
     env = batch("sje", 2)
     agent = NoDither(env)
