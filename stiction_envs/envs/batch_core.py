@@ -25,7 +25,7 @@ from stiction_envs.envs.layout import (
     observation_names,
     pack,
 )
-from stiction_envs.envs.randomise import check_spreads, draw, randomised, scaled
+from stiction_envs.envs.randomise import check_spreads, draw, randomised, true_friction
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -102,7 +102,7 @@ class BatchCore(ABC):
             friction_factor: of true stiction and load coefficient over the nominal ones [-].
         """
         self._nominal = experiment.sticking.parameters
-        self._true = scaled(experiment.sticking, friction_factor)
+        self._true = true_friction(experiment.sticking, friction_factor)
         self._spreads = check_spreads(randomise, experiment.sticking)
         self.arm = arm = experiment.sticking.arm
         self.n, self.num_envs = arm.n, num_envs

@@ -8,14 +8,13 @@ the units of observation and reward remain the nominal arm's: they are what a pe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.model import StickingModel
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import FrictionParameters, scaled
 
 Array = NDArray[np.float64]
 FIELDS: dict[str, tuple[str, ...]] = {
@@ -59,19 +58,18 @@ def check_spreads(
     return spreads
 
 
-def scaled(sticking: StickingModel, factor: float) -> FrictionParameters:
+def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
     """Return the friction of an arm whose fields of ``friction`` are times a factor.
 
     Raises:
         StictionError: a factor that is not above 0.
     """
-    own = sticking.parameters
     number = isinstance(factor, (int, float)) and not isinstance(factor, bool)
     if not (number and 0 < factor < np.inf):
         raise StictionError(f"friction_factor {factor!r}: expected a number above 0")
     if factor == 1:
-        return own
-    return own.replace(**{name: getattr(own, name) * factor for name in FIELDS["friction"]})
+        return sticking.parameters
+    return scaled(sticking.parameters, dict.fromkeys(FIELDS["friction"], factor))
 
 
 def draw(rng: np.random.Generator, n: int) -> Array:
@@ -89,11 +87,7 @@ def randomised(
         spreads: of each of `FIELDS`.
         drawn: (M, spreads, n) in [−1, 1].
     """
-    out: dict[str, Any] = {}
-    tiled = parameters.tile(len(drawn))
+    out = parameters.tile(len(drawn))
     for k, (name, fields) in enumerate(FIELDS.items()):
-        factor = 1.0 + spreads[name] * drawn[:, k]
-        for field in fields:
-            value = out.get(field, getattr(tiled, field))
-            out[field] = value * (factor if value.ndim == 2 else factor[..., None])
-    return tiled.replace(**out)
+        out = scaled(out, dict.fromkeys(fields, 1.0 + spreads[name] * drawn[:, k]))
+    return out

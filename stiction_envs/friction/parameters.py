@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
 
@@ -181,6 +181,33 @@ def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
     return FrictionParameters(**{k: np.stack([getattr(a, k) for a in arms]) for k in QUANTITIES})
 
 
+def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> FrictionParameters:
+    """Return a friction with some quantities times factors; both directions take the same.
+
+    Args:
+        parameters: of one arm (n,), or of N arms (N, n).
+        factors: by name of `QUANTITIES`, each a number, (n,), or, of N arms, (N, n) [-].
+
+    Raises:
+        StictionError: a name that is none, a factor of another shape, or a product outside of its
+            quantity's bounds.
+    """
+    changes = {}
+    for name, factor in factors.items():
+        if name not in QUANTITIES:
+            raise unknown("friction parameter", name, QUANTITIES)
+        value, by_joint = getattr(parameters, name), np.asarray(factor, dtype=np.float64)
+        shape = parameters.rotor_inertia.shape
+        try:
+            by_joint = np.broadcast_to(by_joint, shape)
+        except ValueError:
+            raise StictionError(
+                f"factor of {name} has shape {by_joint.shape}: expected a number or {shape}"
+            ) from None
+        changes[name] = value * (by_joint[..., None] if value.ndim > by_joint.ndim else by_joint)
+    return parameters.replace(**changes)
+
+
 def bristle_damping(
     stiffness: Array, damping_ratio: Array, inertia: Array, timestep: float
 ) -> Array:
@@ -222,11 +249,10 @@ def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: 
 def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
     """Build parameters from parsed TOML; ``where`` names the file in errors."""
     values: dict[str, Array] = {}
-    unknown = set(table) - set(QUANTITIES) - OTHER_TABLES
-    if unknown:
+    extra = set(table) - set(QUANTITIES) - OTHER_TABLES
+    if extra:
         raise StictionError(
-            f"{where}: unknown table [{sorted(unknown)[0]}]: "
-            f"expected one of {', '.join(QUANTITIES)}"
+            f"{where}: unknown table [{sorted(extra)[0]}]: expected one of {', '.join(QUANTITIES)}"
         )
     for name, quantity in QUANTITIES.items():
         entry = table.get(name)

@@ -19,6 +19,7 @@ from stiction_envs.friction.parameters import (
     dump_friction,
     from_table,
     load_friction,
+    scaled,
 )
 from stiction_envs.measured.tables import LOADS
 from stiction_envs.measured.thesis_tables import thesis_base
@@ -93,6 +94,25 @@ def test_arrays_are_read_only():
     p = friction()
     with pytest.raises(ValueError, match="read-only"):
         p.stiction[0, 0] = 3.0
+
+
+def test_scaled_quantities_of_one_arm_and_of_many():
+    one = load_friction("panda")
+    factor = np.linspace(0.5, 2.0, 7)
+    out = scaled(one, {"stiction": factor, "rotor_inertia": 1.5})
+    assert np.array_equal(out.stiction, one.stiction * factor[:, None]), "both directions alike"
+    assert np.array_equal(out.rotor_inertia, 1.5 * one.rotor_inertia)
+    assert np.array_equal(out.viscous, one.viscous)
+    each = np.stack([factor, np.ones(7)])
+    many = scaled(one.tile(2), {"stiction": each})
+    assert np.array_equal(many.stiction[0], out.stiction)
+    assert np.array_equal(many.stiction[1], one.stiction)
+    with pytest.raises(StictionError, match="friction parameter 'mass': expected one of stiction"):
+        scaled(one, {"mass": 2.0})
+    with pytest.raises(StictionError, match="stiction: -"):
+        scaled(one, {"stiction": -1.0})
+    with pytest.raises(StictionError, match=r"factor of viscous has shape \(2, 7\): expected"):
+        scaled(one, {"viscous": each})
 
 
 def test_generic_is_cut_to_the_arm(tmp_path):

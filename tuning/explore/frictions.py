@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import FrictionParameters, scaled
 
 DRAWN = ("stiction", "rotor_inertia", "bristle_stiffness")
 """Quantities that are drawn, each joint's with a factor of its own."""
@@ -29,12 +27,3 @@ def frictions(
         factors = {name: np.exp(spread * rng.normal(size=nominal.n)) for name in DRAWN}
         out.append(scaled(nominal, factors))
     return out
-
-
-def scaled(nominal: FrictionParameters, factors: dict[str, np.ndarray]) -> FrictionParameters:
-    """Return a friction with some quantities multiplied by factors (n,); stiction by direction."""
-    changes = {}
-    for name, factor in factors.items():
-        value = getattr(nominal, name)
-        changes[name] = value * (factor[:, None] if value.ndim > 1 else factor)
-    return dataclasses.replace(nominal, **changes)
