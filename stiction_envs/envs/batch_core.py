@@ -307,17 +307,3 @@ def read_friction(
 ) -> FrictionParameters | None:
     """Return the friction of an arm of ``n`` joints, read where it is a path."""
     return load_friction(Path(friction), n) if isinstance(friction, (str, Path)) else friction
-
-
-def count_blocks(interval: float, block: float) -> int:
-    """Return how many blocks [s] a control interval [s] has.
-
-    Raises:
-        StictionError: not a whole number of them.
-    """
-    blocks = round(interval / block) if np.isfinite(interval) else 0
-    if blocks < 1 or abs(blocks * block - interval) > 1e-9:
-        raise StictionError(
-            f"control_interval_s {interval}: expected one of the multiples of {block:g} s"
-        )
-    return blocks

@@ -25,7 +25,6 @@ from stiction_envs.envs.batch_core import (
     Outcome,
     ScatterKey,
     check_arguments,
-    count_blocks,
     read_friction,
 )
 from stiction_envs.envs.gte_base import Key, Undithered, undithered
@@ -43,6 +42,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number
 from stiction_envs.experiments.gte.random_paths import random_paths as find_random_paths
+from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -170,7 +170,7 @@ class GTECore(BatchCore):
         )
         # episodes start at different times: only between such blocks are all their cycles in step
         block = self.block_steps(e)
-        blocks = count_blocks(control_interval_s, block * CONTROL_DT)
+        blocks = count_blocks("control_interval_s", control_interval_s, block * CONTROL_DT)
         super().__init__(
             num_envs,
             e,

@@ -18,7 +18,6 @@ from stiction_envs.envs.batch_core import (
     Outcome,
     ScatterKey,
     check_arguments,
-    count_blocks,
     read_friction,
 )
 from stiction_envs.envs.layout import largest_stiction
@@ -26,6 +25,7 @@ from stiction_envs.envs.oscillation import Oscillation
 from stiction_envs.envs.sje_base import base_torques
 from stiction_envs.envs.sje_layout import GROUPS, check_sje_options, default
 from stiction_envs.envs.trace import RampTrace
+from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
@@ -101,7 +101,7 @@ class SJECore(BatchCore):
             torque_rate_weight=torque_rate_weight,
             shaking_weight=shaking_weight,
         )
-        self.blocks = count_blocks(control_interval_s, BLOCK_S)
+        self.blocks = count_blocks("control_interval_s", control_interval_s, BLOCK_S)
         self.experiment = e = SingleJointExperiment(
             arm, friction=read_friction(friction, arm.n), scatter=scatter, nthread=nthread
         )

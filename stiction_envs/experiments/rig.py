@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.model import StickingModel, link_inertia
 from stiction_envs.friction.parameters import FrictionParameters
@@ -139,3 +140,15 @@ class Rig:
 def minimum_jerk(x: Array) -> Array:
     """Return the share of a smooth move from rest to rest that is done after a share x of it."""
     return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+def count_blocks(what: str, interval: float, block: float) -> int:
+    """Return how many blocks [s] an interval [s] has.
+
+    Raises:
+        StictionError: not a whole number of them; ``what`` is its name.
+    """
+    blocks = round(interval / block) if np.isfinite(interval) else 0
+    if blocks < 1 or abs(blocks * block - interval) > 1e-9:
+        raise StictionError(f"{what} {interval}: expected one of the multiples of {block:g} s")
+    return blocks

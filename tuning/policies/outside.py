@@ -11,20 +11,21 @@ that both do the same, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.envs.gte_core import GTECore
-from stiction_envs.envs.gte_layout import CAPACITY
 from stiction_envs.envs.gte_observation import GTEObserver
 from stiction_envs.envs.layout import action_bounds
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import Case, Run
-from stiction_envs.experiments.gte.run_log import RunLog
+from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.plant import CONTROL_DT
 from tuning.policies.policy import Policy
@@ -72,14 +73,11 @@ class PathRunner:
         if interval is None:
             raise StictionError("PathRunner: expected the interval of the agent's actions [s]")
         block = GTECore.block_steps(experiment)
-        self._steps = round(interval / (block * CONTROL_DT)) * block
-        if self._steps < 1 or abs(self._steps * CONTROL_DT - interval) > 1e-9:
-            raise StictionError(
-                f"interval {interval}: expected one of the multiples of {block * CONTROL_DT:g} s"
-            )
+        count_blocks("interval", interval, block * CONTROL_DT)
+        self._interval = interval
 
     def run(self, cases: Sequence[Case], *, iterations: int | None = None) -> list[Run]:
-        """Run all iterations of all cases in one batch; dither of the cases is not looked at.
+        """Run all iterations of all cases; dither of the cases is not looked at.
 
         Args:
             cases: paths and stiffnesses, and their compensation.
@@ -91,29 +89,24 @@ class PathRunner:
         Raises:
             StictionError: a case of an unknown path.
         """
-        e = self._experiment
-        repeats = e.protocol.iterations if iterations is None else iterations
-        paths = [e.path(c.trajectory) for c in cases for _ in range(repeats)]
-        of = np.repeat(np.arange(len(cases)), repeats)
-        goals = np.array([len(p.position) for p in paths])
-        mine = [c for c in cases for _ in range(repeats)]
-        stiffness = np.array([c.stiffness for c in mine])
-        ids = np.arange(len(of))
-        rig = e.rig(len(ids), max(CAPACITY, int(goals.max())))
-        rig.begin(ids, paths, stiffness, [(int(i % repeats),) for i in ids])
-        rig.set_dither(ids, amplitude=0.0, frequency=1.0)
-        rig.compensator.set_rows(ids, [c.compensation for c in mine])
-        log = RunLog(rig, e.protocol, self._steps)
-        horizon = np.array([e.horizon(p) for p in paths])
-        action = np.tile(self._low, (len(ids), 1))
-        while log.time < np.max(log.end(horizon)):
+        still = [replace(c, dither=(), gate_velocity=np.inf, phases="random") for c in cases]
+        runs = self._experiment.run(
+            still, iterations=iterations, steering=self._steering, interval=self._interval
+        )
+        return [replace(run, case=case) for case, run in zip(cases, runs, strict=True)]
+
+    def _steering(self, rig: GTERig, cases: Sequence[Case]) -> Callable[[], None]:
+        """Return what lets the agent look at a rig's arms, and sets their dither."""
+        ids = np.arange(rig.nsim)
+        goals, stiffness = rig.sequencer.goals_left, np.array([c.stiffness for c in cases])
+        action = np.tile(self._low, (rig.nsim, 1))
+
+        def steer() -> None:
+            nonlocal action
             rig.end_effector.read()
             seen = self._observer.observe(rig, ids, action=action, stiffness=stiffness, goals=goals)
             chosen, _ = self._agent.predict(seen)
             action = np.clip(np.asarray(chosen, dtype=float), self._low, self._high)
             rig.retune(action[:, : rig.n], action[:, rig.n :])
-            log.advance()
-        return [
-            log.run(c, of == i, len(e.path(c.trajectory).position), horizon)
-            for i, c in enumerate(cases)
-        ]
+
+        return steer

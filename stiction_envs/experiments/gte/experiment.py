@@ -38,6 +38,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, rand
 from stiction_envs.experiments.gte.results import TrackingErrors
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.run_log import RunLog
+from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
@@ -49,9 +50,12 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
+"""Called with a rig whose arms have just begun to follow, and the case of each of them; what it
+returns is called before each block, and may `GTERig.retune` the dither."""
 MAX_SIMULATIONS = 128
 """Simulations run at once."""
-_PART = 10  # samples between two looks whether all arms are done
+_PART = 10  # samples of a block, between two looks whether all arms are done
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -283,6 +287,8 @@ class GeneratedTrajectoryExperiment:
         parameters: Sequence[FrictionParameters | None] | None = None,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
+        steering: Steering | None = None,
+        interval: float | None = None,
     ) -> list[Run]:
         """Run all iterations of all cases; a case's result does not depend on the others.
 
@@ -292,10 +298,12 @@ class GeneratedTrajectoryExperiment:
                 are elastic, and what the controller believes, remains the model's.
             iterations: None for the protocol's.
             progress: called with the simulated seconds of every part, summed over arms.
+            steering: what decides the dither while arms move; it starts as the cases have it.
+            interval: time of a block [s], a multiple of a sample's; None for ten samples.
 
         Raises:
             StictionError: a case of an unknown path, dither of a joint the arm lacks, compensation
-                or friction of another number of joints.
+                or friction of another number of joints, or an interval that is no such multiple.
             ExperimentError: a simulation that the engine stopped.
         """
         repeats = self.protocol.iterations if iterations is None else iterations
@@ -304,10 +312,18 @@ class GeneratedTrajectoryExperiment:
         true = [None] * len(cases) if parameters is None else list(parameters)
         if len(true) != len(cases):
             raise StictionError(f"friction of {len(true)} cases: expected {len(cases)}")
+        block = self._block_steps(interval)
         for k in range(0, len(cases), most):
             part = slice(k, k + most)
-            out += self._run_together(cases[part], true[part], repeats, progress)
+            out += self._run_together(cases[part], true[part], repeats, progress, steering, block)
         return out
+
+    def _block_steps(self, interval: float | None) -> int:
+        """Return the control steps of a block."""
+        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        if interval is None:
+            return _PART * sample
+        return count_blocks("interval", interval, sample * CONTROL_DT) * sample
 
     def _run_together(
         self,
@@ -315,6 +331,8 @@ class GeneratedTrajectoryExperiment:
         parameters: Sequence[FrictionParameters | None],
         repeats: int,
         progress: Callable[[float], None] | None,
+        steering: Steering | None,
+        block: int,
     ) -> list[Run]:
         paths = [self.path(c.trajectory) for c in cases]
         nsim = len(cases) * repeats
@@ -337,10 +355,12 @@ class GeneratedTrajectoryExperiment:
         dither = [self.dither_of(c) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
         rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
-        block = _PART * round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        steer = None if steering is None else steering(rig, [cases[i] for i in of])
         log = RunLog(rig, self.protocol, block)
         horizon = np.array([self.horizon(paths[i]) for i in of])
         while log.time < np.max(log.end(horizon)):
+            if steer is not None:
+                steer()
             log.advance()
             if progress is not None:
                 progress(nsim * block * CONTROL_DT)
