@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from stiction_envs.envs.agents import GatedTable
+from stiction_envs.envs.evaluation import write_rows
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
-from stiction_envs.measured.csv_text import write_lines
 from tuning.policies.evaluation import Evaluated, evaluate_all
 from tuning.policies.settings import DistilSettings, policy_settings
 from tuning.policies.task import Task
@@ -107,11 +107,8 @@ class Distilled:
         folder = Path(folder)
         if self.table:
             write_amplitudes(folder / "final.csv", self.table)
-        lines = [asdict(f) for f in self.fits]
-        write_lines(folder / "rule.csv", tuple(lines[0]), [tuple(x.values()) for x in lines])
-        rows = self.evaluated.rows
-        columns = tuple(rows[0])
-        write_lines(folder / "distilled.csv", columns, [tuple(r.values()) for r in rows])
+        write_rows(folder / "rule.csv", [asdict(f) for f in self.fits])
+        write_rows(folder / "distilled.csv", self.evaluated.rows)
 
     def to_json(self) -> dict[str, Any]:
         """Return fits, losses and the means of the evaluation."""

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
-from stiction_envs.envs.evaluation import evaluate
+from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
-from stiction_envs.measured.csv_text import write_lines
 from tuning.policies.policy import Policy
 from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
@@ -39,9 +38,7 @@ class Evaluated:
 
     def save(self, folder: str | Path) -> None:
         """Write ``evaluation.csv``."""
-        columns = tuple(self.rows[0])
-        lines = [tuple(row.values()) for row in self.rows]
-        write_lines(Path(folder) / "evaluation.csv", columns, lines)
+        write_rows(Path(folder) / "evaluation.csv", self.rows)
 
     @property
     def policies(self) -> list[str]:
