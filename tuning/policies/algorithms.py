@@ -146,6 +146,8 @@ def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: Star
     with torch.no_grad():
         layers[-1].weight *= settings.slope
         layers[-1].bias.copy_(torch.as_tensor(bias))
+    if isinstance(model, PPO):
+        model.policy.log_std.data.fill_(settings.log_std)
     if isinstance(model, TD3):
         model.actor_target.load_state_dict(model.actor.state_dict())
 

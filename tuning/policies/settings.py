@@ -119,9 +119,11 @@ class StartSettings:
     """How much it varies at first, over an untrained network [-]."""
     most: float
     """Most and least of its action where a tanh bounds it, in [-1, 1] of the range."""
+    log_std: float
+    """Logarithm of PPO's first standard deviation, in [-1, 1] of the action's range."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("most",))
+        check_numbers(self, shares=("most",), signed=("log_std",))
 
 
 @dataclass(frozen=True, kw_only=True)
