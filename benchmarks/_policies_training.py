@@ -30,7 +30,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import fingerprint
 from stiction_envs.precomputed.store import MADE_BY, digest
 from stiction_envs.reporting.atomic import write_text_atomic
-from tuning.policies.settings import policy_settings
 
 TOGETHER = 2
 """Processes at most."""
@@ -100,7 +99,7 @@ def folder(work: Path, plan: Plan, training: Training) -> Folder:
     however it came about. What was only begun by other code is begun anew.
     """
     arguments = {k: repr(v) for k, v in training.task.arguments.items()}
-    settings = policy_settings()
+    settings = training.settings
     used = {"own": getattr(settings, training.algorithm), "run": settings.run}
     start = [repr(row) for row in training.start]
     begun = [start, fingerprint(settings.start)] if start else []
@@ -209,6 +208,7 @@ def _train(path: Path, training: Training, steps: int) -> None:
             out=path,
             seed=training.run,
             start=training.start,
+            settings=training.settings,
             progress=progress,
         )
         text = json.dumps({"code": code, "steps_per_second": found.steps_per_second})
