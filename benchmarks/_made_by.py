@@ -7,11 +7,15 @@ from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
+from stiction_envs.precomputed.store import MADE_BY
+
 ROOT = Path(__file__).parents[1]
 KINDS = (".py", ".toml", ".xml", ".csv", ".json")
 """Files that decide what comes out."""
 ALWAYS = ("mujoco", "numpy", "scipy")
 """Packages whose versions do."""
+EPISODES = tuple(f"stiction_envs/{place}" for place in MADE_BY)
+"""Rooms and files of the package that have a part in an episode."""
 
 
 def made_by(places: Sequence[str], packages: Sequence[str] = ()) -> str:

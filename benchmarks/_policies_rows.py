@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._made_by import EPISODES, made_by
 from benchmarks._policies_measures import MEASURES, Row
 from benchmarks._policies_plan import Cell, Contestant, Plan, environment
 from benchmarks._policies_statistics import worst_for_missing
 from stiction_envs.envs.evaluation import evaluate
-from stiction_envs.precomputed.store import code_digest, digest
+from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import write_text_atomic
-from tuning.policies import policy as policy_module
 from tuning.policies.task import Task
 
 SEED = 515_000
 """Of the first episode; no training has it."""
 TOGETHER = 64
 """Arms at once."""
+MEASURED_BY = (
+    *EPISODES,
+    *(f"tuning/policies/{name}.py" for name in ("archive", "evaluation", "policy", "task")),
+    *(f"benchmarks/_policies_{name}.py" for name in ("plan", "rows")),
+)
+"""Code that decides what an agent's episodes say; the agent itself is in `Contestant.made_of`."""
 
 
 class Rows:
@@ -32,7 +38,6 @@ class Rows:
     def __init__(self, folder: Path, plan: Plan) -> None:
         """Open a folder, which need not exist."""
         self._folder, self._plan = folder, plan
-        self._code = digest(code_digest(), *(_hash(path) for path in (_played_by(), __file__)))
         folder.mkdir(parents=True, exist_ok=True)
 
     def path(self, cell: Cell, one: Contestant) -> Path:
@@ -40,7 +45,7 @@ class Rows:
         where = (cell.robot, cell.experiment, cell.task, cell.friction)
         arguments = dict(_task(cell).arguments)
         of = digest(
-            self._code,
+            code(),
             *where,
             arguments,
             [dict(o) for o in cell.options],
@@ -98,6 +103,12 @@ class Rows:
         return self.path(cell, one).exists()
 
 
+@cache
+def code() -> str:
+    """Return a hash of the code that measures today."""
+    return made_by(MEASURED_BY, ("gymnasium", "numba"))
+
+
 def _task(cell: Cell) -> Task:
     return environment(cell.robot, cell.experiment, friction_factor=cell.friction)
 
@@ -110,11 +121,3 @@ def compensate(env: Any, compensation: Any) -> None:
     """
     for core in env.tiles.cores:
         core.rig.compensator.set_rows(np.arange(core.num_envs), [compensation] * core.num_envs)
-
-
-def _played_by() -> Path:
-    return Path(str(policy_module.__file__))
-
-
-def _hash(path: str | Path) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks._made_by import made_by
+from benchmarks._made_by import EPISODES, made_by
 from benchmarks._policies_plan import ALGORITHMS, Plan, Training, trainings
 from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import fingerprint
-from stiction_envs.precomputed.store import MADE_BY, digest
+from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import write_text_atomic
 
 TOGETHER = 2
@@ -36,7 +36,7 @@ TOGETHER = 2
 DONE, CODE, SHARE, LOG, LOCK = "trained.json", "code", "share", "log", "lock"
 """What the benchmark adds to the folder of a training."""
 TRAINED_BY = (
-    *(f"stiction_envs/{place}" for place in MADE_BY),
+    *EPISODES,
     *(f"tuning/policies/{name}*.py" for name in ("algo", "call", "check", "policy", "recorded")),
     *(f"tuning/policies/{name}.py" for name in ("task", "train")),
 )
