@@ -16,6 +16,16 @@ ALWAYS = ("mujoco", "numpy", "scipy")
 """Packages whose versions do."""
 EPISODES = tuple(f"stiction_envs/{place}" for place in MADE_BY)
 """Rooms and files of the package that have a part in an episode."""
+LOGS = tuple(
+    f"stiction_envs/{place}"
+    for place in (
+        *("compiled.py", "friction", "gap", "measured", "method_settings.py"),
+        *("precomputed", "robots"),
+    )
+)
+"""Likewise in what is said of joint logs."""
+PACKAGES = ("numba", "pin")
+"""Packages besides `ALWAYS` that have a part in episodes and in what is said of logs."""
 
 
 def made_by(places: Sequence[str], packages: Sequence[str] = ()) -> str:

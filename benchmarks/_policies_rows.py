@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks._made_by import EPISODES, made_by
+from benchmarks._made_by import EPISODES, PACKAGES, made_by
 from benchmarks._policies_measures import MEASURES, Row
 from benchmarks._policies_plan import Cell, Contestant, Plan, environment
 from benchmarks._policies_statistics import worst_for_missing
@@ -106,7 +106,7 @@ class Rows:
 @cache
 def code() -> str:
     """Return a hash of the code that measures today."""
-    return made_by(MEASURED_BY, ("gymnasium", "numba"))
+    return made_by(MEASURED_BY, (*PACKAGES, "gymnasium"))
 
 
 def _task(cell: Cell) -> Task:

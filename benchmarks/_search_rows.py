@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-import stiction_envs
+from benchmarks._made_by import EPISODES, PACKAGES, made_by
 from benchmarks._search_page import Measured, Row
 from stiction_envs.control.compensation import read_compensation
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -39,6 +38,14 @@ WIDTHS = (5e-5, 2e-4, 5e-4, 2e-3)
 """Of pushes, whose limit cycles are looked for [rad]."""
 GAINS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Of these, over the friction [-]."""
+MEASURED_BY = (
+    *EPISODES,
+    "!stiction_envs/envs",
+    "tuning",
+    "!tuning/policies",
+    "benchmarks/_search_rows.py",
+)
+"""Code that decides a row; tables and gains are in its key."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +134,7 @@ class Rows:
     """Measured rows in a file: what is there is not measured again."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._code = path, made_by()
+        self._path, self._code = path, made_by(MEASURED_BY, PACKAGES)
         kept = json.loads(path.read_text("utf-8")) if path.exists() else {}
         self._rows: dict[str, Row] = kept["rows"] if kept.get("code") == self._code else {}
 
@@ -145,18 +152,6 @@ class Rows:
             text = json.dumps({"code": self._code, "rows": self._rows}, indent=0)
             write_text_atomic(self._path, text)
         return [self._rows[text] for text in texts]
-
-
-def made_by() -> str:
-    """Return a hash of all code that a row depends on."""
-    root, text = Path(stiction_envs.__file__).parent, hashlib.sha256()
-    rooms = ("control", "dither", "experiments", "friction", "measured", "robots")
-    parts = [p for room in rooms for p in root.glob(f"{room}/**/*")]
-    parts = [p for p in parts if p.suffix in (".py", ".toml", ".xml")]
-    parts += [root / "plant.py", Path(__file__), *TABLES.parent.glob("explore/*.py")]
-    for path in sorted(parts):
-        text.update(path.name.encode() + path.read_bytes())
-    return text.hexdigest()[:16]
 
 
 def paths(robot: str, rows: Rows, conditions: Sequence[str]) -> Measured:

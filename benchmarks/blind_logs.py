@@ -26,7 +26,6 @@ arm in which nothing is hidden, where that is more than the error on held-out bl
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import tempfile
@@ -41,8 +40,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-import stiction_envs
 from benchmarks._blind_logs_page import SENSITIVITY, Row, picture, report, transfer
+from benchmarks._made_by import LOGS, PACKAGES, made_by
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.candidates import certain
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose, model_of
@@ -60,6 +59,8 @@ NOTHING, PAIRS, TRIPLES, UNCLEAR = 3, 2, 1, 1
 KINDS = ("nothing", "pairs", "triples", "unclear")
 SECOND = 16.0
 """Length of the log of the second motion [s]."""
+MADE_BY = (*LOGS, "stiction_envs/testing", "benchmarks/blind_logs.py")
+"""Code that decides a case."""
 AMBIGUOUS: tuple[tuple[str, str, int, set[str]], ...] = (
     # hidden, motion, joint (0: any), what else it may be
     ("coulomb_friction", "one_way", 0, {"torque_offset", "direction_asymmetry"}),
@@ -248,20 +249,9 @@ def _row(job: Job) -> Row:
     return judge(case, found, job.causes, job.unclear) | {"seconds": seconds}
 
 
-def made_by() -> str:
-    """Return a hash of all code that a case depends on."""
-    root, text = Path(stiction_envs.__file__).parent, hashlib.sha256()
-    rooms = ("gap", "measured", "robots", "testing", "friction")
-    parts = [p for room in rooms for p in root.glob(f"{room}/**/*")]
-    parts = [p for p in parts if p.suffix in (".py", ".toml", ".xml")] + [Path(__file__)]
-    for path in sorted(parts):
-        text.update(path.name.encode() + path.read_bytes())
-    return text.hexdigest()[:16]
-
-
 def study(jobs: list[Job], work: Path, minutes: float, processes: int) -> list[Row]:
     """Run what is not yet on disk, for so many minutes at most; return the rows of these jobs."""
-    path, code = work / "blind_logs.jsonl", made_by()
+    path, code = work / "blind_logs.jsonl", made_by(MADE_BY, PACKAGES)
     lines = path.read_text().splitlines() if path.exists() else []
     rows: list[Row] = [json.loads(line) for line in lines if line.endswith("}")]
     rows = [r for r in rows if r.get("code") == code]

@@ -10,7 +10,6 @@ stopped, and a change of the code makes the cases anew. Writes real_logs.md and 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import pickle
 import sys
@@ -26,11 +25,11 @@ from tqdm import tqdm
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+from _made_by import LOGS, PACKAGES, made_by  # noqa: E402
 from _real_logs_fits import masses, tx40_arm, usual, without_body  # noqa: E402
 from _real_logs_page import page  # noqa: E402
 from _real_logs_pictures import draw  # noqa: E402
 
-import stiction_envs  # noqa: E402
 from stiction_envs.gap.causes import CAUSES  # noqa: E402
 from stiction_envs.gap.diagnosis import (  # noqa: E402
     Diagnosis,
@@ -62,6 +61,12 @@ BODILESS = {
 """Causes that need the masses of a robot."""
 DRAWN = 3000
 """Samples kept of each joint for the pictures."""
+MADE_BY = (
+    *LOGS,
+    "benchmarks/*real_logs*.py",
+    *(f"!benchmarks/_real_logs_{name}.py" for name in ("page", "pictures")),
+)
+"""Code that decides what is said of a log."""
 Row = dict[str, Any]
 
 
@@ -155,21 +160,9 @@ def told(d: Diagnosis, shown: Any) -> Row:
     }
 
 
-def made_by() -> str:
-    """Hash of all code that a case depends on."""
-    root = Path(stiction_envs.__file__).parent
-    parts = [p for room in ("gap", "measured", "robots") for p in root.glob(f"{room}/**/*")]
-    parts = [p for p in parts if p.suffix in (".py", ".toml", ".xml")]
-    parts += HERE.glob("*real_logs*.py")
-    text = hashlib.sha256()
-    for path in sorted(p for p in parts if not p.name.endswith(("_page.py", "_pictures.py"))):
-        text.update(path.name.encode() + path.read_bytes())
-    return text.hexdigest()
-
-
 def study(names: list[str], work: Path) -> dict[str, Row]:
     """Run what is not yet on disk."""
-    code, rows = made_by(), {}
+    code, rows = made_by(MADE_BY, PACKAGES), {}
     for name in tqdm(names, desc="real logs"):
         path = work / f"{name.replace(' ', '_')}.pickle"
         row = pickle.loads(path.read_bytes()) if path.exists() else {}
