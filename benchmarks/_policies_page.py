@@ -62,6 +62,7 @@ def write(folder: Path, results: Results) -> None:
         plan=plan,
         done=len(results.folders),
         in_all=results.trainings,
+        by_earlier_code=results.by_earlier_code,
         missing=results.missing,
         cells_in_all=len(results.in_all),
         learned=results.learned,

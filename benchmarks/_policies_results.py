@@ -28,7 +28,7 @@ from benchmarks._policies_statistics import (
     mean_with_interval,
     ratio_with_interval,
 )
-from benchmarks._policies_training import Folder
+from benchmarks._policies_training import Folder, code_today
 
 ERRORS = ("position", "orientation")
 VIBRATIONS = ("moving", "at_rest")
@@ -106,6 +106,11 @@ class Results:
     def missing(self) -> int:
         """Count what is still to be measured of the agents that learn nothing."""
         return sum(not self.rows.there(c, a) for c, a in self.in_all)
+
+    @property
+    def by_earlier_code(self) -> int:
+        """Count the finished trainings that other code than today's made."""
+        return sum(one.found["code"] != code_today() for one in self.folders)
 
     @property
     def learned(self) -> str | None:

@@ -45,7 +45,7 @@ class Rows:
         where = (cell.robot, cell.experiment, cell.task, cell.friction)
         arguments = dict(_task(cell).arguments)
         of = digest(
-            code(),
+            code_today(),
             *where,
             arguments,
             [dict(o) for o in cell.options],
@@ -104,7 +104,7 @@ class Rows:
 
 
 @cache
-def code() -> str:
+def code_today() -> str:
     """Return a hash of the code that measures today."""
     return made_by(MEASURED_BY, (*PACKAGES, "gymnasium"))
 

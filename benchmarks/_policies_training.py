@@ -18,6 +18,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,12 @@ def folder(work: Path, plan: Plan, training: Training) -> Folder:
     begun = [start, fingerprint(settings.start)] if start else []
     of = digest(training.name, plan.steps, arguments, fingerprint(used), *begun)
     return Folder(training, plan.steps, work / "trainings" / f"{training.name}-{of[:8]}")
+
+
+@cache
+def code_today() -> str:
+    """Return a hash of the code that trains today, as `Folder.found` has it."""
+    return made_by(TRAINED_BY, ("stable-baselines3", "torch", "gymnasium"))
 
 
 def best_algorithm(work: Path, plan: Plan) -> str | None:
@@ -197,7 +204,7 @@ def _train(path: Path, training: Training, steps: int) -> None:
 
     with (path / LOCK).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # until one that was left alone has noticed
-        code = made_by(TRAINED_BY, ("stable-baselines3", "torch", "gymnasium"))
+        code = code_today()
         if not (path / CODE).exists() or (path / CODE).read_text("utf-8") != code:
             shutil.rmtree(path / CHECKPOINTS, ignore_errors=True)
             write_text_atomic(path / CODE, code)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,9 +18,10 @@ from benchmarks._policies_plan import (
     unlearned,
     within_bounds,
 )
-from benchmarks._policies_results import Against
-from benchmarks._policies_rows import compensate
+from benchmarks._policies_results import Against, Results
+from benchmarks._policies_rows import Rows, compensate
 from benchmarks._policies_statistics import Estimate
+from benchmarks._policies_training import DONE, Folder, code_today, folder
 from stiction_envs.envs.agents import NoDither
 from stiction_envs.envs.evaluation import evaluate
 
@@ -45,6 +51,29 @@ def test_the_iiwa_waits_for_the_best_algorithm():
     assert {t.robot for t in trainings(plan, None)} == {"panda"}
     assert {t.algorithm for t in trainings(plan, "td3") if t.robot == "iiwa7"} == {"td3"}
     assert trainings_in_all(plan) == len(trainings(plan, "td3")) == 25
+
+
+def finished(work: Path, code: str, run: int, rate: float | None = 500.0) -> Folder:
+    """Return the folder of a training that is over."""
+    one = folder(work, Plan(), trainings(Plan(), None)[run])
+    one.path.mkdir(parents=True)
+    text = json.dumps({"code": code, "steps_per_second": rate})
+    (one.path / DONE).write_text(text, "utf-8")
+    return one
+
+
+def results(work: Path, **found: Any) -> Results:
+    """Return results of which only these are there."""
+    nothing: dict[str, Any] = {"there": (), "folders": (), "best": None, "in_all": ()}
+    rows = Rows(work / "rows", Plan())
+    return Results(rows=rows, plan=Plan(), **{**nothing, "trainings": 25, **found})
+
+
+def test_trainings_of_earlier_code_are_counted(tmp_path: Path):
+    codes: Sequence[str] = (code_today(), "earlier", "another")
+    folders = [finished(tmp_path, code, run) for run, code in enumerate(codes)]
+    assert results(tmp_path, folders=folders).by_earlier_code == 2
+    assert results(tmp_path, folders=folders[:1]).by_earlier_code == 0
 
 
 def test_all_agents_can_be_played_and_tables_are_cut():
