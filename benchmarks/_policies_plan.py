@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from stiction_envs.method_settings import override
 from stiction_envs.precomputed.store import digest
 from stiction_envs.robots.registry import ARMS
 from tuning.explore.tables import HERE as TABLES
+from tuning.policies.evaluation import best_gated
 from tuning.policies.settings import PolicySettings, policy_settings
 from tuning.policies.task import Task
 
@@ -215,9 +217,7 @@ def unlearned(robot: str, experiment: str) -> list[Contestant]:
     out = [_of_class("none", NoDither), _of_class("random", RandomDither)]
     out += [_of_table(name, ConstantTable, table) for name, table in found.items()]
     if experiment == "gte":
-        kept = KEPT / f"{robot}_gte_gated_1600.csv"
-        gated = table_of(kept) if kept.exists() else found[SEARCHED]
-        out.append(_of_table("gated", GatedTable, gated))
+        out.append(_gated(robot, found[SEARCHED]))
     out.append(_of_table("rule", TorqueRule, base))
     if experiment == "gte":
         out += [_compensated(robot, kind) for kind in ("feedforward", "push")]
@@ -233,6 +233,23 @@ def _of_table(name: str, kind: Any, table: Table) -> Contestant:
         name=name,
         make=lambda env: kind(env, within_bounds(env, table)),
         made_of=digest(kind.__name__, table),
+    )
+
+
+def _gated(robot: str, constant: Table) -> Contestant:
+    """Return what ``--policy gated`` plays, and else, under another name, a table that is gated.
+
+    Args:
+        robot: name of the arm.
+        constant: the table that is given the default gate if no gated one is shipped for the arm.
+    """
+    shipped = TABLES / f"{robot}_gated.csv"
+    if not shipped.exists():
+        return _of_table("search, default gate", GatedTable, constant)
+    return Contestant(
+        name="gated",
+        make=partial(best_gated, robot),
+        made_of=digest("gated", table_of(shipped)),
     )
 
 

@@ -22,8 +22,10 @@ from benchmarks._policies_results import Against, Results
 from benchmarks._policies_rows import Rows, compensate
 from benchmarks._policies_statistics import Estimate
 from benchmarks._policies_training import DONE, Folder, code_today, folder
-from stiction_envs.envs.agents import NoDither
+from benchmarks._search_rows import KEPT, table_of
+from stiction_envs.envs.agents import GatedTable, NoDither
 from stiction_envs.envs.evaluation import evaluate
+from tuning.policies.evaluation import read_agent
 
 
 def against(errors: float, vibration: float, sure: bool = True) -> Against:
@@ -89,6 +91,19 @@ def test_all_agents_can_be_played_and_tables_are_cut():
                 if hasattr(agent, "amplitude"):
                     assert (agent.amplitude <= top * (1 + 1e-6)).all()
             assert within_bounds(env, ()) == ()
+
+
+def test_gated_is_what_the_command_plays_and_the_table_that_the_search_kept():
+    task = environment("panda", "gte")
+    env = task.make(1)
+    [ours] = [one.make(env) for one in unlearned("panda", "gte") if one.name == "gated"]
+    command = read_agent("gated", task, env)
+    kept = GatedTable(env, within_bounds(env, table_of(KEPT / "panda_gte_gated_1600.csv")))
+    for name in ("amplitude", "frequency", "gate"):
+        mine = getattr(ours, name)
+        assert (mine == getattr(command, name)).all()
+        assert (mine == getattr(kept, name)).all()
+    assert "gated" not in [one.name for one in unlearned("iiwa7", "gte")]
 
 
 @pytest.mark.slow
