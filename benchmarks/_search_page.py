@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from stiction_envs.reporting.markdown import number, table
 from stiction_envs.reporting.png import save_full
@@ -85,6 +86,7 @@ def write(
         evaluations=evaluations,
         better={name: _better(panda, name) for name in LONGER},
         less=lambda *a: _less(panda, *a),
+        changes=_changes(panda),
         gates_rad_s=gates_rad_s,
         gate_points=_gate_points(panda),
         iiwas={
@@ -162,6 +164,28 @@ def _better(panda: Measured, name: str) -> list[int]:
         for a, b in zip(*(_at_rest(panda, x, condition, path) for x in names), strict=True)
     ]
     return [sum(x > 1 for x in points), sum(x < -1 for x in points), len(points)]
+
+
+def _changes(panda: Measured) -> dict[str, float]:
+    """Return by how much errors left at rest differ [points], means over the same as `_better`.
+
+    ``longer``: how much less a longer search leaves than the constant table; ``seed``: how far the
+    same from another seed is from it, either way; ``start``: other start poses likewise.
+    """
+    known, *_, elsewhere = panda
+
+    def left(name: str, condition: str) -> NDArray[np.float64]:
+        return 100 * np.array([_at_rest(panda, name, condition, p) for p in panda[condition]])
+
+    def difference(one: str, other: str) -> NDArray[np.float64]:
+        return np.array([left(one, c) - left(other, c) for c in (known, elsewhere)])
+
+    longer, other = LONGER
+    return {
+        "longer": float(difference("search, constant", longer).mean()),
+        "seed": float(np.abs(difference(other, longer)).mean()),
+        "start": float(np.abs(left(longer, elsewhere) - left(longer, known)).mean()),
+    }
 
 
 def _reduction(rows: list[Row]) -> float:
