@@ -16,16 +16,20 @@ from benchmarks._policies_plan import (
     NOMINAL,
     RANDOM_PATHS,
     SHAKING_WEIGHT,
+    SJE_ALGORITHM,
     SMALL,
     SPREADS,
+    TRAINED,
     Cell,
     episodes_in_all,
     title,
     trainings,
 )
 from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Against, Results
-from benchmarks._policies_statistics import DRAWS, Estimate
+from benchmarks._policies_statistics import DRAWS, LEVEL, Estimate
 from benchmarks._policies_training import RATES, TOGETHER
+from stiction_envs.envs.agents import agent_settings
+from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.reporting.markdown import listed, number, table
 from stiction_envs.reporting.templates import write_page
 
@@ -74,6 +78,12 @@ def write(folder: Path, results: Results) -> None:
         over=over,
         improvements=_improvements(over),
         baseline=BASELINES["panda"],
+        baselines=BASELINES,
+        trained=TRAINED,
+        sje=SJE_ALGORITHM,
+        rule=agent_settings().rule,
+        gate=agent_settings().gate,
+        lever=load_gte_protocol().vibration_lever,
         sections=_sections(results),
         pictures=pictures,
         names={"curves": CURVES, "pareto": PARETO, "behaviour": BEHAVIOUR},
@@ -85,6 +95,7 @@ def write(folder: Path, results: Results) -> None:
         spreads=SPREADS,
         shaking_weight=SHAKING_WEIGHT,
         draws=DRAWS,
+        level=LEVEL,
     )
 
 

@@ -20,6 +20,7 @@ from benchmarks._policies_plan import (
     title,
 )
 from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Results
+from benchmarks._policies_statistics import LEVEL
 from benchmarks._policies_training import Folder
 from stiction_envs.reporting.png import save_full
 from tuning.policies.distil import watch
@@ -115,7 +116,8 @@ def draw_pareto(path: Path, results: Results) -> bool:
         axes.set_ylabel(f"{error} error left, over the undithered run's [1]")
     handles, labels = all_axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, loc="outside right upper")
-    figure.suptitle(f"Panda, {len(cell.options)} random paths; interquartile means, 95 % intervals")
+    shown = f"interquartile means, {100 * LEVEL:g} % intervals"
+    figure.suptitle(f"Panda, {len(cell.options)} random paths; {shown}")
     save_full(figure, path)
     return True
 

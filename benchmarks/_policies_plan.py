@@ -24,7 +24,9 @@ from tuning.policies.task import Task
 
 Table = tuple[AmplitudeRow, ...]
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
-"""Of the arms that are trained on."""
+"""Of the arms that are trained on [-]: assumed, since no source says how far two arms of one make
+are apart. Friction and rotor vary as far as the test's frictions do (`Plan.frictions`), bristle
+stiffness and load dependence, which are known from fits alone, further."""
 SHAKING_WEIGHT = 1.0
 """Of the GTE's reward here, assumed: a millimetre of shaking all along costs as much as the whole
 undithered error. With the environment's 0.01 whoever shakes most is best."""
