@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from benchmarks._policies_measures import MEASURES, Measure
 from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pareto
 from benchmarks._policies_plan import (
-    ALGORITHMS,
     BASELINES,
-    EPISODE,
     NOMINAL,
     RANDOM_PATHS,
     SHAKING_WEIGHT,
@@ -23,11 +19,11 @@ from benchmarks._policies_plan import (
     Cell,
     episodes_in_all,
     title,
-    trainings,
+    trainings_in_all,
 )
 from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Against, Results
 from benchmarks._policies_statistics import DRAWS, LEVEL, Estimate
-from benchmarks._policies_training import RATES, TOGETHER
+from benchmarks._policies_training import TOGETHER
 from stiction_envs.envs.agents import agent_settings
 from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.reporting.markdown import listed, number, table
@@ -65,7 +61,7 @@ def write(folder: Path, results: Results) -> None:
         small=plan == SMALL,
         plan=plan,
         done=len(results.folders),
-        in_all=results.trainings,
+        in_all=trainings_in_all(plan),
         by_earlier_code=results.by_earlier_code,
         missing=results.missing,
         cells_in_all=len(results.in_all),
@@ -87,10 +83,10 @@ def write(folder: Path, results: Results) -> None:
         sections=_sections(results),
         pictures=pictures,
         names={"curves": CURVES, "pareto": PARETO, "behaviour": BEHAVIOUR},
-        hours=_hours(results),
+        hours=results.training_hours,
         episodes=episodes_in_all(plan),
-        measuring_hours=EPISODE * episodes_in_all(plan) / 3600,
-        rates=_rates(results),
+        measuring_hours=results.measuring_hours,
+        rates=results.rates,
         together=TOGETHER,
         spreads=SPREADS,
         shaking_weight=SHAKING_WEIGHT,
@@ -189,25 +185,3 @@ def _frictions(results: Results, cell: Cell) -> str:
         lines.append(line)
     header = [f"× {c.friction:g}: {measures[key].label}" for c in there for key in keys]
     return "\n".join(table(["agent", *header], lines)) if there else ""
-
-
-# ---- time ----------------------------------------------------------------------------------------
-
-
-def _rates(results: Results) -> dict[str, float]:
-    """Return steps/s of each algorithm, two trainings together; measured ones where there are."""
-    out = dict(RATES)
-    found: dict[str, list[float]] = {}
-    for one in results.folders:
-        if (rate := one.found["steps_per_second"]) is not None:
-            found.setdefault(one.training.algorithm, []).append(rate)
-    return out | {name: sum(x) / len(x) for name, x in found.items()}
-
-
-def _hours(results: Results) -> float:
-    """Return how long all trainings take [h]."""
-    rates: dict[str, Any] = _rates(results)
-    slowest = min(ALGORITHMS, key=lambda a: rates[a])
-    counts = Counter(t.algorithm for t in trainings(results.plan, results.best or slowest))
-    seconds = sum(n * results.plan.steps / rates[name] for name, n in counts.items())
-    return seconds / TOGETHER / 3600

@@ -41,7 +41,7 @@ that knows nothing, 10,000 steps of the Panda's GTE took TD3 and SAC from -0.930
 NOMINAL = 1.0
 """Friction over the one that is known."""
 EPISODE = 0.1
-"""Seconds that an episode of the measurement takes, to tell the time that is left."""
+"""Seconds of an episode that is measured, assumed, to weigh what the progress bar shows."""
 RANDOM_PATHS = "random paths"
 TRAINED = {alg: alg.upper() for alg in ALGORITHMS}
 BASELINES = {"panda": "Table 4.9", "iiwa7": "make tune"}

@@ -20,6 +20,8 @@ from benchmarks._policies_plan import (
     Cell,
     Contestant,
     Plan,
+    episodes_in_all,
+    trainings,
 )
 from benchmarks._policies_rows import Rows
 from benchmarks._policies_statistics import (
@@ -28,7 +30,7 @@ from benchmarks._policies_statistics import (
     mean_with_interval,
     ratio_with_interval,
 )
-from benchmarks._policies_training import Folder, code_today
+from benchmarks._policies_training import TOGETHER, Folder, code_today
 
 ERRORS = ("position", "orientation")
 VIBRATIONS = ("moving", "at_rest")
@@ -89,8 +91,6 @@ class Results:
     """Of the trainings that are over."""
     best: str | None
     """Algorithm whose policies had the best evaluations in training; None while it is not known."""
-    trainings: int
-    """In all."""
     in_all: Sequence[tuple[Cell, Contestant]]
     """What is to be measured of the agents that learn nothing."""
 
@@ -166,6 +166,33 @@ class Results:
         """Return whose return is the largest."""
         there = [name for name in names if name in self.by_cell[cell]]
         return max(there, key=lambda n: self.estimate(cell, n, "return").value, default=None)
+
+    # ---- time --------------------------------------------------------------------------------
+
+    @cached_property
+    def rates(self) -> dict[tuple[str, str], float]:
+        """Mean steps/s of finished trainings, by experiment and algorithm."""
+        found: dict[tuple[str, str], list[float]] = {}
+        for one in self.folders:
+            if (rate := one.found["steps_per_second"]) is not None:
+                of = one.training.experiment, one.training.algorithm
+                found.setdefault(of, []).append(rate)
+        return {of: float(np.mean(rates)) for of, rates in found.items()}
+
+    @property
+    def training_hours(self) -> float | None:
+        """How long all trainings take; None while one of each kind has not been finished [h]."""
+        kinds = [(t.experiment, t.algorithm) for t in trainings(self.plan, self.best)]
+        if self.best is None or not set(kinds) <= set(self.rates):
+            return None
+        return sum(self.plan.steps / self.rates[kind] for kind in kinds) / TOGETHER / 3600
+
+    @property
+    def measuring_hours(self) -> float | None:
+        """How long all episodes take, as those that were measured; None while none was [h]."""
+        count = sum(self.rows.episodes(cell, one) for cell, one in self.there)
+        seconds = sum(self.rows.seconds(cell, one) for cell, one in self.there)
+        return seconds / count * episodes_in_all(self.plan) / 3600 if count else None
 
     # ---- the answer --------------------------------------------------------------------------
 

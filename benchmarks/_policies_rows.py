@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -75,12 +76,14 @@ class Rows:
                 seeds.append(SEED + 1000 * run + k)
                 options.append(o)
 
+        start = time.perf_counter()
         env = _task(cell).make(min(TOGETHER, len(seeds)))
         if one.compensation is not None:
             compensate(env, one.compensation)
         rows = evaluate(env, one.make(env), seeds, options)
         env.close()
-        write_text_atomic(path, json.dumps(rows))
+        seconds = time.perf_counter() - start
+        write_text_atomic(path, json.dumps({"seconds": seconds, "rows": rows}))
 
     def scores(self, cell: Cell, ones: Sequence[Contestant], key: str) -> NDArray[np.float64]:
         """Return a measure (runs, tasks) of an agent, or of one agent for each run.
@@ -95,8 +98,16 @@ class Rows:
 
     def read(self, cell: Cell, one: Contestant) -> list[Row]:
         """Return the measured rows."""
-        rows: list[Row] = json.loads(self.path(cell, one).read_text("utf-8"))
+        rows: list[Row] = self._read(cell, one)["rows"]
         return rows
+
+    def seconds(self, cell: Cell, one: Contestant) -> float:
+        """Return what measuring an agent's episodes took [s]."""
+        return float(self._read(cell, one)["seconds"])
+
+    def _read(self, cell: Cell, one: Contestant) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.path(cell, one).read_text("utf-8"))
+        return found
 
     def there(self, cell: Cell, one: Contestant) -> bool:
         """Whether an agent's episodes were measured."""

@@ -43,8 +43,8 @@ TRAINED_BY = (
 )
 """Code that decides the bits of a training; its settings are in the name of its folder."""
 RATES = {"sac": 440.0, "td3": 550.0, "ppo": 600.0}
-"""Steps/s of each of two trainings together on two processors, to tell the time that is left:
-measured on the Panda's GTE over 6000 to 11,000 steps, evaluations left out."""
+"""Steps/s of each of two trainings together, assumed, to weigh what the progress bar shows: about
+what the Panda's GTE had over 6000 to 11,000 steps. The page has what finished trainings had."""
 POLL = 0.5  # seconds
 Tell = Callable[[dict[Training, float]], None]
 """Called with the share of each training that is done."""

@@ -30,7 +30,6 @@ from benchmarks._policies_plan import (
     cells,
     learned,
     trainings,
-    trainings_in_all,
     unlearned,
 )
 from benchmarks._policies_results import Results
@@ -159,7 +158,6 @@ class Benchmark:
             there=there,
             folders=[f for f in self.folders() if f.done],
             best=best_algorithm(self.work, self.plan),
-            trainings=trainings_in_all(self.plan),
             in_all=self._unlearned(),
         )
         write(self.work if self.plan == SMALL else HERE, results)

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import _policies_rows
 from benchmarks._policies_plan import (
+    Cell,
     Plan,
     environment,
+    episodes_in_all,
     trainings,
     trainings_in_all,
     unlearned,
@@ -67,8 +70,8 @@ def finished(work: Path, code: str, run: int, rate: float | None = 500.0) -> Fol
 def results(work: Path, **found: Any) -> Results:
     """Return results of which only these are there."""
     nothing: dict[str, Any] = {"there": (), "folders": (), "best": None, "in_all": ()}
-    rows = Rows(work / "rows", Plan())
-    return Results(rows=rows, plan=Plan(), **{**nothing, "trainings": 25, **found})
+    nothing["rows"] = Rows(work / "rows", Plan())
+    return Results(plan=Plan(), **{**nothing, **found})
 
 
 def test_trainings_of_earlier_code_are_counted(tmp_path: Path):
@@ -76,6 +79,44 @@ def test_trainings_of_earlier_code_are_counted(tmp_path: Path):
     folders = [finished(tmp_path, code, run) for run, code in enumerate(codes)]
     assert results(tmp_path, folders=folders).by_earlier_code == 2
     assert results(tmp_path, folders=folders[:1]).by_earlier_code == 0
+
+
+def test_time_is_not_known_before_one_training_of_each_kind_is_finished(tmp_path: Path):
+    kinds = trainings(Plan(), None)[:4]
+    assert len({(t.experiment, t.algorithm) for t in kinds}) == 4
+    folders = [finished(tmp_path, "any", k, 100.0 * (k + 1)) for k in range(4)]
+    folders.append(finished(tmp_path, "any", 4, None))  # its last process had nothing to do
+    assert results(tmp_path, folders=folders[1:], best="sac").training_hours is None
+    assert results(tmp_path, folders=folders).training_hours is None  # of the iiwa: which?
+    found = results(tmp_path, folders=folders, best="sac")
+    rates = {(t.experiment, t.algorithm): 100.0 * (k + 1) for k, t in enumerate(kinds)}
+    assert found.rates == rates
+    # five runs of each on the Panda, and of SAC on the iiwa, two at a time
+    seconds = 5 * Plan().steps * (sum(1 / x for x in rates.values()) + 1 / rates["gte", "sac"])
+    assert found.training_hours == pytest.approx(seconds / 2 / 3600)
+
+
+def test_rows_are_kept_with_the_time_they_took_until_code_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    options = {"joint": 7, "load": "load", "direction": "+"}
+    cell = Cell(robot="panda", experiment="sje", task="ramps", friction=1.0, options=(options,))
+    rows, [none, *_] = Rows(tmp_path, Plan(runs=2)), unlearned("panda", "sje")
+    assert not rows.there(cell, none)
+    rows.measure(cell, none)
+    assert rows.there(cell, none)
+    before, took = rows.read(cell, none), rows.seconds(cell, none)
+    assert len(before) == 2
+    assert took > 0
+    rows.measure(cell, none)  # they are there
+    assert rows.seconds(cell, none) == took
+
+    found = results(tmp_path, rows=rows, there=[(cell, none)])
+    assert found.measuring_hours == pytest.approx(took / 2 * episodes_in_all(Plan()) / 3600)
+    assert results(tmp_path).measuring_hours is None
+
+    monkeypatch.setattr(_policies_rows, "code_today", lambda: "another")
+    assert not rows.there(cell, none)
 
 
 def test_all_agents_can_be_played_and_tables_are_cut():
