@@ -16,6 +16,7 @@ from benchmarks._policies_plan import (
     Plan,
     environment,
     episodes_in_all,
+    tables,
     trainings,
     trainings_in_all,
     unlearned,
@@ -28,6 +29,7 @@ from benchmarks._policies_training import DONE, Folder, code_today, folder
 from benchmarks._search_rows import KEPT, table_of
 from stiction_envs.envs.agents import GatedTable, NoDither
 from stiction_envs.envs.evaluation import evaluate
+from stiction_envs.measured import AmplitudeRow
 from tuning.policies.evaluation import read_agent
 
 
@@ -119,19 +121,34 @@ def test_rows_are_kept_with_the_time_they_took_until_code_changes(
     assert not rows.there(cell, none)
 
 
-def test_all_agents_can_be_played_and_tables_are_cut():
+def test_tables_are_cut_to_the_amplitudes_of_the_environment():
+    env = environment("panda", "gte").make(1)
+    top = env.single_action_space.high
+    much, little = AmplitudeRow(1, 20.0, 2.0 * top[0]), AmplitudeRow(3, 30.0, 0.5 * top[2])
+    cut = within_bounds(env, (much, little))
+    assert cut == (AmplitudeRow(1, 20.0, float(top[0])), little)
+
+
+def test_tables_play_what_is_in_them_on_every_arm():
+    over = 0  # amplitudes that had to be cut, without which this would say little
     for robot in Plan().robots:
         for experiment in ("gte", "sje"):
             env = environment(robot, experiment).make(1)
-            top = env.single_action_space.high[: env.core.n]
-            observation = np.zeros((1, len(env.observation_names)))
-            for one in unlearned(robot, experiment):
-                agent = one.make(env)
-                action, _ = agent.predict(observation)
-                assert (action[0, : env.core.n] <= top).all()
-                if hasattr(agent, "amplitude"):
-                    assert (agent.amplitude <= top * (1 + 1e-6)).all()
-            assert within_bounds(env, ()) == ()
+            n, top = env.core.n, env.single_action_space.high
+            at_rest = np.zeros((1, len(env.observation_names)))
+            played = {one.name: one.make(env) for one in unlearned(robot, experiment)}
+            for name, table in tables(robot, experiment).items():
+                [action], _ = played[name].predict(at_rest)
+                for row in table:
+                    j = row.joint - 1
+                    expected = min(row.amplitude_nm, top[j])
+                    assert action[j] == pytest.approx(expected, rel=1e-6), (robot, name)
+                    assert action[n + j] == pytest.approx(row.frequency_hz), (robot, name)
+                    over += row.amplitude_nm > top[j]
+            for name in {"none", "feedforward", "push", "rule"} & set(played):
+                [action], _ = played[name].predict(at_rest)  # without torque there is nothing to do
+                assert not action[:n].any(), name
+    assert over
 
 
 def test_gated_is_what_the_command_plays_and_the_table_that_the_search_kept():
