@@ -33,15 +33,12 @@ class Estimate:
 
 def interquartile_mean(scores: Array) -> float:
     """Return the mean of the middle half of all scores, whatever their shape."""
-    return float(_interquartile_means(np.asarray(scores, dtype=float).reshape(1, -1))[0])
+    return float(_interquartile_means(np.ravel(scores)[None])[0])
 
 
 def _interquartile_means(rows: Array) -> Array:
-    """Return the interquartile mean of each row; scipy's `trim_mean`, with infinite scores."""
-    count = rows.shape[1]
-    cut = int(0.25 * count)
-    middle = np.sort(rows, axis=1)[:, cut : count - cut]
-    return np.asarray(middle.mean(axis=1))
+    """Return the interquartile mean of each row."""
+    return np.asarray(stats.trim_mean(rows, 0.25, axis=1))
 
 
 def resampled(scores: Array, rng: np.random.Generator, draws: int = DRAWS) -> Array:
@@ -79,22 +76,23 @@ def probability_of_improvement(ours: Array, theirs: Array) -> float:
         ours: (runs, tasks).
         theirs: (their runs, tasks).
     """
-    wins = stats.mannwhitneyu(theirs, ours, axis=0, method="asymptotic").statistic
-    return float(np.mean(wins) / (len(ours) * len(theirs)))
+    return float(_improvements(ours[None], theirs[None])[0])
 
 
 def improvement_with_interval(ours: Array, theirs: Array, *, seed: int = 0) -> Estimate:
     """Return the probability of improvement with its stratified bootstrap interval."""
     rng = np.random.default_rng(seed)
-    pairs = zip(resampled(ours, rng), resampled(theirs, rng), strict=True)
-    drawn = np.array([_wins(a, b) for a, b in pairs])
+    drawn = _improvements(resampled(ours, rng), resampled(theirs, rng))
     return _estimate(probability_of_improvement(ours, theirs), drawn)
 
 
-def _wins(ours: Array, theirs: Array) -> float:
-    """As `probability_of_improvement`, by comparing all pairs."""
-    a, b = ours[:, None], theirs[None]
-    return float(np.mean((a < b) + 0.5 * (a == b)))
+def _improvements(ours: Array, theirs: Array) -> Array:
+    """Return `probability_of_improvement` of scores (draws, runs, tasks), by comparing all pairs.
+
+    The same as scipy's `mannwhitneyu`, which is twenty times slower since it also ranks.
+    """
+    a, b = ours[:, :, None], theirs[:, None]
+    return np.asarray(((a < b) + 0.5 * (a == b)).mean(axis=(1, 2, 3)))
 
 
 def worst_for_missing(scores: Array) -> Array:
