@@ -19,10 +19,13 @@ import warnings
 from functools import partial
 from pathlib import Path
 
+from tqdm import tqdm
+
 from benchmarks._policies_page import write
 from benchmarks._policies_plan import (
     EPISODE,
     SMALL,
+    TRAINED,
     Cell,
     Contestant,
     Plan,
@@ -34,41 +37,18 @@ from benchmarks._policies_plan import (
 )
 from benchmarks._policies_results import Results
 from benchmarks._policies_rows import Rows
-from benchmarks._policies_training import RATES, Folder, best_algorithm, folder, train_all
+from benchmarks._policies_training import (
+    RATES,
+    TOGETHER,
+    Folder,
+    best_algorithm,
+    folder,
+    train_all,
+)
 
 HERE = Path(__file__).parent
 STAGES = ("agents", "train", "policies", "page")
-
-
-class Whole:
-    """How much of everything is done, in seconds that it is thought to take."""
-
-    def __init__(self, seconds: dict[str, float]) -> None:
-        """Prepare; ``seconds`` of each part."""
-        self._seconds, self._share = seconds, dict.fromkeys(seconds, 0.0)
-        self._start, self._at_start = time.monotonic(), 0.0
-        self._stage = ""
-
-    @property
-    def share(self) -> float:
-        """Share of all that is done."""
-        return sum(self._seconds[k] * self._share[k] for k in self._seconds) / (
-            sum(self._seconds.values()) or 1.0
-        )
-
-    def there(self, name: str, share: float = 1.0) -> None:
-        """Count what was done before."""
-        self._share[name] = share
-        self._at_start = self.share
-
-    def tell(self, stage: str, shares: dict[str, float]) -> None:
-        """Print how far it is."""
-        self._share |= shares
-        gone, went = time.monotonic() - self._start, self.share - self._at_start
-        left = gone * (1 - self.share) / went if went > 1e-4 else math.nan
-        rest = f"{left / 60:.0f} min left" if math.isfinite(left) else "time left: not known yet"
-        line = f"{100 * self.share:5.1f} % of the whole, {rest}: {stage}"
-        print(f"\r{line:<100}", end="", flush=True)
+BAR = "{percentage:5.1f} %|{bar}| {elapsed}<{remaining}{postfix}"
 
 
 class Benchmark:
@@ -84,12 +64,9 @@ class Benchmark:
             (r, e): unlearned(r, e)
             for r, e in dict.fromkeys((c.robot, c.experiment) for c in self.cells)
         }
-        self._whole = Whole(self._seconds())
-        for one in self.folders():
-            self._whole.there(one.training.name, one.share)
-        for cell, agent in self._unlearned():
-            if self.rows.there(cell, agent):
-                self._whole.there(_name(cell, agent))
+        self._seconds, self._shares = self._parts(), self._done()
+        total = sum(self._seconds.values())
+        self._bar = tqdm(total=total, initial=self._gone(), bar_format=BAR, dynamic_ncols=True)
 
     # ---- what there is -----------------------------------------------------------------------
 
@@ -110,32 +87,55 @@ class Benchmark:
             if (t.robot, t.experiment) == (cell.robot, cell.experiment)
         ]
 
-    def _seconds(self) -> dict[str, float]:
-        """Return how long each part is thought to take."""
+    def _there(self) -> list[tuple[Cell, Contestant]]:
+        """Return what was measured."""
+        return [(c, a) for c, a in self._unlearned() + self._learned() if self.rows.there(c, a)]
+
+    # ---- how far it is -----------------------------------------------------------------------
+
+    def _parts(self) -> dict[str, float]:
+        """Return how long each part is assumed to take [s]."""
         out = {
-            _name(cell, agent): EPISODE * self.rows.episodes(cell, agent)
+            _name(cell, agent.name, agent.run): EPISODE * self.rows.episodes(cell, agent)
             for cell, agent in self._unlearned()
         }
-        # the algorithm of the iiwa is not known yet; the slowest is as good
+        # while the algorithm of the iiwa is not known, the slowest is as good
         for t in trainings(self.plan, best_algorithm(self.work, self.plan) or "sac"):
-            out[t.name] = self.plan.steps / RATES[t.algorithm] / 2
-            episodes = sum(
-                len(c.options)
-                for c in self.cells
-                if (c.robot, c.experiment) == (t.robot, t.experiment)
-            )
-            out[_measured(t)] = EPISODE * episodes
+            out[t.name] = self.plan.steps / RATES[t.algorithm] / TOGETHER
+            for c in self.cells:
+                if (c.robot, c.experiment) == (t.robot, t.experiment):
+                    out[_name(c, TRAINED[t.algorithm], t.run)] = EPISODE * len(c.options)
         return out
+
+    def _done(self) -> dict[str, float]:
+        """Return the share of each part that was done before."""
+        return {one.training.name: one.share for one in self.folders()} | {
+            _name(cell, agent.name, agent.run): 1.0 for cell, agent in self._there()
+        }
+
+    def _gone(self) -> float:
+        return sum(self._seconds.get(name, 0.0) * share for name, share in self._shares.items())
+
+    def _tell(self, stage: str, shares: dict[str, float]) -> None:
+        self._shares |= shares
+        self._bar.n = self._gone()
+        self._bar.set_postfix_str(stage)
+
+    def close(self) -> None:
+        """Leave the bar as it is."""
+        self._bar.close()
 
     # ---- stages ------------------------------------------------------------------------------
 
     def agents(self) -> None:
         """Measure the agents that learn nothing."""
-        self._measure(self._unlearned(), count=_name)
+        self._measure(self._unlearned())
 
     def train(self) -> None:
         """Train; the iiwa's when it is known who is best."""
         for _ in range(2):
+            self._seconds = self._parts()
+            self._bar.total = sum(self._seconds.values())
             todo = [f for f in self.folders() if not f.done]
             if todo and time.monotonic() < self.deadline:
                 names = ", ".join(dict.fromkeys(f.training.robot for f in todo))
@@ -145,17 +145,13 @@ class Benchmark:
     def policies(self) -> None:
         """Measure what was trained."""
         self._measure(self._learned())
-        for one in self.folders():
-            if one.done:
-                self._whole.there(_measured(one.training))
 
     def page(self) -> None:
         """Write the page of what is there."""
-        there = [(c, a) for c, a in self._unlearned() + self._learned() if self.rows.there(c, a)]
         results = Results(
             rows=self.rows,
             plan=self.plan,
-            there=there,
+            there=self._there(),
             folders=[f for f in self.folders() if f.done],
             best=best_algorithm(self.work, self.plan),
             in_all=self._unlearned(),
@@ -165,27 +161,21 @@ class Benchmark:
     def _training(self, names: str, shares: dict[Training, float]) -> None:
         running = ", ".join(f"{t.name} {100 * s:.0f} %" for t, s in shares.items() if 0 < s < 1)
         known = {t.name: s for t, s in shares.items()}
-        self._whole.tell(running or f"training, {names}", known)
+        self._tell(running or f"training, {names}", known)
 
-    def _measure(self, todo: list[tuple[Cell, Contestant]], count: object = None) -> None:
+    def _measure(self, todo: list[tuple[Cell, Contestant]]) -> None:
         for cell, agent in todo:
             if time.monotonic() > self.deadline:
                 return
-            name = _name(cell, agent)
-            if not self.rows.there(cell, agent):
-                self._whole.tell(name, {})
-                self.rows.measure(cell, agent)
-            if count is not None:
-                self._whole.tell(name, {name: 1.0})
+            name = _name(cell, agent.name, agent.run)
+            self._tell(name, {})
+            self.rows.measure(cell, agent)
+            self._tell(name, {name: 1.0})
 
 
-def _name(cell: Cell, agent: Contestant) -> str:
-    run = "" if agent.run is None else f" {agent.run}"
-    return f"{cell.robot}, {cell.task}, friction × {cell.friction:g}: {agent.name}{run}"
-
-
-def _measured(training: Training) -> str:
-    return f"{training.name}, measured"
+def _name(cell: Cell, agent: str, run: int | None) -> str:
+    one = agent if run is None else f"{agent} {run}"
+    return f"{cell.robot}, {cell.task}, friction × {cell.friction:g}: {one}"
 
 
 def main() -> int:
@@ -204,9 +194,10 @@ def main() -> int:
             if stage in asked.only:
                 getattr(whole, stage)()
     except KeyboardInterrupt:
-        print("\nstopped: the same command goes on", file=sys.stderr)
+        whole.close()
+        print("stopped: the same command goes on", file=sys.stderr)
         return 130
-    print()
+    whole.close()
     for line in whole.wrong:
         print(line, file=sys.stderr)
     return 1 if whole.wrong else 0
