@@ -22,6 +22,7 @@ from benchmarks._policies_plan import (
 from benchmarks._policies_results import AIM, ERRORS, VIBRATIONS, Results
 from benchmarks._policies_statistics import LEVEL
 from benchmarks._policies_training import Folder
+from stiction_envs.reporting.markdown import plural
 from stiction_envs.reporting.png import save_full
 from tuning.policies.distil import watch
 from tuning.policies.settings import policy_settings
@@ -41,8 +42,8 @@ LOOKS = {
     "PPO": ("h", "#4a9a4a"),
 }
 """Mark and colour of every agent."""
-WATCHED = 16
-"""Episodes of which the best policy's actions are drawn."""
+WATCHED = range(0, 16, 4)
+"""Numbers of those of the test's random paths on which the best policy's actions are drawn, on each by two arms."""
 SLOWEST = 1e-4
 """Speeds below are drawn here [rad/s]."""
 
@@ -75,7 +76,7 @@ def _draw_curve(axes: Any, algorithm: str, folders: list[Folder]) -> None:
     steps = curves[0][0]  # of one plan: all evaluate at the same steps
     returns = np.array([r[: len(steps)] for _, r in curves])
     mark, colour = LOOKS[TRAINED[algorithm]]
-    label = f"{TRAINED[algorithm]}, {len(folders)} seeds"
+    label = f"{TRAINED[algorithm]}, {plural(len(folders), 'seed')}"
     axes.plot(steps, returns.mean(axis=0), marker=mark, ms=4, color=colour, label=label)
     low, high = returns.min(axis=0), returns.max(axis=0)
     axes.fill_between(steps, low, high, color=colour, alpha=0.15, lw=0)
@@ -94,15 +95,13 @@ def draw_pareto(path: Path, results: Results) -> bool:
         for axes, vibration in zip(row, VIBRATIONS, strict=True):
             for name in results.by_cell[cell]:
                 x, y = (results.estimate(cell, name, key) for key in (vibration, error))
-                spread = [[e.value - e.low], [e.high - e.value]] if (e := y) else None
-                sideways = [[x.value - x.low], [x.high - x.value]]
+                up, sideways = ([[e.value - e.low], [e.high - e.value]] for e in (y, x))
                 mark, colour = LOOKS[name]
                 style = {"mec": colour, "mfc": "none", "mew": 2, "ms": 10, "elinewidth": 1}
                 axes.errorbar(
-                    x.value, y.value, spread, sideways, fmt=mark, ecolor=colour, label=name, **style
+                    x.value, y.value, up, sideways, fmt=mark, ecolor=colour, label=name, **style
                 )
             axes.grid(alpha=0.3)
-            axes.autoscale_view()
             if base in results.by_cell[cell]:
                 _aim(
                     axes,
@@ -140,10 +139,10 @@ def draw_behaviour(path: Path, results: Results) -> bool:
         return False
     training: Training = best.training
     first = policy_settings().evaluation.test_paths
-    fixed = [{"path": first + k} for k in range(WATCHED)]
     seen = []
-    for options in fixed[:: max(1, WATCHED // 4)]:
-        task = environment(training.robot, training.experiment, fixed_options=options)
+    for number in WATCHED:
+        fixed = {"path": first + number}
+        task = environment(training.robot, training.experiment, fixed_options=fixed)
         env = task.make(2)
         seen.append(np.stack(watch(env, learned(training, best.policy).make(env), seed=0)))
         top = env.single_action_space.high
