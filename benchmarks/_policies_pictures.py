@@ -43,7 +43,7 @@ LOOKS = {
 }
 """Mark and colour of every agent."""
 WATCHED = range(0, 16, 4)
-"""Numbers of those of the test's random paths on which the best policy's actions are drawn, on each by two arms."""
+"""Those of the test's random paths on which the best policy's actions are drawn, two arms each."""
 SLOWEST = 1e-4
 """Speeds below are drawn here [rad/s]."""
 

@@ -18,7 +18,7 @@ from stiction_envs.method_settings import override
 from stiction_envs.precomputed.store import digest
 from stiction_envs.robots.registry import ARMS
 from tuning.explore.tables import HERE as TABLES
-from tuning.policies.evaluation import best_gated
+from tuning.policies.evaluation import best_gated, gated_file, within_bounds
 from tuning.policies.settings import PolicySettings, policy_settings
 from tuning.policies.task import Task
 
@@ -245,21 +245,13 @@ def _gated(robot: str, constant: Table) -> Contestant:
         robot: name of the arm.
         constant: the table that is given the default gate if no gated one is shipped for the arm.
     """
-    shipped = TABLES / f"{robot}_gated.csv"
-    if not shipped.exists():
+    shipped = gated_file(robot)
+    if shipped is None:
         return _of_table("search, default gate", GatedTable, constant)
     return Contestant(
         name="gated",
         make=partial(best_gated, robot),
         made_of=digest("gated", table_of(shipped)),
-    )
-
-
-def within_bounds(env: Any, table: Table) -> Table:
-    """Return a table whose amplitudes are cut to those of the environment's action."""
-    top = env.unwrapped.single_action_space.high
-    return tuple(
-        replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in table
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ from benchmarks import _policies_rows
 from benchmarks._policies_plan import (
     Cell,
     Plan,
+    Training,
     environment,
     episodes_in_all,
     tables,
     trainings,
     trainings_in_all,
     unlearned,
-    within_bounds,
 )
 from benchmarks._policies_results import Against, Results
 from benchmarks._policies_rows import Rows, compensate
@@ -30,7 +30,7 @@ from benchmarks._search_rows import KEPT, table_of
 from stiction_envs.envs.agents import GatedTable, NoDither
 from stiction_envs.envs.evaluation import evaluate
 from stiction_envs.measured import AmplitudeRow
-from tuning.policies.evaluation import read_agent
+from tuning.policies.evaluation import read_agent, within_bounds
 
 
 def against(errors: float, vibration: float, sure: bool = True) -> Against:
@@ -60,9 +60,9 @@ def test_the_iiwa_waits_for_the_best_algorithm():
     assert trainings_in_all(plan) == len(trainings(plan, "td3")) == 25
 
 
-def finished(work: Path, code: str, run: int, rate: float | None = 500.0) -> Folder:
+def finished(work: Path, code: str, training: Training, rate: float | None = 500.0) -> Folder:
     """Return the folder of a training that is over."""
-    one = folder(work, Plan(), trainings(Plan(), None)[run])
+    one = folder(work, Plan(), training)
     one.path.mkdir(parents=True)
     text = json.dumps({"code": code, "steps_per_second": rate})
     (one.path / DONE).write_text(text, "utf-8")
@@ -77,17 +77,19 @@ def results(work: Path, **found: Any) -> Results:
 
 
 def test_trainings_of_earlier_code_are_counted(tmp_path: Path):
-    codes: Sequence[str] = (code_today(), "earlier", "another")
-    folders = [finished(tmp_path, code, run) for run, code in enumerate(codes)]
+    codes = code_today(), "earlier", "another"
+    some = zip(codes, trainings(Plan(), None), strict=False)
+    folders = [finished(tmp_path, code, training) for code, training in some]
     assert results(tmp_path, folders=folders).by_earlier_code == 2
     assert results(tmp_path, folders=folders[:1]).by_earlier_code == 0
 
 
 def test_time_is_not_known_before_one_training_of_each_kind_is_finished(tmp_path: Path):
-    kinds = trainings(Plan(), None)[:4]
-    assert len({(t.experiment, t.algorithm) for t in kinds}) == 4
-    folders = [finished(tmp_path, "any", k, 100.0 * (k + 1)) for k in range(4)]
-    folders.append(finished(tmp_path, "any", 4, None))  # its last process had nothing to do
+    kinds = [t for t in trainings(Plan(), None) if t.run == 0]
+    assert len({(t.experiment, t.algorithm) for t in kinds}) == len(kinds) == 4
+    folders = [finished(tmp_path, "any", t, 100.0 * (k + 1)) for k, t in enumerate(kinds)]
+    idle = replace(kinds[0], run=1)  # its last process had nothing to do
+    folders.append(finished(tmp_path, "any", idle, None))
     assert results(tmp_path, folders=folders[1:], best="sac").training_hours is None
     assert results(tmp_path, folders=folders).training_hours is None  # of the iiwa: which?
     found = results(tmp_path, folders=folders, best="sac")
