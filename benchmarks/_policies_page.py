@@ -9,8 +9,10 @@ from benchmarks._policies_measures import MEASURES, Measure
 from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pareto
 from benchmarks._policies_plan import (
     BASELINES,
+    FROM_A_TABLE,
     NOMINAL,
     RANDOM_PATHS,
+    SEARCHED,
     SHAKING_WEIGHT,
     SJE_ALGORITHM,
     SMALL,
@@ -76,6 +78,8 @@ def write(folder: Path, results: Results) -> None:
         baseline=BASELINES["panda"],
         baselines=BASELINES,
         trained=TRAINED,
+        from_a_table=[TRAINED[algorithm] for algorithm in FROM_A_TABLE],
+        searched=SEARCHED,
         sje=SJE_ALGORITHM,
         rule=agent_settings().rule,
         gate=agent_settings().gate,
