@@ -65,7 +65,7 @@ class Benchmark:
             for r, e in dict.fromkeys((c.robot, c.experiment) for c in self.cells)
         }
         self._seconds, self._shares = self._parts(), self._done()
-        total = sum(self._seconds.values())
+        total = math.fsum(self._seconds.values())
         self._bar = tqdm(total=total, initial=self._gone(), bar_format=BAR, dynamic_ncols=True)
 
     # ---- what there is -----------------------------------------------------------------------
@@ -114,7 +114,8 @@ class Benchmark:
         }
 
     def _gone(self) -> float:
-        return sum(self._seconds.get(name, 0.0) * share for name, share in self._shares.items())
+        # exact sums: all parts are no more than the total
+        return math.fsum(self._seconds.get(name, 0.0) * x for name, x in self._shares.items())
 
     def _tell(self, stage: str, shares: dict[str, float]) -> None:
         self._shares |= shares
@@ -135,7 +136,7 @@ class Benchmark:
         """Train; the iiwa's when it is known who is best."""
         for _ in range(2):
             self._seconds = self._parts()
-            self._bar.total = sum(self._seconds.values())
+            self._bar.total = math.fsum(self._seconds.values())
             todo = [f for f in self.folders() if not f.done]
             if todo and time.monotonic() < self.deadline:
                 names = ", ".join(dict.fromkeys(f.training.robot for f in todo))
