@@ -71,7 +71,8 @@ def evaluate(
         deterministic: handed to the agent.
 
     Raises:
-        StictionError: another environment, other options, or an action outside the bounds.
+        StictionError: another environment, other options, a seed below 0, or an action outside the
+            bounds.
     """
     batch = env.unwrapped
     if not isinstance(batch, ArmVectorEnv):
@@ -80,12 +81,15 @@ def evaluate(
         )
     if not len(seeds):
         return []
+    if min(seeds) < 0:
+        raise StictionError(f"evaluate: seed {min(seeds)}: expected whole numbers from 0")
     each = _each(options, len(seeds))
     tiles, core = batch.tiles, batch.core
     core.prepare(each)
     count = batch.num_envs
     slots, episode = np.arange(count), np.full(count, -1)
     rows: list[Row] = [{} for _ in seeds]
+    sums = {name: np.zeros(count) for name in _summed(core)}
     waiting = list(range(len(seeds)))
     start, state = np.ones(count, dtype=bool), None
     going = np.zeros(count, dtype=bool)
@@ -101,8 +105,11 @@ def evaluate(
             rngs = [seeding.np_random(int(seeds[k]))[0] for k in episode[free]]
             tiles.reset(free, rngs, [each[k] for k in episode[free]])
             going[free] = start[free] = True
+            for total in sums.values():
+                total[free] = 0.0
+            what = tiles.describe(free)
             for i, k in enumerate(episode[free]):
-                rows[k] = _begun(int(seeds[k]), tiles.describe(free[i : i + 1]), core)
+                rows[k] = _begun(int(seeds[k]), {n: values[i] for n, values in what.items()})
         observation = tiles.observe(slots)
         actions, state = agent.predict(
             observation, state=state, episode_start=start, deterministic=deterministic
@@ -112,18 +119,19 @@ def evaluate(
         action = np.asarray(actions, dtype=float)[ids]
         step = tiles.step(ids, action)
         a, f = action[:, : core.n], action[:, core.n :]
-        power, rate = np.mean((a / top) ** 2, axis=1), np.mean((2 * np.pi * f * a) ** 2, axis=1)
+        new = {
+            "return": step.reward,
+            "steps": 1.0,
+            **{f"reward_{name}": step.terms[name] for name in core.terms},
+            "power": np.mean((a / top) ** 2, axis=1),
+            "torque_rate": np.mean((2 * np.pi * f * a) ** 2, axis=1),
+        }
+        for name, total in sums.items():
+            total[ids] += new[name]
         over = step.terminated | step.truncated
-        for m, i in enumerate(ids.tolist()):
-            row = rows[episode[i]]
-            row["steps"] += 1
-            row["return"] += float(step.reward[m])
-            for name in core.terms:
-                row[f"reward_{name}"] += float(step.terms[name][m])
-            row["power"] += float(power[m])
-            row["torque_rate"] += float(rate[m])
-            if over[m]:
-                _end(row, step, m, core)
+        for m in np.flatnonzero(over):
+            row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
+            row |= _summary(mine, bool(step.terminated[m])) | _final(step, m, core)
         going[ids[over]] = False
     return rows
 
@@ -158,41 +166,53 @@ def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
     return list(options)
 
 
-def _begun(seed: int, what: Mapping[str, NDArray[Any]], core: BatchCore) -> Row:
-    """Return the row of an episode that has just begun."""
+def _summed(core: BatchCore) -> list[str]:
+    """Return the columns that are sums over steps, in their order."""
+    return ["return", "steps", *(f"reward_{name}" for name in core.terms), "power", "torque_rate"]
+
+
+def _begun(seed: int, what: Mapping[str, Any]) -> Row:
+    """Return the row of an episode that has just begun: its seed, and what it is."""
     row: Row = {"seed": seed}
-    for name, values in what.items():
-        value = values[0]
+    for name, value in what.items():
         if name == "stiffness":
             for part, number in zip(("translation", "rotation", "nullspace"), value, strict=True):
                 row[f"stiffness_{part}"] = float(number)
         else:
             row[name] = value.item() if isinstance(value, np.generic) else value
-    row |= {"return": 0.0, "steps": 0, "terminated": 0}
-    row |= {f"reward_{name}": 0.0 for name in core.terms}
-    return {**row, "power": 0.0, "torque_rate": 0.0}
+    return row
 
 
-def _end(row: Row, step: Any, m: int, core: BatchCore) -> None:
-    """Complete the row of an episode that is over."""
-    row["terminated"] = int(step.terminated[m])
-    row["power"] /= row["steps"]
-    row["torque_rate"] = float(np.sqrt(row["torque_rate"] / row["steps"]))
+def _summary(sums: Mapping[str, float], terminated: bool) -> Row:
+    """Return the columns of an episode that are made of sums over its steps."""
+    steps = int(sums["steps"])
+    return {
+        "return": sums["return"],
+        "steps": steps,
+        "terminated": int(terminated),
+        **{name: value for name, value in sums.items() if name.startswith("reward_")},
+        "power": sums["power"] / steps,
+        "torque_rate": float(np.sqrt(sums["torque_rate"] / steps)),
+    }
+
+
+def _final(step: Any, m: int, core: BatchCore) -> Row:
+    """Return what the outcome of an episode's last step says, of its row ``m``."""
     if isinstance(core, SJECore):
-        row |= {
+        return {
             "reduction": float(step.reduction[m]),
             "tau_sje_nm": float(step.tau_sje[m]),
             "tau_base_nm": float(step.tau_base[m]),
             "oscillation_mrad": 1e3 * float(step.shaking[m]),
             "time_s": float(step.time[m]),
         }
-        return
+    row: Row = {}
     for name in ("", "undithered_"):
         for what, field in (("left", "error_left"), ("resting", "resting_error")):
             position, orientation = getattr(step, f"{name}{field}")[m]
             row[f"{name}position_{what}_m"] = float(position)
             row[f"{name}orientation_{what}_rad"] = float(orientation)
-    row |= {
+    return row | {
         "settling_error": float(step.settling_error[m]),
         "tracking_error": float(step.tracking_error[m]),
         "vibration_moving_mm": 1e3 * float(step.shaking[m]),

@@ -146,5 +146,7 @@ def test_wrong_calls():
         evaluate(env, agent, [0, 1, 2], [QUICK, QUICK])
     with pytest.raises(StictionError, match="reset option 'trajectory'"):
         evaluate(env, agent, [0], {"trajectory": "triangle"})
+    with pytest.raises(StictionError, match="seed -1: expected whole numbers from 0"):
+        evaluate(env, agent, [0, -1], QUICK)
     with pytest.raises(StictionError, match="expected a batch"):
         evaluate(gym.make("CartPole-v1"), agent, [0])
