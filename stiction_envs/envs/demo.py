@@ -62,11 +62,14 @@ def show(
             is no display.
 
     Raises:
-        StictionError: no such environment, no moviepy, or a file that is there already.
+        StictionError: no such environment, an option or a seed that is none, no moviepy, or a file
+            that is there already.
     """
     known = sorted(x for x in gym.registry if x.endswith(tuple(KINDS)))
     if name not in known:
         raise unknown("environment", name, known)
+    if seed < 0:
+        raise StictionError(f"seed {seed}: expected a whole number from 0")
     if out is None and not has_display():
         out = Path(f"{name}-{agent}.mp4")
     clip: Any = None
@@ -75,7 +78,7 @@ def show(
         if out.exists():
             raise StictionError(f"{out} is there already: expected a new file (--out)")
         if not out.parent.is_dir():
-            raise StictionError(f"{out.parent}: no such folder")
+            raise StictionError(f"{out.parent}: no such folder: expected one that is there (--out)")
     env = gym.make(name, render_mode="human" if clip is None else "rgb_array")
     try:
         acting = AGENTS[agent](env)

@@ -32,6 +32,7 @@ def test_an_episode_becomes_a_video(tmp_path, capsys):
     ("arguments", "words"),
     [
         (["Panda-v0"], "unknown environment 'Panda-v0': expected one of IiwaGTE-v0"),
+        (["PandaSJE-v0", "--seed", "-1"], "seed -1: expected a whole number from 0"),
         (["PandaSJE-v0", "--path", "3", "--out", "a.mp4"], "reset option 'path'"),
         (["PandaGTE-v0", "--out", "nowhere/a.mp4"], "nowhere: no such folder"),
     ],
