@@ -252,7 +252,7 @@ class GTECore(BatchCore):
         e, new = self.experiment, [k for k in numbers if k not in self._random]
         if new:
             found = find_random_paths(e.sticking, e.start, e.tool, new)
-            self._random |= {k: (f"{RANDOM}-{k}", p.stiffness) for k, p in found.items()}
+            self._random |= {k: (p.path.name, p.stiffness) for k, p in found.items()}
         return [self._random[k] for k in numbers]
 
     def _cases(self, options: Mapping[str, Any]) -> set[Key]:

@@ -37,7 +37,7 @@ def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]
     gte = GeneratedTrajectoryExperiment(robot)
     gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in drawn_stiffness()])
     found = random_paths.random_paths(gte.sticking, gte.start, gte.tool, paths)
-    gte_base.undithered(gte, [(f"random-{k}", p.stiffness) for k, p in found.items()])
+    gte_base.undithered(gte, [(p.path.name, p.stiffness) for p in found.values()])
     of = gte_base.fingerprint(gte)
     more = {
         f"{robot}: draws of random paths": (

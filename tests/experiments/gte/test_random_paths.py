@@ -89,6 +89,24 @@ def test_an_arm_that_can_follow_none_is_told_so(nothing_known):
         random_paths(e.sticking, edge, e.tool, [7], few)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"shortest_side": 3.0}, "shortest_side is 3.0: .* up to 1"),  # no two goals are so far
+        ({"most_goals": 2}, "3 to 2 goals .* expected the least first"),
+        ({"slowest": 1.5}, "slowest is 1.5: .* up to 1"),
+    ],
+)
+def test_settings_with_which_no_path_can_be_drawn(changes, words):
+    with pytest.raises(StictionError, match=words):
+        dataclasses.replace(random_path_settings(), **changes)
+
+
+def test_numbers_are_from_zero():
+    with pytest.raises(StictionError, match="random path -1: expected a whole number from 0"):
+        random_paths(*of("panda"), [3, -1])
+
+
 def test_names():
     assert path_number("random-17") == 17
     for other in ("random", "random-", "random--1", "triangle", "random-1.5"):
