@@ -23,7 +23,6 @@ from stiction_envs.envs.layout import (
     action_bounds,
     observation_bounds,
     observation_names,
-    pack,
 )
 from stiction_envs.envs.randomise import check_spreads, draw, randomised, true_friction
 from stiction_envs.errors import StictionError
@@ -109,7 +108,6 @@ class BatchCore(ABC):
         self.interval, self.max_episode_steps = interval, int(max_episode_steps)
         self.power_weight, self.torque_rate_weight = power_weight, torque_rate_weight
         self.fixed_options = self._check_options(fixed_options)
-        self._groups = groups
         low, high = action_bounds(experiment.sticking.parameters, poses, experiment.interface)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.observation_space = Box(*observation_bounds(arm.n, groups), dtype=np.float32)
@@ -279,16 +277,6 @@ class BatchCore(ABC):
         for name in self.terms:
             reward = reward + terms[name]
         return reward
-
-    def _scaled(self, ids: Index) -> tuple[Array, Array]:
-        """Return the last amplitudes and frequencies, (M, n) each, in [-1, 1]."""
-        scaled = 2.0 * (self.action[ids] - self._low) / (self._high - self._low) - 1.0
-        return scaled[:, : self.n], scaled[:, self.n :]
-
-    def _pack(self, values: Mapping[str, Array], m: int) -> NDArray[np.float32]:
-        """Return observations (m, observations) of values by name of the group."""
-        space = self.observation_space
-        return pack(self._groups, values, m, space.low, space.high)
 
 
 def check_arguments(max_episode_steps: Any, **weights: float) -> None:

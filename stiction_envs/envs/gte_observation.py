@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte_layout import GROUPS, stiffness_units
-from stiction_envs.envs.layout import observation_bounds, observation_names, pack
+from stiction_envs.envs.layout import observation_bounds, observation_names, observed_action, pack
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import pose_error
 from stiction_envs.experiments.gte.rig import GTERig
-from stiction_envs.plant import CONTROL_DT, Plant
+from stiction_envs.plant import CONTROL_DT
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -36,8 +36,10 @@ class GTEObserver:
         self._limits, self._low, self._high = experiment.motion, low, high
         self.names = observation_names(experiment.n, GROUPS)
         self.bounds = observation_bounds(experiment.n, GROUPS)
-        self.stiction = _stiction(experiment)
-        """(n,) unit of the observed torque: the nominal stiction at the start [N·m]."""
+        level = experiment.sticking.parameters.stiction_at(experiment.start_load())
+        self.stiction: Array = level.max(axis=-1)
+        """(n,) unit of the observed torque: the nominal stiction at the load of the start, the
+        larger of both directions [N·m]."""
         usual = MotionLimits()  # those in use may be infinite
         self.tolerance = usual.position_tolerance, usual.rotation_tolerance
         """Unit of the observed error [m], [rad]."""
@@ -63,7 +65,7 @@ class GTEObserver:
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
         at = np.minimum(sequencer.index, goals - 1)
         since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
-        scaled = 2.0 * (action[ids] - self._low) / (self._high - self._low) - 1.0
+        amplitude, frequency = observed_action(action[ids], self._low, self._high)
         share = stiffness[ids, :2] / stiffness_units()
         values = {
             "displacement": rig.plant.position[ids] - rig.start,
@@ -78,15 +80,7 @@ class GTEObserver:
             "goals_left": sequencer.goals_left[ids],
             "translational": share[:, 0],
             "rotational": share[:, 1],
-            "amplitude": scaled[:, : rig.n],
-            "frequency": scaled[:, rig.n :],
+            "amplitude": amplitude,
+            "frequency": frequency,
         }
         return pack(GROUPS, values, len(ids), *self.bounds)
-
-
-def _stiction(experiment: GeneratedTrajectoryExperiment) -> Array:
-    """Return the larger stiction (n,) of both directions at the load of the start [N·m]."""
-    sticking = experiment.sticking
-    plant = Plant(sticking, 1, nthread=1)
-    plant.reset(np.array([0]), experiment.start[None])
-    return np.asarray(sticking.parameters.stiction_at(plant.load[1][0]).max(axis=-1))

@@ -118,6 +118,19 @@ def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
     return np.maximum(*levels)
 
 
+def observed_action(action: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return actions (M, 2n) as they are observed: amplitudes, frequencies, (M, n) each in [-1, 1].
+
+    Args:
+        action: amplitudes [N·m], then frequencies [Hz].
+        low: (2n,) what is −1, the lowest action.
+        high: (2n,) what is +1.
+    """
+    scaled = 2.0 * (action - low) / (high - low) - 1.0
+    n = len(low) // 2
+    return scaled[:, :n], scaled[:, n:]
+
+
 def pack(
     groups: Sequence[Group],
     values: Mapping[str, Any],

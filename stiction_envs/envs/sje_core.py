@@ -20,7 +20,7 @@ from stiction_envs.envs.batch_core import (
     check_arguments,
     read_friction,
 )
-from stiction_envs.envs.layout import largest_stiction
+from stiction_envs.envs.layout import largest_stiction, observed_action, pack
 from stiction_envs.envs.oscillation import Oscillation
 from stiction_envs.envs.sje_base import base_torques
 from stiction_envs.envs.sje_layout import GROUPS, check_sje_options, default
@@ -240,7 +240,7 @@ class SJECore(BatchCore):
         asked[rows, rig.joint[ids]] = torque
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0
-        amplitude, frequency = self._scaled(ids)
+        amplitude, frequency = observed_action(self.action[ids], self._low, self._high)
         values = {
             "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
             "velocity": rig.plant.velocity[ids] / threshold,
@@ -254,7 +254,8 @@ class SJECore(BatchCore):
             "amplitude": amplitude,
             "frequency": frequency,
         }
-        return self._pack(values, len(ids))
+        space = self.observation_space
+        return pack(GROUPS, values, len(ids), space.low, space.high)
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
         """Return joint (from 1), load and direction of the episodes of ``ids``."""

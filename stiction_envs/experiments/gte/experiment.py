@@ -204,11 +204,16 @@ class GeneratedTrajectoryExperiment:
         """
         if table is not None:
             return read_compensation(File(table), kind, self.n, factor)
+        return Compensation.from_friction(
+            kind, self.sticking.parameters, factor, load=self.start_load()
+        )
+
+    def start_load(self) -> Array:
+        """Return the torque (n,) that each joint transmits at the start, its magnitude [N·m]."""
         plant = Plant(self.sticking, 1, nthread=1)
         plant.reset(np.array([0]), self.start[None])
-        return Compensation.from_friction(
-            kind, self.sticking.parameters, factor, load=plant.load[1][0]
-        )
+        load: Array = plant.load[1][0]
+        return load
 
     def nominal_duration(self, path: Path) -> float:
         """Return the time a path takes an arm that follows exactly [s]."""
