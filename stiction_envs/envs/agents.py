@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
@@ -60,12 +61,12 @@ class GateSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RuleSettings:
-    """How much a joint is dithered that is pushed."""
+    """How much a joint is dithered that is pushed; see `TorqueRule`."""
 
     factor: float
-    """Of the table's amplitudes [-]."""
+    """Largest amplitude over the table's [-]."""
     share: float
-    """Of the stiction: torque from which the amplitude is the largest [-]."""
+    """Torque from which the amplitude is the largest, over the stiction [-]."""
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -85,7 +86,7 @@ class AgentSettings:
 
 @cache
 def agent_settings() -> AgentSettings:
-    """Return the defaults."""
+    """Return the defaults; ``agents.toml`` has the sources."""
     return load_settings(AgentSettings, Path(__file__).with_name("agents.toml"))
 
 
@@ -93,8 +94,20 @@ class Agent(ABC):
     """What every agent knows of its environment: spaces, and where speeds and torques are."""
 
     def __init__(self, env: Any) -> None:
-        """Make it for an environment of the project, single or native batch, wrapped or not."""
+        """Make it.
+
+        Args:
+            env: an environment of this package, single or native batch, wrapped or not.
+
+        Raises:
+            StictionError: another environment.
+        """
         base = env.unwrapped
+        if not isinstance(base, (ArmEnv, ArmVectorEnv)):
+            raise StictionError(
+                f"{type(self).__name__}: {type(base).__name__}: expected an environment of "
+                "stiction_envs"
+            )
         space = getattr(base, "single_action_space", base.action_space)
         names = list(base.observation_names)
         self.low, self.high = space.low.astype(float), space.high.astype(float)
@@ -149,8 +162,14 @@ class RandomDither(Agent):
     """Any amplitude and frequency of the bounds, drawn anew in every step from what is seen."""
 
     def __init__(self, env: Any, seed: int = 0) -> None:
-        """Make it; ``seed`` and the observation seed each draw."""
+        """Make it; ``seed``, from 0, and the observation seed each draw.
+
+        Raises:
+            StictionError: another environment, or a seed below 0.
+        """
         super().__init__(env)
+        if seed < 0:
+            raise StictionError(f"RandomDither: seed {seed}: expected a whole number from 0")
         self._seed = seed
 
     def _act(self, observation: NDArray[Any]) -> Array:
@@ -175,7 +194,8 @@ class ConstantTable(Agent):
             table: file, or rows; None for `usual_table`.
 
         Raises:
-            StictionError: a table that cannot be read, or that the environment cannot do.
+            StictionError: another environment, or a table that cannot be read or that the
+                environment cannot do.
         """
         super().__init__(env)
         self.amplitude, self.frequency, self.gate = self._read(env, table)
@@ -237,7 +257,8 @@ class GatedTable(ConstantTable):
         Args:
             env: the environment.
             table: as for `ConstantTable`.
-            speed: v_gate of joints for which the table has none [rad/s]; None for the default.
+            speed: v_gate of joints for which the table has none [rad/s]; inf for none, None for the
+                default.
 
         Raises:
             StictionError: as `ConstantTable`, or a speed that is not above 0.
@@ -275,6 +296,9 @@ class TorqueRule(GatedTable):
             table: as for `ConstantTable`.
             speed: as for `GatedTable`.
             settings: None for the defaults.
+
+        Raises:
+            StictionError: as `GatedTable`.
         """
         super().__init__(env, table, speed=speed)
         self.rule = agent_settings().rule if settings is None else settings

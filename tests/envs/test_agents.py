@@ -141,3 +141,14 @@ def test_wrong_tables(env, rows, words):
 def test_a_gate_speed_is_above_zero(env):
     with pytest.raises(StictionError, match="gate speed 0: expected a number above 0"):
         GatedTable(env, ROWS, speed=0)
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_an_agent_is_made_for_an_environment_of_the_package(agent):
+    with pytest.raises(StictionError, match="CartPoleEnv: expected an environment of stiction_env"):
+        AGENTS[agent](gym.make("CartPole-v1"))
+
+
+def test_a_seed_is_not_below_zero(env):
+    with pytest.raises(StictionError, match="seed -1: expected a whole number from 0"):
+        RandomDither(env, seed=-1)
