@@ -17,8 +17,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from stiction_envs.envs.settings import sje_settings
 from stiction_envs.envs.sje import SJEVectorEnv
-from stiction_envs.envs.sje_layout import default
 from stiction_envs.measured.csv_text import write_lines
 
 HERE = Path(__file__).parent
@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--joints", type=int, nargs="*", default=list(range(1, 8)))
     parser.add_argument("--fresh", action="store_true", help="measure everything anew")
     given = parser.parse_args()
-    found, usual = table(given.joints, given.fresh), default("shaking.weight")
+    found, usual = table(given.joints, given.fresh), sje_settings().reward.shaking_weight
     draw(found, usual)
     lines = [
         "# What the SJE environments pay for",

@@ -279,11 +279,21 @@ class BatchCore(ABC):
         return reward
 
 
-def check_arguments(max_episode_steps: Any, **weights: float) -> None:
-    """Raise a StictionError for a weight below 0, or a number of steps that is not one."""
-    for name, value in weights.items():
+def weights_of(defaults: Any, **given: float | None) -> dict[str, float]:
+    """Return weights of a reward by name: ``given``, or those of ``defaults`` where None.
+
+    Raises:
+        StictionError: a weight below 0.
+    """
+    out = {k: float(getattr(defaults, k)) if v is None else v for k, v in given.items()}
+    for name, value in out.items():
         if not 0 <= value < np.inf:
             raise StictionError(f"{name} {value}: expected 0 or above")
+    return out
+
+
+def check_steps(max_episode_steps: Any) -> None:
+    """Raise a StictionError for a number of steps that is not one."""
     if not isinstance(max_episode_steps, (int, np.integer)) or max_episode_steps < 1:
         raise StictionError(
             f"max_episode_steps {max_episode_steps}: expected a whole number from 1"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.envs.gte_layout import Stiffness, default
+from stiction_envs.envs.settings import Stiffness, gte_settings
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
@@ -63,8 +63,8 @@ def undithered(
     """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
 
     It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
-    over its first four; without scatter they are all alike. What is not in the store is computed in
-    one batch; a result does not depend on it.
+    over the first `RandomSettings.undithered_iterations`; without scatter they are all alike. What
+    is not in the store is computed in one batch; a result does not depend on it.
 
     Raises:
         StictionError: an arm that never comes to the end of the path.
@@ -82,7 +82,7 @@ def undithered(
             key=lambda key: experiment.nominal_duration(experiment.path(key[0])),
         )
         if missing:
-            iterations = default("random.undithered_iterations") if is_random else None
+            iterations = gte_settings().random.undithered_iterations if is_random else None
             cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
             runs = experiment.run(cases, iterations=iterations if experiment.scatter else 1)
             pairs = zip(missing, runs, strict=True)

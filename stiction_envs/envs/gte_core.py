@@ -24,19 +24,19 @@ from stiction_envs.envs.batch_core import (
     Index,
     Outcome,
     ScatterKey,
-    check_arguments,
+    check_steps,
     read_friction,
+    weights_of,
 )
 from stiction_envs.envs.gte_base import Key, Undithered, undithered
 from stiction_envs.envs.gte_layout import (
     CAPACITY,
     GROUPS,
     check_gte_options,
-    default,
-    drawn_stiffness,
 )
 from stiction_envs.envs.gte_log import Recorder
 from stiction_envs.envs.gte_observation import GTEObserver
+from stiction_envs.envs.settings import gte_settings
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
@@ -131,9 +131,9 @@ class GTECore(BatchCore):
         random_paths: int | None = None,
         control_interval_s: float = 0.1,
         settling_weight: float | None = None,
-        power_weight: float = 0.01,
-        torque_rate_weight: float = 0.01,
-        shaking_weight: float = 0.01,
+        power_weight: float | None = None,
+        torque_rate_weight: float | None = None,
+        shaking_weight: float | None = None,
         max_episode_steps: int = 400,
         fixed_options: Mapping[str, Any] | None = None,
         randomise: Mapping[str, float] | None = None,
@@ -143,15 +143,16 @@ class GTECore(BatchCore):
     ) -> None:
         """Make them; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
-        self.random_paths = default("random.paths") if random_paths is None else random_paths
+        own = gte_settings()
+        self.random_paths = own.random.paths if random_paths is None else random_paths
         if not isinstance(self.random_paths, (int, np.integer)) or self.random_paths < 1:
             raise StictionError(f"random_paths {random_paths!r}: expected a whole number from 1")
-        if settling_weight is None:
-            settling_weight = default("reward.settling_weight")
-        if not 0 <= settling_weight <= 1:
+        if settling_weight is not None and not 0 <= settling_weight <= 1:
             raise StictionError(f"settling_weight {settling_weight}: expected 0 to 1")
-        check_arguments(
-            max_episode_steps,
+        check_steps(max_episode_steps)
+        weights = weights_of(
+            own.reward,
+            settling_weight=settling_weight,
             power_weight=power_weight,
             torque_rate_weight=torque_rate_weight,
             shaking_weight=shaking_weight,
@@ -178,15 +179,16 @@ class GTECore(BatchCore):
             groups=GROUPS,
             interval=blocks * block * CONTROL_DT,
             max_episode_steps=max_episode_steps,
-            power_weight=power_weight,
-            torque_rate_weight=torque_rate_weight,
+            power_weight=weights["power_weight"],
+            torque_rate_weight=weights["torque_rate_weight"],
             fixed_options=fixed_options,
             randomise=randomise,
             friction_factor=friction_factor,
         )
         self._random: dict[int, Key] = {}
         self._units: dict[Key, Undithered] = {}
-        self.settling_weight, self.shaking_weight = settling_weight, shaking_weight
+        self.settling_weight = weights["settling_weight"]
+        self.shaking_weight, self._shaking_unit = weights["shaking_weight"], own.reward.shaking_unit
         self.compensation = (
             e.compensation(compensation) if isinstance(compensation, str) else compensation
         )
@@ -195,7 +197,7 @@ class GTECore(BatchCore):
         self.recorder = Recorder(
             self.rig, e.protocol, steps=blocks * block, record=record, capacity=CAPACITY
         )
-        self.case: list[Key] = [(TRAJECTORIES[0], drawn_stiffness()[0])] * num_envs
+        self.case: list[Key] = [(TRAJECTORIES[0], own.episode.stiffness[0])] * num_envs
         self.goals = np.ones(num_envs, dtype=np.int64)
         self._trajectory = np.array([t for t, _ in self.case], dtype=object)
         self._number = np.full(num_envs, -1)
@@ -237,7 +239,8 @@ class GTECore(BatchCore):
 
     def _draw(self, rng: np.random.Generator, options: Mapping[str, Any]) -> tuple[Key, ScatterKey]:
         trajectory = TRAJECTORIES[int(rng.integers(len(TRAJECTORIES)))]
-        stiffness = drawn_stiffness()[int(rng.integers(len(drawn_stiffness())))]
+        listed = gte_settings().episode.stiffness
+        stiffness = listed[int(rng.integers(len(listed)))]
         key = tuple(int(k) for k in rng.integers(2**32, size=2))
         number = int(rng.integers(self.random_paths))
         if "iteration" in options:
@@ -260,7 +263,8 @@ class GTECore(BatchCore):
             drawn = [options["path"]] if "path" in options else range(self.random_paths)
             return {(t, options.get("stiffness", k)) for t, k in self._random_cases(drawn)}
         trajectories = [options["trajectory"]] if "trajectory" in options else TRAJECTORIES
-        stiffness = [options["stiffness"]] if "stiffness" in options else drawn_stiffness()
+        listed = gte_settings().episode.stiffness
+        stiffness = [options["stiffness"]] if "stiffness" in options else listed
         return {(t, k) for t in trajectories for k in stiffness}
 
     def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
@@ -305,7 +309,7 @@ class GTECore(BatchCore):
         terminated = r.over[ids]
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
-        shaking = r.step_vibration[ids] / default("reward.shaking_unit")
+        shaking = r.step_vibration[ids] / self._shaking_unit
         left = (r.step_left[ids] / self._unit_left[ids]).sum(axis=(1, 2)) / (2 * self.goals[ids])
         self._left[ids] += left
         tracking = np.mean(r.step_error[ids] / self._unit[ids], axis=1)

@@ -3,50 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stiction_envs.control.trajectory import POSITION
 from stiction_envs.envs.layout import DITHER, TORQUE, Group, named_options
+from stiction_envs.envs.settings import gte_settings
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Case, named_path
 from stiction_envs.experiments.gte.random_paths import RANDOM, random_path_settings
-from stiction_envs.robots.tables import lookup, read_toml
 
-Stiffness = tuple[float, float, float]
-"""Translational [N/m], rotational and nullspace [N·m/rad]."""
 OPTIONS = ("trajectory", "path", "stiffness", "iteration")
 """Names of the reset options."""
 CAPACITY = max(
     random_path_settings().most_goals, *(len(named_path(name).position) for name in TRAJECTORIES)
 )
 """Most goals of a path."""
-
-
-@cache
-def _table() -> dict[str, Any]:
-    return read_toml(Path(__file__).with_name("gte.toml"))
-
-
-def default(key: str) -> Any:
-    """Number of a dotted ``key`` of ``gte.toml``, which has the sources."""
-    return lookup(_table(), key)
-
-
-def drawn_stiffness() -> tuple[Stiffness, ...]:
-    """Return the stiffnesses that are drawn without options."""
-    return tuple((t, r, n) for t, r, n in default("episode.stiffness"))
-
-
-def stiffness_units() -> tuple[float, float]:
-    """Return what stiffness 1 is in the observation: [N/m], [N·m/rad]."""
-    top = np.max(drawn_stiffness(), axis=0)
-    return float(top[0]), float(top[1])
-
-
 GROUPS = (
     Group(
         name="displacement",
@@ -122,14 +95,14 @@ GROUPS = (
         name="translational",
         low=0.0,
         high=20.0,
-        unit=f"{stiffness_units()[0]:g} N/m",
+        unit=f"{gte_settings().episode.unit[0]:g} N/m",
         meaning="translational stiffness",
     ),
     Group(
         name="rotational",
         low=0.0,
         high=20.0,
-        unit=f"{stiffness_units()[1]:g} N·m/rad",
+        unit=f"{gte_settings().episode.unit[1]:g} N·m/rad",
         meaning="rotational stiffness",
     ),
     *DITHER,

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs.gte_layout import GROUPS, stiffness_units
+from stiction_envs.envs.gte_layout import GROUPS
 from stiction_envs.envs.layout import observation_bounds, observation_names, observed_action, pack
+from stiction_envs.envs.settings import gte_settings
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import pose_error
 from stiction_envs.experiments.gte.rig import GTERig
@@ -40,6 +41,7 @@ class GTEObserver:
         self.stiction: Array = level.max(axis=-1)
         """(n,) unit of the observed torque: the nominal stiction at the load of the start, the
         larger of both directions [N·m]."""
+        self._stiffness_unit = gte_settings().episode.unit
         usual = MotionLimits()  # those in use may be infinite
         self.tolerance = usual.position_tolerance, usual.rotation_tolerance
         """Unit of the observed error [m], [rad]."""
@@ -66,7 +68,7 @@ class GTEObserver:
         at = np.minimum(sequencer.index, goals - 1)
         since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
         amplitude, frequency = observed_action(action[ids], self._low, self._high)
-        share = stiffness[ids, :2] / stiffness_units()
+        share = stiffness[ids, :2] / self._stiffness_unit
         values = {
             "displacement": rig.plant.position[ids] - rig.start,
             "velocity": rig.plant.velocity[ids],

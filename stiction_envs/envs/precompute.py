@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.envs import gte_base, sje_base
-from stiction_envs.envs.gte_layout import default, drawn_stiffness
+from stiction_envs.envs.settings import gte_settings
 from stiction_envs.experiments.gte import random_paths
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
@@ -35,7 +35,9 @@ def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]
     sje = SingleJointExperiment(robot)
     sje_base.base_torques(sje, configurations(sje.n))
     gte = GeneratedTrajectoryExperiment(robot)
-    gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in drawn_stiffness()])
+    gte_base.undithered(
+        gte, [(t, k) for t in TRAJECTORIES for k in gte_settings().episode.stiffness]
+    )
     found = random_paths.random_paths(gte.sticking, gte.start, gte.tool, paths)
     gte_base.undithered(gte, [(p.path.name, p.stiffness) for p in found.values()])
     of = gte_base.fingerprint(gte)
@@ -64,7 +66,7 @@ def main(folder: Path = store.SHIPPED) -> None:
     """Make all results anew and put them in place of those in ``folder``."""
     os.environ["STICTION_CACHE"] = "off"
     store.forget()
-    paths = range(default("random.paths"))
+    paths = range(gte_settings().random.paths)
     found = {k: v for robot in BUILTIN for k, v in entries(robot, paths).items()}
     for old in folder.glob("*.json"):
         old.unlink()

@@ -17,13 +17,15 @@ from stiction_envs.envs.batch_core import (
     Index,
     Outcome,
     ScatterKey,
-    check_arguments,
+    check_steps,
     read_friction,
+    weights_of,
 )
 from stiction_envs.envs.layout import largest_stiction, observed_action, pack
 from stiction_envs.envs.oscillation import Oscillation
+from stiction_envs.envs.settings import sje_settings
 from stiction_envs.envs.sje_base import base_torques
-from stiction_envs.envs.sje_layout import GROUPS, check_sje_options, default
+from stiction_envs.envs.sje_layout import GROUPS, check_sje_options
 from stiction_envs.envs.trace import RampTrace
 from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.settings import experiment_settings
@@ -81,8 +83,8 @@ class SJECore(BatchCore):
         scatter: bool = True,
         friction: str | Path | FrictionParameters | None = None,
         control_interval_s: float = 0.1,
-        power_weight: float = 0.01,
-        torque_rate_weight: float = 0.01,
+        power_weight: float | None = None,
+        torque_rate_weight: float | None = None,
         shaking_weight: float | None = None,
         max_episode_steps: int = 1000,
         fixed_options: Mapping[str, Any] | None = None,
@@ -93,10 +95,10 @@ class SJECore(BatchCore):
     ) -> None:
         """Make them; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
         arm = load_arm(robot, payload=payload, tilt=tilt)
-        if shaking_weight is None:
-            shaking_weight = default("shaking.weight")
-        check_arguments(
-            max_episode_steps,
+        check_steps(max_episode_steps)
+        reward = sje_settings().reward
+        weights = weights_of(
+            reward,
             power_weight=power_weight,
             torque_rate_weight=torque_rate_weight,
             shaking_weight=shaking_weight,
@@ -112,18 +114,18 @@ class SJECore(BatchCore):
             groups=GROUPS,
             interval=self.blocks * BLOCK_S,
             max_episode_steps=max_episode_steps,
-            power_weight=power_weight,
-            torque_rate_weight=torque_rate_weight,
+            power_weight=weights["power_weight"],
+            torque_rate_weight=weights["torque_rate_weight"],
             fixed_options=fixed_options,
             randomise=randomise,
             friction_factor=friction_factor,
         )
         self.rig = e.rig(num_envs, dither_all=True)
-        self.shaking_weight = shaking_weight
+        self.shaking_weight = weights["shaking_weight"]
         self.oscillation = Oscillation(
             num_envs,
             self.n,
-            corner=default("shaking.corner"),
+            corner=reward.shaking_corner,
             far=experiment_settings().oscillation.share * e.protocol.threshold,
         )
         self.rig.watch = self.oscillation.add

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,22 +10,9 @@ import numpy as np
 from stiction_envs.envs.layout import DITHER, TORQUE, Group, named_options
 from stiction_envs.errors import unknown
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
-from stiction_envs.robots.tables import lookup, read_toml
 
 OPTIONS = ("joint", "load", "direction")
 """Names of the reset options."""
-
-
-@cache
-def _table() -> dict[str, Any]:
-    return read_toml(Path(__file__).with_name("sje.toml"))
-
-
-def default(key: str) -> Any:
-    """Number of a dotted ``key`` of ``sje.toml``, which has the sources."""
-    return lookup(_table(), key)
-
-
 GROUPS = (
     Group(
         name="displacement",

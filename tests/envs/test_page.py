@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs import gte_core, gte_layout, sje_layout
+from stiction_envs.envs import gte_core, gte_layout
 from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.envs.layout import (
     action_table,
@@ -16,6 +16,7 @@ from stiction_envs.envs.layout import (
     observation_names,
     observation_table,
 )
+from stiction_envs.envs.settings import gte_settings, sje_settings
 from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.envs.sje_core import BLOCK_S, TERMS, SJECore
 from stiction_envs.envs.sje_layout import GROUPS
@@ -40,11 +41,13 @@ def test_every_reward_term_and_argument_is_explained():
 
 
 def test_the_weight_of_shaking_on_the_page_is_the_one_in_use():
-    weight, threshold = sje_layout.default("shaking.weight"), load_protocol("panda").threshold
+    weight, threshold = sje_settings().reward.shaking_weight, load_protocol("panda").threshold
     whole = 1e3 * threshold / np.sqrt(weight)
     words = " ".join(PAGE.split())
     assert f"Default {weight:.0f}: {whole:.2f} mrad all along would cost the whole torque" in words
-    assert f"above {sje_layout.default('shaking.corner'):g} Hz" in words
+    for name in ("power_weight", "torque_rate_weight"):
+        assert f"{getattr(sje_settings().reward, name):g} each" in words, name
+    assert f"above {sje_settings().reward.shaking_corner:g} Hz" in words
 
 
 @pytest.mark.parametrize("n", [2, 7, 9])
@@ -81,15 +84,18 @@ def test_gte_numbers_on_the_page_are_those_in_use():
     assert f"is {limits.position_tolerance:g} m and {limits.rotation_tolerance:g} rad" in words
     assert f"v_max is {limits.translational_speed:g} m/s" in words
     assert f"ω_max {limits.rotational_speed:g} rad/s" in words
-    drawn = [str(tuple(int(k) for k in row)) for row in gte_layout.drawn_stiffness()]
+    drawn = [str(tuple(int(k) for k in row)) for row in gte_settings().episode.stiffness]
     assert f"from {' and '.join(drawn)}" in words
-    assert f"(vibration / {1e3 * gte_layout.default('reward.shaking_unit'):g} mm)" in words
+    assert f"(vibration / {1e3 * gte_settings().reward.shaking_unit:g} mm)" in words
     experiment = gte_core.GeneratedTrajectoryExperiment("iiwa7")
     block = gte_core.GTECore.block_steps(experiment)
     assert f"a multiple of {1e-3 * block:g} s" in words
-    assert f"Default {gte_layout.default('random.paths')}, whose undithered runs" in words
-    assert f"({gte_layout.default('random.undithered_iterations')} iterations each)" in words
-    s = random_path_settings()
+    assert f"Default {gte_settings().random.paths}, whose undithered runs" in words
+    assert f"({gte_settings().random.undithered_iterations} iterations each)" in words
+    weights, s = gte_settings().reward, random_path_settings()
+    assert f"Default {weights.settling_weight:g}: friction decides" in words
+    for name in ("power_weight", "torque_rate_weight", "shaking_weight"):
+        assert f"Default {getattr(weights, name):g} each" in words, name
     assert (s.fewest_goals, s.most_goals) == (3, 6)
     assert f"{2 * s.smallest:g} to {2 * s.largest:g} m long" in words
     assert f"up to {round(np.degrees(s.steepest))}°, at {s.slowest:g} to 1 of the speed" in words

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.envs import gte_base, gte_layout, precompute, sje_base
+from stiction_envs.envs import gte_base, precompute, sje_base
+from stiction_envs.envs.settings import gte_settings
 from stiction_envs.experiments.gte import random_paths
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -56,7 +57,7 @@ def test_what_is_shipped_is_what_is_simulated(robot, monkeypatch):
     """
     monkeypatch.setenv("STICTION_CACHE", "off")
     monkeypatch.setattr(store, "_memory", {})
-    count = gte_layout.default("random.paths")
+    count = gte_settings().random.paths
     for kind, of in precompute.entries(robot, (0, count - 1)).values():
         simulated = store.recall(kind, of)
         path = store.SHIPPED / store.file_name(kind, of)
