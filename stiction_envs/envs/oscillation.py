@@ -65,10 +65,10 @@ class Oscillation:
         self._all_squares[ids] += squares
         self._all_count[ids] += count
 
-    def step(self, ids: Index) -> Array:
+    def step_mean_square(self, ids: Index) -> Array:
         """Return (M,) mean square of the last step, 0 where nothing counted [rad²]."""
         return self._squares[ids] / np.maximum(self._count[ids], 1.0)
 
-    def episode(self, ids: Index) -> Array:
+    def episode_rms(self, ids: Index) -> Array:
         """Return (M,) root mean square since the start [rad]."""
         return np.sqrt(self._all_squares[ids] / np.maximum(self._all_count[ids], 1.0))

@@ -200,7 +200,7 @@ class SJECore(BatchCore):
         truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
         torque = np.where(terminated, tau, self.torque(ids))
         level = np.abs(torque)
-        square = self.oscillation.step(ids)
+        square = self.oscillation.step_mean_square(ids)
         share = self.interval * rig.protocol.ramp_rate / base
         terms = {
             "breakaway": terminated.astype(float),
@@ -220,7 +220,7 @@ class SJECore(BatchCore):
             displacement=rig.displacement()[ids],
             time=self._time(ids),
             vibration=np.sqrt(square),
-            shaking=self.oscillation.episode(ids),
+            shaking=self.oscillation.episode_rms(ids),
             tau_sje=tau,
             tau_base=self.tau_base[ids].copy(),
             reduction=1.0 - np.abs(tau) / base,
