@@ -107,11 +107,11 @@ class Segment:
         )
         self._profile: Profile = (*rates, bool(limits.synchronised))
         place, turn = np.zeros((2, nsim, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
-        self._duration = np.zeros(nsim)
+        self._duration, self._pace = np.zeros(nsim), np.ones(nsim)
         self._trapezoid: Trapezoid = (
             *(place[0], turn[0], place[1], turn[1]),
             *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
-            *(np.zeros((nsim, 3)), np.ones(nsim), self._duration),
+            *(np.zeros((nsim, 3)), self._pace, self._duration),
         )
 
     @property
@@ -126,7 +126,7 @@ class Segment:
             ids: (M,) simulations.
             pace: one number or (M,), over 0 to 1 [-].
         """
-        self._trapezoid[10][ids] = pace
+        self._pace[ids] = pace
 
     def start(
         self,

@@ -93,7 +93,7 @@ def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
     """Return the reference at times ``clock`` (N,) [s] of the arms of a `Segment`."""
     accelerations, decelerations, _, _ = profile
     start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction = trapezoid[:10]
-    duration = trapezoid[11]
+    duration = trapezoid[-1]
     n = len(clock)
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
     velocity, speed, share = np.empty((n, 3)), np.empty((2, n)), np.empty(2)

@@ -11,6 +11,7 @@ from stiction_envs.control import rotation
 from stiction_envs.control.trajectory import (
     GoalSequencer,
     MotionLimits,
+    Path,
     Segment,
     pentagon,
     read_path,
@@ -394,6 +395,51 @@ def test_twist_is_the_references_velocity(synchronised):
         np.testing.assert_allclose(s.twist(t), moved / (2 * h), atol=1e-6)
     assert not s.twist(-1.0).any()
     assert not s.twist(1e3).any()
+
+
+def test_pace_stretches_every_movement_of_its_arm_in_time():
+    """The same way in 1/pace of the time, speeds times the pace: goal after goal, arm by arm."""
+    goals = np.array([[0.3, 0.1, -0.2], [0.1, 0.0, 0.1]])
+    turns = np.stack([HERE, rotation.from_rotation_vector([0.0, 0.0, 0.5])])
+    paces = np.array([1.0, 0.5])
+    s = GoalSequencer(2, MotionLimits(), 2)
+    start = np.zeros((2, 3)), np.tile(HERE, (2, 1))
+    s.start(None, np.stack([goals] * 2), np.stack([turns] * 2), *start, pace=paces)
+    for goal, turn in zip(goals, turns, strict=True):
+        duration = s.segment.duration
+        assert duration[1] == pytest.approx(2 * duration[0], rel=1e-12)
+        for share in np.linspace(0, 0.99, 7):
+            begun = s.accepted_at[:, s.index[0]]
+            x, q, velocity, speed = s.reference(begun + share * duration)
+            assert x[1] == pytest.approx(x[0], abs=1e-12)
+            assert q[1] == pytest.approx(q[0], abs=1e-12)
+            assert velocity[1] == pytest.approx(0.5 * velocity[0], abs=1e-12)
+            assert speed[1] == pytest.approx(0.5 * speed[0], abs=1e-12)
+        s.accept(np.stack([goal] * 2), np.stack([turn] * 2), begun + duration)
+    assert s.finished.all()
+
+
+@pytest.mark.parametrize("pace", [0.0, -1.0, 1.2, float("nan")])
+def test_a_pace_is_over_zero_to_one(pace):
+    with pytest.raises(StictionError, match=f"path fast: pace is {pace}: expected over 0 to 1"):
+        Path("fast", np.zeros((1, 3)), HERE[None], pace)
+
+
+def test_what_is_left_of_a_path():
+    """Goals that are left, and the way from the next one to the one behind it."""
+    goals = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 3.0]])
+    s = GoalSequencer(2, MotionLimits(), 4)
+    assert s.goals_left.tolist() == [0, 0]
+    assert not s.onward.any()
+    s.start(np.array([1]), goals[None], np.tile(HERE, (1, 3, 1)), np.zeros((1, 3)), HERE[None])
+    far = np.array([[9.0, 9.0, 9.0]])
+    for k, onward in enumerate(([0, 2, 0], [0, 0, 3], [0, 0, 0])):
+        assert s.goals_left.tolist() == [0, 3 - k]
+        assert s.onward[1].tolist() == onward
+        assert s.goal[0][1].tolist() == goals[k].tolist()
+        s.accept(np.concatenate([far, goals[k : k + 1]]), np.tile(HERE, (2, 1)), 100.0 * (k + 1))
+    assert s.goals_left.tolist() == [0, 0]
+    assert not s.onward.any()
 
 
 def test_limits_cannot_change_under_a_movement():

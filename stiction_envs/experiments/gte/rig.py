@@ -121,7 +121,7 @@ class GTERig(Rig):
 
         Args:
             ids: (M,) sorted simulations.
-            paths: of each, all with the same number of goals or fewer than the capacity.
+            paths: of each, with no more goals than the capacity.
             stiffness: (M, 3) translational, rotational, nullspace.
             keys: seed the scatter of each.
         """

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
+from stiction_envs.control.trajectory import Path
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import random_paths as module
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -115,24 +115,6 @@ def test_names():
     assert e.path("random-3").name == "random-3"
     with pytest.raises(StictionError, match="expected one of triangle, pentagon, random-0"):
         e.path("random-x")
-
-
-def test_pace_stretches_a_movement_in_time():
-    """The same way, at half the pace in twice the time: sample for sample, speeds halved."""
-    goal, turn = np.array([[[0.3, 0.1, -0.2]]]), STRAIGHT[None]
-    clocks, references = [], []
-    for pace in (1.0, 0.5):
-        s = GoalSequencer(1, MotionLimits(), 1)
-        s.start(None, goal, turn, np.zeros((1, 3)), STRAIGHT, pace=pace)
-        t = np.linspace(0, 1, 7) * s.segment.duration[0]
-        clocks.append(s.segment.duration[0])
-        references.append([s.reference(x) for x in t])
-    assert clocks[1] == pytest.approx(2 * clocks[0])
-    for fast, slow in zip(*references, strict=True):
-        assert slow[0] == pytest.approx(fast[0], abs=1e-12)
-        assert slow[2] == pytest.approx(0.5 * fast[2], abs=1e-12)
-    with pytest.raises(StictionError, match=r"pace is 1\.2"):
-        Path("fast", goal[0], STRAIGHT, 1.2)
 
 
 def test_a_slow_path_takes_an_arm_longer():
