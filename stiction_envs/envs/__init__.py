@@ -1,1 +1,1 @@
-"""Gymnasium environments: thin skins over `experiments`; the package registers them."""
+"""Gymnasium environments over `experiments`; the package registers them."""

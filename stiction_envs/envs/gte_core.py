@@ -268,7 +268,7 @@ class GTECore(BatchCore):
         return {(t, k) for t in trajectories for k in stiffness}
 
     def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
-        # looked up once: an episode of a learner ends every tenth of a second
+        # looked up once: with many arms, some episode is always over
         new = [case for case in cases if case not in self._units]
         if new:
             self._units |= undithered(self.experiment, new, self.compensation)

@@ -15,16 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.envs.settings import action_settings
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
 
 Array = NDArray[np.float64]
-STICTION_FACTOR = 2.5
-"""Largest dither amplitude over the joint's largest stiction [-]; the thesis went up to 2 τ_b."""
-F_MIN, F_MAX = 5.0, 100.0
-"""Dither frequencies [Hz]: thesis 3.3 tried 15 to 80 Hz on the Panda, to 200 Hz on the iiwa."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,18 +94,21 @@ def action_bounds(
     """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
 
     A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
-    f_max = min(100 Hz, half the controller's rate).
+    f_max = min(100 Hz, half the controller's rate), with the numbers of `ActionSettings`.
+
+    Raises:
+        StictionError: a controller too slow for the lowest frequency.
     """
-    stiction = largest_stiction(parameters, poses)
-    top = np.minimum(interface.torque_limit, STICTION_FACTOR * stiction)
+    s, stiction = action_settings(), largest_stiction(parameters, poses)
+    top = np.minimum(interface.torque_limit, s.stiction_factor * stiction)
     n = len(top)
-    f_max = min(F_MAX, interface.controller_rate_hz / 2)
-    if f_max <= F_MIN:
+    f_max = min(s.highest_frequency, interface.controller_rate_hz / 2)
+    if f_max <= s.lowest_frequency:
         raise StictionError(
-            f"controller rate {interface.controller_rate_hz} Hz: the environments need more than "
-            f"{2 * F_MIN:g} Hz"
+            f"controller rate {interface.controller_rate_hz} Hz: expected more than "
+            f"{2 * s.lowest_frequency:g} Hz, for the environments"
         )
-    low = np.concatenate([np.zeros(n), np.full(n, F_MIN)])
+    low = np.concatenate([np.zeros(n), np.full(n, s.lowest_frequency)])
     return low, np.concatenate([top, np.full(n, f_max)])
 
 
@@ -182,12 +182,19 @@ def observation_table(n: int, groups: Sequence[Group]) -> str:
 
 def action_table(n: int) -> str:
     """Return the Markdown table of the action for an arm of ``n`` joints."""
-    top = f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)"
-    rate = f"min({F_MAX:g}, controller rate / 2)"
+    s = action_settings()
+    top = f"A_max = min(torque limit, {s.stiction_factor:g} × stiction)"
+    rate = f"min({s.highest_frequency:g}, controller rate / 2)"
     return _grid(
         ["index", "meaning", "min", "max", "unit"],
         [
             [f"0–{n - 1}", f"amplitude, joint 1 … {n}", "0", top, "N·m"],
-            [f"{n}–{2 * n - 1}", f"frequency, joint 1 … {n}", f"{F_MIN:g}", rate, "Hz"],
+            [
+                f"{n}–{2 * n - 1}",
+                f"frequency, joint 1 … {n}",
+                f"{s.lowest_frequency:g}",
+                rate,
+                "Hz",
+            ],
         ],
     )

@@ -1,4 +1,7 @@
-"""Constants of the environments; values and their sources are in ``sje.toml`` and ``gte.toml``."""
+"""Constants of the environments; values and sources are in the TOML files beside this one.
+
+``settings.toml`` has what all environments share, ``sje.toml`` and ``gte.toml`` what is their own.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,21 @@ from stiction_envs.method_settings import check_numbers, load_settings
 HERE = Path(__file__).parent
 Stiffness = tuple[float, float, float]
 """Translational [N/m], rotational and nullspace [N·m/rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionSettings:
+    """Bounds of the dither; see `layout.action_bounds`."""
+
+    stiction_factor: float
+    """Largest amplitude over the joint's largest stiction [-]."""
+    lowest_frequency: float
+    """[Hz]."""
+    highest_frequency: float
+    """[Hz]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +114,12 @@ class GTESettings:
     """Random paths."""
     reward: GTERewardSettings
     """Its weights."""
+
+
+@cache
+def action_settings() -> ActionSettings:
+    """Return the bounds of the dither."""
+    return load_settings(ActionSettings, HERE / "settings.toml", "action")
 
 
 @cache
