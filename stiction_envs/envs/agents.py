@@ -108,9 +108,9 @@ class Agent(ABC):
                 f"{type(self).__name__}: {type(base).__name__}: expected an environment of "
                 "stiction_envs"
             )
-        space = getattr(base, "single_action_space", base.action_space)
+        one: Any = base.single_action_space if isinstance(base, ArmVectorEnv) else base.action_space
         names = list(base.observation_names)
-        self.low, self.high = space.low.astype(float), space.high.astype(float)
+        self.low, self.high = one.low.astype(float), one.high.astype(float)
         self.n = n = len(self.low) // 2
         joints = range(1, n + 1)
         self._speed = np.array([names.index(f"velocity_{j}") for j in joints])

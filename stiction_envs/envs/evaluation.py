@@ -129,7 +129,7 @@ def evaluate(
         for name, total in sums.items():
             total[ids] += new[name]
         over = step.terminated | step.truncated
-        for m in np.flatnonzero(over):
+        for m in np.flatnonzero(over).tolist():
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
             row |= _summary(mine, bool(step.terminated[m])) | _final(step, m, core)
         going[ids[over]] = False
