@@ -183,8 +183,8 @@ class Accumulator:
 
     @property
     def vibration_at_rest(self) -> Array:
-        """(N, 6) the same after the last goal was reached; NaN before [m]."""
-        rest = self.count - self._moving
+        """(N, 6) the same after the last goal was reached, until the tail ends; NaN before [m]."""
+        rest = np.minimum(self.count - self._moving, self._tail)
         return np.sqrt(self._shaken_at_rest / np.where(rest > 0, rest, np.nan)[:, None])
 
     @property
@@ -240,7 +240,7 @@ def _add_samples(
             for a in range(6):
                 if in_motion:
                     shaken[i, a] += mean_square[i, a, s]
-                else:
+                elif counted:
                     shaken_at_rest[i, a] += mean_square[i, a, s]
             if in_motion:
                 moving[i] += 1
