@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -209,10 +210,13 @@ NOT_RECORDED = {
 
 
 def read_arm(args: argparse.Namespace) -> Arm:
-    """Load the arm of `add_robot_options`."""
+    """Load the arm of `add_robot_options`; say on standard error how a user's was read."""
     from stiction_envs.robots import load_arm
 
-    return load_arm(args.robot, payload=args.payload, tilt=args.tilt)
+    arm = load_arm(args.robot, payload=args.payload, tilt=args.tilt)
+    for note in arm.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return arm
 
 
 def output_folder(

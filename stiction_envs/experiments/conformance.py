@@ -37,6 +37,7 @@ from stiction_envs.plant import rollout
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.files import robot_files
+from stiction_envs.robots.own import as_it_is
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -254,18 +255,16 @@ def _compiled(model: str | Path | mujoco.MjModel | StickingModel) -> mujoco.MjMo
     text = str(model)
     if text in ARMS:
         return build(load_arm(text)).model
-    try:
-        if "<" in text:
-            return mujoco.MjModel.from_xml_string(text)
+    if "<" not in text:
         if not Path(text).is_file():
             raise StictionError(
                 f"{text}: no such file, and no robot of that name: expected one of "
                 f"{', '.join(ARMS)}, or a path"
             )
-        return mujoco.MjModel.from_xml_path(text)
+        return as_it_is(Path(text))
+    try:
+        return mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
-        if isinstance(error, StictionError):
-            raise
         line = str(error).strip().splitlines()[0]
         raise StictionError(f"MuJoCo cannot read the model: {line}") from None
 

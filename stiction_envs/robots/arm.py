@@ -26,6 +26,7 @@ from stiction_envs.robots.tables import (
     payload_radius,
     per_joint,
 )
+from stiction_envs.robots.touching import left_out
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -78,6 +79,13 @@ class Arm:
         root = ET.fromstring(self.xml)
         files = [Path(e.get("file", "")) for e in root.iter() if e.get("file")]
         return digest(self, [path.read_bytes() for path in files])
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know of how the arm was read, a line each."""
+        pairs = [f"{one} and {two}" for one, two in left_out(self.xml)]
+        words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
+        return [f"{self.name}: {words}"] if pairs else []
 
     def spec(self) -> mujoco.MjSpec:
         """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""

@@ -28,6 +28,7 @@ from stiction_envs.robots.tables import (
     per_joint,
     read_toml,
 )
+from stiction_envs.robots.touching import leave_out_touching
 
 JOINTS = (2, 9)
 """Smallest and largest number of hinges of an arm."""
@@ -75,10 +76,11 @@ def read_own(path: Path) -> dict[str, Any]:
         for key in ("controller_rate_hz", "lowpass_hz")
     }
     rest = pick("rest", _rest(model, chain, limits.position), (n,))
-    xml, end_effector = _rigid_xml(spec, model, chain, path)
+    root, end_effector = _rigid_xml(spec, model, chain, path)
+    leave_out_touching(root, limits.position)
     return {
         "name": path.stem,
-        "xml": xml,
+        "xml": ET.tostring(root, encoding="unicode"),
         "joint_names": joints,
         "link_names": links,
         "end_effector": end_effector,
@@ -103,6 +105,16 @@ def _parse(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
         return mujoco.MjSpec.from_file(str(path)), {}
     except (ET.ParseError, ValueError, OSError) as error:
         raise StictionError(f"{path}: not a readable MJCF or URDF: {_one_line(error)}") from None
+
+
+def as_it_is(path: Path) -> mujoco.MjModel:
+    """Return the compiled model of a user's MJCF or URDF, friction and actuators included.
+
+    Raises:
+        StictionError: not readable.
+    """
+    spec, _ = _parse(path)
+    return _compile(spec, path)
 
 
 def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -224,14 +236,18 @@ def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
 def _rest(
     model: mujoco.MjModel, chain: NDArray[np.int64], position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The keyframe ``home``, else the first keyframe, else zero moved into the range, rad."""
+    """The keyframe ``home``, else the first keyframe, else zero, or the middle of its range, rad.
+
+    Zero where the range goes on for a twentieth of it on both sides: an arm that rests against a
+    stop can follow no path.
+    """
     low, high = position.T
     if model.nkey:
         names = [model.key(k).name for k in range(model.nkey)]
         key = names.index("home") if "home" in names else 0
         return np.clip(model.key_qpos[key][model.jnt_qposadr[chain]], low, high)
-    middle = (low + high) / 2
-    return np.where((low <= 0) & (high >= 0), 0.0, middle)
+    least = (high - low) / 20
+    return np.where((low <= -least) & (high >= least), 0.0, (low + high) / 2)
 
 
 def _absolute_assets(spec: mujoco.MjSpec) -> None:
@@ -288,7 +304,7 @@ def _flange(
 
 def _rigid_xml(
     spec: mujoco.MjSpec, model: mujoco.MjModel, chain: NDArray[np.int64], path: Path
-) -> tuple[str, str]:
+) -> tuple[ET.Element, str]:
     """MJCF of the bare rigid arm with all digits, and the name of its flange site."""
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}
     tip = int(model.jnt_bodyid[chain[-1]])
@@ -320,7 +336,7 @@ def _rigid_xml(
     mjcf.bodies_out_of_frames(root)
     for body in root.iter("body"):
         _exact(body, model, keep)
-    return ET.tostring(root, encoding="unicode"), end_effector
+    return root, end_effector
 
 
 def _exact(body: ET.Element, model: mujoco.MjModel, joints: set[str]) -> None:

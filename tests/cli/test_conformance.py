@@ -42,7 +42,7 @@ def test_what_export_writes_is_what_it_takes(cli, two, work):
         (["atlas"], "no such file, and no robot of that name"),
         (["{good}", "--stiction", "-1"], "finite numbers from 0"),
         (["{good}", "--stiction", 1, 2], "1 hinges"),
-        (["{broken}"], "MuJoCo cannot read the model"),
+        (["{broken}"], "not a readable MJCF or URDF"),
     ],
 )
 def test_bad_input(cli, work, inputs, argv, says):

@@ -246,7 +246,7 @@ def test_runs_as_a_module(tmp_path):
     )
     assert done.returncode == 2
     assert done.stdout == ""
-    assert "MuJoCo cannot read the model" in done.stderr
+    assert "not a readable MJCF or URDF" in done.stderr
     assert "Traceback" not in done.stderr
 
 
