@@ -64,6 +64,8 @@ def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
     keys = ET.SubElement(root, "keyframe")
     ET.SubElement(keys, "key", name="home", qpos=numbers(rest))
 
+    arm.carry_into(root)
+
     offsets = sticking.parameters.offset, sticking.parameters.gravity_error
     comment = _COMMENT.format(
         name=arm.name,

@@ -285,7 +285,7 @@ def _finished(
     arm, s = problem.arm, problem.settings
     slow = _sweeps(problem, series.state(np.zeros(1))[0][0]) if sweeps else None
     condition, plain = problem.condition(series.state(problem.fine))
-    notes = []
+    notes = list(problem.clearance.notes)
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:

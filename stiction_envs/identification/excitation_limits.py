@@ -1,11 +1,13 @@
 """What an excitation must keep: limits of position, speed, acceleration and torque, and distances.
 
 Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0.
-Pairs that touch at rest (a foot on the floor, neighbours) are left out.
+Pairs that touch at rest (a foot on the floor, neighbours) are left out; from those that are near at
+rest half of the distance that they have there is asked.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -90,8 +92,16 @@ class Clearance:
         self.data = mujoco.MjData(self.model)
         pairs = self._candidates()
         self._place(arm.rest)
-        at_rest = [self._distance(i, j, 1.0) for i, j in pairs]
-        self.pairs = [p for p, d in zip(pairs, at_rest, strict=True) if d > 1e-3]
+        at_rest = {p: self._distance(*p, 1.0) for p in pairs}
+        self.pairs = [p for p, d in at_rest.items() if d > 1e-3]
+        # neighbours, whose shapes are next to each other, keep half of what they have at rest
+        near = [p for p in self.pairs if at_rest[p] < min(s.near, s.clearance)]
+        self._allowed = {p: s.clearance - at_rest[p] / 2 for p in near}
+        self.notes = [
+            f"{self._link(i)} and {self._link(j)} are {1e3 * at_rest[i, j]:.0f} mm apart at rest: "
+            "half of that is kept"
+            for i, j in self._allowed
+        ]
 
     def _candidates(self) -> list[tuple[int, int]]:
         m = self.model
@@ -119,13 +129,23 @@ class Clearance:
     def _distance(self, i: int, j: int, most: float, ends: Array | None = None) -> float:
         return float(mujoco.mj_geomDistance(self.model, self.data, i, j, most, ends))
 
+    def _link(self, geometry: int) -> str:
+        return str(self.model.body(int(self.model.geom_bodyid[geometry])).name)
+
     def least(self, q: Array, most: float = 0.5) -> Array:
         """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
+        return self._least(q, most, {})
+
+    def keeps(self, q: Array, wanted: float) -> bool:
+        """Whether all links keep a distance [m] at poses (T, n), near ones what they have."""
+        return bool(self._least(q, 2 * wanted, self._allowed).min() >= wanted)
+
+    def _least(self, q: Array, most: float, allowed: Mapping[tuple[int, int], float]) -> Array:
         out = np.full(len(q), most)
         for k, pose in enumerate(q):
             self._place(pose)
             for i, j in self.pairs:
-                out[k] = min(out[k], self._distance(i, j, most))
+                out[k] = min(out[k], self._distance(i, j, most) + allowed.get((i, j), 0.0))
         return out
 
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
@@ -145,10 +165,11 @@ class Clearance:
             self._place(pose)
             for i, j in self.pairs:
                 d = self._distance(i, j, wanted, ends)
-                if d >= wanted:
+                near = self._allowed.get((i, j), 0.0)
+                if d + near >= wanted:
                     continue
                 a, b = ends[:3, 0], ends[3:, 0]
-                short = 1 - d / wanted
+                short = 1 - (d + near) / wanted
                 total += short**2
                 if abs(d) > 1e-9:
                     mujoco.mj_jac(self.model, self.data, one, None, a, self.model.geom_bodyid[i])

@@ -120,8 +120,7 @@ class Problem:
         """Whether a motion keeps every limit and distance."""
         if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
             return False
-        least = self.clearance.least(state[0], 2 * self.settings.clearance)
-        return bool(least.min() >= self.settings.clearance)
+        return self.clearance.keeps(state[0], self.settings.clearance)
 
     def random(self, rng: np.random.Generator) -> Array:
         """Return a random point inside all limits.
@@ -134,7 +133,8 @@ class Problem:
             c = rng.normal(size=(n, self.basis.shape[1]))
             q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
             reach = np.ptp(q, axis=0)
-            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / tries)
+            late = max(0.0, 2 * trial / tries - 1)
+            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / tries) * (1 - 0.95 * late)
             scale = np.min(
                 [
                     part * (b.high - b.low) / reach,
@@ -146,12 +146,24 @@ class Problem:
             low = b.low - scale * q.min(axis=0)
             high = b.high - scale * q.max(axis=0)
             middle = rng.uniform(low, high)
+            # in the end small ones about the pose at rest
+            middle += late * (np.clip(self.arm.rest, low, high) - middle)
             x = np.concatenate([middle, (scale[:, None] * c).ravel()])
             if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
                 return x
+        still = np.clip(self.arm.rest, b.low, b.high)[None]
+        rest = still, np.zeros_like(still), np.zeros_like(still)
+        over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
+        if over:
+            name, part = max(over.items(), key=lambda item: item[1])
+            raise ExperimentError(
+                f"{self.arm.name}: at rest the {name} is {part:.2f} of what may be used of its "
+                "limit: give it another rest pose, or limits that it can be held with"
+            )
         raise ExperimentError(
             f"{self.arm.name}: none of {tries} random motions keeps the limits and "
-            f"{self.settings.clearance:g} m of clearance: give it more room"
+            f"{self.settings.clearance:g} m of clearance, not even small ones about the pose at "
+            "rest: give it more room, or another rest pose"
         )
 
     def fitted(self, x: Array) -> Array | None:

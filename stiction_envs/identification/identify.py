@@ -124,7 +124,7 @@ class Identification(Result):
 
     def write_mjcf(self, path: str | Path) -> None:
         """Write the rigid arm with the identified links."""
-        write_text_atomic(Path(path), self.arm().xml)
+        write_text_atomic(Path(path), self.arm().carrying_xml())
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON values."""

@@ -153,6 +153,8 @@ class ExcitationSettings:
     """Limit of joints that have none [rad/s²]."""
     torque_part: float
     """Of the limit that the rigid arm may need [-]."""
+    near: float
+    """Links that are nearer at rest are neighbours: half of their distance there is asked [m]."""
     clearance: float
     """Least distance to the floor and between links [m]."""
     flange_ball: float

@@ -109,6 +109,8 @@ class LogCheckSettings:
     """The same, measured or commanded [N·m]."""
     free_angle: float
     """Angle that passes for radians where the robot's limits are not known [rad]."""
+    any_arm: float
+    """Torques up to so many times a limit that is only assumed pass for N·m [-]."""
     slowest_step: float
     """Time between rows above which nothing can be said of friction [s]."""
     saturated_rows: int

@@ -87,6 +87,18 @@ class Arm:
         words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
         return [f"{self.name}: {words}"] if pairs else []
 
+    def carrying_xml(self) -> str:
+        """MJCF with limits and rest pose in it, which `load_arm` reads again (`mjcf.CARRIED`)."""
+        root = ET.fromstring(self.xml)
+        self.carry_into(root)
+        return ET.tostring(root, encoding="unicode")
+
+    def carry_into(self, root: ET.Element) -> None:
+        """Write limits and rest pose into an MJCF."""
+        of = self.limits
+        limits = {"velocity": of.velocity, "torque": of.torque, "torque_rate": of.torque_rate}
+        mjcf.carry(root, {"rest": self.rest, **{f"limits.{k}": v for k, v in limits.items()}})
+
     def spec(self) -> mujoco.MjSpec:
         """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""
         return mujoco.MjSpec.from_string(self.xml)

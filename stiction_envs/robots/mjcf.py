@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -22,6 +23,30 @@ def read_numbers(element: ET.Element, key: str, default: tuple[float, ...]) -> n
     """Attribute ``key`` of ``element`` as float64 array, ``default`` where it is missing."""
     text = element.get(key)
     return np.array(default if text is None else [float(v) for v in text.split()])
+
+
+CARRIED = {
+    "stiction_velocity_limits": "limits.velocity",
+    "stiction_torque_limits": "limits.torque",
+    "stiction_torque_rate_limits": "limits.torque_rate",
+    "stiction_rest": "rest",
+}
+"""Custom numbers of an MJCF that say what its joints and actuators cannot, by key of an arm's TOML:
+an arm that is written and read again keeps them."""
+
+
+def carry(root: ET.Element, values: Mapping[str, ArrayLike]) -> None:
+    """Write numbers of `CARRIED` into an MJCF; what is not finite is left out.
+
+    Args:
+        root: the ``mujoco`` element; changed in place.
+        values: (n,) by key of an arm's TOML.
+    """
+    custom = root.find("custom")
+    custom = ET.SubElement(root, "custom") if custom is None else custom
+    for name, key in CARRIED.items():
+        if key in values and np.isfinite(values[key]).all():
+            ET.SubElement(custom, "numeric", name=name, data=numbers(np.ravel(values[key])))
 
 
 def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> None:

@@ -60,10 +60,12 @@ def read_own(path: Path) -> dict[str, Any]:
 
     table_file = path.with_suffix(".toml")
     table = read_toml(table_file) if table_file.is_file() else {}
+    carried = {mjcf.CARRIED[x.name]: list(x.data) for x in spec.numerics if x.name in mjcf.CARRIED}
 
     def pick(key: str, own: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        given = lookup(table, key)
-        return per_joint(own if given is None else given, shape, f"{table_file}, {key}")
+        if (given := lookup(table, key)) is not None:
+            return per_joint(given, shape, f"{table_file}, {key}")
+        return per_joint(carried.get(key, own), shape, f"{path}, {key}")
 
     limits = Limits(
         position=pick("limits.position", _positions(model, chain), (n, 2)),

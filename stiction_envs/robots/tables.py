@@ -31,6 +31,11 @@ class Limits:
     torque_rate: NDArray[np.float64]
     """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
 
+    @property
+    def torque_assumed(self) -> NDArray[np.bool_]:
+        """(n,) whether the torque limit is the one that is assumed where a file says none."""
+        return np.asarray(self.torque == lookup(generic(), "limits.torque"))
+
     def __post_init__(self) -> None:
         for field in fields(self):
             # np.array copies: the caller's array must not change the limits later.

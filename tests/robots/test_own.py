@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.robots import Arm, load_arm
 from tests.robots.own_arms import MJCF, TETRA, URDF, chain
 
@@ -238,3 +241,18 @@ def test_bad_toml_beside_an_own_file(own: Path, text: str, message: str):
     with pytest.raises(StictionError, match=message) as caught:
         load_arm(own / "two.urdf")
     _one_clear_line(caught.value, "two.toml")
+
+
+@pytest.mark.parametrize("robot", ["panda", "two.urdf"])
+def test_limits_and_rest_survive_being_written(own: Path, robot: str):
+    """Of an arm that is exported, and of one that is identified: bit for bit."""
+    arm = load_arm(robot if robot == "panda" else own / robot)
+    sticking = build(arm, load_friction("generic", arm.n))
+    texts = {"rigid": arm.carrying_xml(), "sticking": plain_mjcf(sticking, friction_name="x")}
+    for name, text in texts.items():
+        path = own / f"{name}.xml"
+        path.write_text(text, "utf-8")
+        again = load_arm(path)
+        for field in ("position", "velocity", "torque", "torque_rate"):
+            np.testing.assert_array_equal(getattr(again.limits, field), getattr(arm.limits, field))
+        np.testing.assert_array_equal(again.rest, arm.rest)

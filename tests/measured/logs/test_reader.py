@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import re
 import resource
@@ -101,6 +102,23 @@ def test_errors_below_a_block_name_the_right_line(
     lines[180] = ",".join(cells)
     with pytest.raises(StictionError, match=r"line 181: q3 is inf"):
         read(put(tmp_path / "log.csv", "\n".join(lines)))
+
+
+def test_a_limit_that_is_only_assumed_warns(tmp_path: Path) -> None:
+    """An arm whose file says no torque limit may do 196 N·m; 0.2 N·m in mN·m it may not."""
+    assumed = dataclasses.replace(LIMITS, torque=np.full(7, 100.0))
+    known = dataclasses.replace(LIMITS, torque=np.full(7, 101.0))
+    values = good_values()
+    values[:, 16] = 190.0 + values[:, 16]
+    path = put(tmp_path / "strong.csv", text_of(values))
+    (log,) = read_logs([path], 7, limits=assumed)
+    assert any("100 N·m are assumed, its file says none" in w for w in log.warnings)
+    with pytest.raises(StictionError, match=r"tau2 is .* looks like per cent"):
+        read_logs([path], 7, limits=known)
+    values[:, 16] *= 10
+    path = put(tmp_path / "milli.csv", text_of(values))
+    with pytest.raises(StictionError, match=r"tau2 is .* looks like mN·m"):
+        read_logs([path], 7, limits=assumed)
 
 
 def test_units_without_limits(tmp_path: Path) -> None:
