@@ -155,9 +155,9 @@ class Problem:
         rest = still, np.zeros_like(still), np.zeros_like(still)
         over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
         if over:
-            name, part = max(over.items(), key=lambda item: item[1])
+            name, most = max(over.items(), key=lambda item: item[1])
             raise ExperimentError(
-                f"{self.arm.name}: at rest the {name} is {part:.2f} of what may be used of its "
+                f"{self.arm.name}: at rest the {name} is {most:.2f} of what may be used of its "
                 "limit: give it another rest pose, or limits that it can be held with"
             )
         raise ExperimentError(

@@ -1,5 +1,6 @@
 """Excitation: laws of the motion, limits held by independent means, better than random motions."""
 
+import dataclasses
 from pathlib import Path
 
 import mujoco
@@ -20,6 +21,7 @@ from stiction_envs.identification.excitation_search import Problem, smooth_condi
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.tables import lookup, read_toml
+from tests.robots.test_touching import ARM
 
 DEFAULTS = identification_settings().excitation
 QUICK = DEFAULTS.replace(iterations=30, starts=1, randoms=6)
@@ -249,6 +251,21 @@ def test_accelerations_are_the_robots():
 def test_settings_that_make_no_sense(change):
     with pytest.raises(StictionError, match=next(iter(change))):
         DEFAULTS.replace(**change)
+
+
+def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):
+    weak = dataclasses.replace(panda.limits, torque=np.full(7, 5.0))
+    with pytest.raises(ExperimentError, match=r"at rest the torque is .* of what may be used"):
+        excite(dataclasses.replace(panda, limits=weak), QUICK)
+
+
+def test_neighbours_keep_half_of_what_they_have_at_rest(tmp_path):
+    """A base and a second link 35 mm apart can be excited, and are told; they never touch."""
+    path = tmp_path / "near.xml"
+    path.write_text(ARM.format(bulge=0.03).replace('0 0 0.1"/>', '0 0 0.135"/>', 1), "utf-8")
+    motion = excite(load_arm(path), QUICK)
+    assert 0.0 < motion.clearance < DEFAULTS.clearance
+    assert any("mm apart at rest: half of that is kept" in note for note in motion.notes)
 
 
 def test_no_room_is_said(panda):
