@@ -9,6 +9,7 @@ from benchmarks._policies_measures import MEASURES, Measure
 from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pareto
 from benchmarks._policies_plan import (
     BASELINES,
+    BOUND,
     FROM_A_TABLE,
     NOMINAL,
     RANDOM_PATHS,
@@ -73,6 +74,7 @@ def write(folder: Path, results: Results) -> None:
         frictions=[f for f in plan.frictions if f != NOMINAL],
         nominal=NOMINAL,
         aim=AIM,
+        bound=BOUND,
         over=over,
         improvements=_improvements(over),
         baseline=BASELINES["panda"],

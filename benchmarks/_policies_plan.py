@@ -49,6 +49,9 @@ BASELINES = {"panda": "Table 4.9", "iiwa7": "make tune"}
 SEARCHED = "search, constant"
 CONSTANT = ("Table 4.9", "make tune", SEARCHED)
 RULES = ("gated", "rule")
+BOUND = "no dither, 1 % of the friction"
+"""What is left by the controller's lag alone: dither, which takes friction away at best, cannot do
+better."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +88,8 @@ class Contestant:
     """Of the friction, besides what it does."""
     run: int | None = None
     """Its only run, as a training has one; None for all."""
+    friction: float = 1.0
+    """Over the cell's true one: below 1 it is no agent, but a bound of what any could do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +222,8 @@ def unlearned(robot: str, experiment: str) -> list[Contestant]:
     found = tables(robot, experiment)
     base = found[BASELINES[robot]]
     out = [_of_class("none", NoDither), _of_class("random", RandomDither)]
+    if experiment == "gte":
+        out.append(replace(_of_class(BOUND, NoDither), friction=0.01))
     out += [_of_table(name, ConstantTable, table) for name, table in found.items()]
     if experiment == "gte":
         out.append(_gated(robot, found[SEARCHED]))

@@ -44,7 +44,7 @@ class Rows:
     def path(self, cell: Cell, one: Contestant) -> Path:
         """Return the file of an agent's episodes."""
         where = (cell.robot, cell.experiment, cell.task, cell.friction)
-        arguments = dict(_task(cell).arguments)
+        arguments = dict(_task(cell, one).arguments)
         of = digest(
             code_today(),
             *where,
@@ -77,7 +77,7 @@ class Rows:
                 options.append(o)
 
         start = time.perf_counter()
-        env = _task(cell).make(min(TOGETHER, len(seeds)))
+        env = _task(cell, one).make(min(TOGETHER, len(seeds)))
         if one.compensation is not None:
             compensate(env, one.compensation)
         rows = evaluate(env, one.make(env), seeds, options)
@@ -120,8 +120,9 @@ def code_today() -> str:
     return made_by(MEASURED_BY, (*PACKAGES, "gymnasium"))
 
 
-def _task(cell: Cell) -> Task:
-    return environment(cell.robot, cell.experiment, friction_factor=cell.friction)
+def _task(cell: Cell, one: Contestant) -> Task:
+    true = cell.friction * one.friction
+    return environment(cell.robot, cell.experiment, friction_factor=true)
 
 
 def compensate(env: Any, compensation: Any) -> None:
