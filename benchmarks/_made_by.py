@@ -14,8 +14,11 @@ KINDS = (".py", ".toml", ".xml", ".csv", ".json")
 """Files that decide what comes out."""
 ALWAYS = ("mujoco", "numpy", "scipy")
 """Packages whose versions do."""
-EPISODES = tuple(f"stiction_envs/{place}" for place in MADE_BY)
-"""Rooms and files of the package that have a part in an episode."""
+EPISODES = (
+    *(f"stiction_envs/{place}" for place in MADE_BY),
+    *("!stiction_envs/reporting", "!stiction_envs/experiments/*/plots.py"),
+)
+"""Rooms and files of the package that have a part in an episode: not those that only show it."""
 LOGS = tuple(
     f"stiction_envs/{place}"
     for place in (

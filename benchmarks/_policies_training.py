@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks._made_by import EPISODES, made_by
+from benchmarks._made_by import EPISODES, PACKAGES, made_by
 from benchmarks._policies_plan import ALGORITHMS, Plan, Training, trainings
 from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import fingerprint
@@ -39,7 +39,7 @@ DONE, CODE, SHARE, LOG, LOCK = "trained.json", "code", "share", "log", "lock"
 TRAINED_BY = (
     *EPISODES,
     *(f"tuning/policies/{name}*.py" for name in ("algo", "call", "check", "policy", "recorded")),
-    *(f"tuning/policies/{name}.py" for name in ("task", "train")),
+    *(f"tuning/policies/{name}.py" for name in ("evaluation", "task", "train")),
 )
 """Code that decides the bits of a training; its settings are in the name of its folder."""
 RATES = {"sac": 440.0, "td3": 550.0, "ppo": 600.0}
@@ -111,7 +111,7 @@ def folder(work: Path, plan: Plan, training: Training) -> Folder:
 @cache
 def code_today() -> str:
     """Return a hash of the code that trains today, as `Folder.found` has it."""
-    return made_by(TRAINED_BY, ("stable-baselines3", "torch", "gymnasium"))
+    return made_by(TRAINED_BY, (*PACKAGES, "stable-baselines3", "torch", "gymnasium"))
 
 
 def best_algorithm(work: Path, plan: Plan) -> str | None:
