@@ -104,7 +104,8 @@ def imported(name: str) -> set[str]:
     waiting = [name]
     while waiting:
         x = waiting.pop()
-        aside = x == FACADE or x.startswith(DECIDES_NOTHING) or x.endswith(("_page", "_pictures", ".plots"))
+        shown = x.endswith(("_page", "_pictures", ".plots"))
+        aside = shown or x == FACADE or x.startswith(DECIDES_NOTHING)
         if x not in out and not aside and x != "benchmarks._made_by":
             out.add(x)
             waiting += IMPORTS[x]
