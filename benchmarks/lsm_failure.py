@@ -10,13 +10,11 @@ least squares beside `diagnose`. Writes lsm_failure.md and lsm_failure.png besid
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import lfilter
 from tqdm import tqdm
 
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose
@@ -28,7 +26,9 @@ from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import table
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import torque_regressor
+from stiction_envs.thesis.lsm import WRONG, bands_of, friction, raw_friction, simulated_log
 from stiction_envs.thesis.rosdyn import Unconstrained, rosdyn
+from stiction_envs.thesis.settings import thesis_settings
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -37,67 +37,12 @@ from _lsm_picture import draw_panels  # noqa: E402
 
 PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 MEASURED = HERE.parents[1] / "shared" / "measured" / PANDA
-RATE, SECONDS = 1000.0, 40.0
-BAND = np.array([0.72, 1.0, 0.8, 0.95, 0.57, 0.44, 0.63])
-"""Stiction bands [N·m]: means of the thesis's Table 4.3 without joint 2's outlier, rounded."""
-DROP, STRIBECK = 0.7, 0.05
-"""Coulomb friction over the band [-], and Stribeck velocity [rad/s]; assumed."""
-VISCOUS = 0.4 * BAND
-"""[N·m·s/rad]; assumed."""
+BAND = bands_of("panda")
+SETTINGS = thesis_settings().identification
 MOVING = 0.01
 """Speed from which on friction does not hang on how a law turns round [rad/s]; assumed."""
-TAU_NOISE, DQ_NOISE, LAG = 0.05, 3e-3, 0.05
-"""Noise of torque [N·m] and of the logged speed [rad/s] (measured on the Panda: 4 mrad/s), and time
-constant of a filtered speed [s] (measured on the iiwa: 56 ms)."""
-HAND = (0.73, 0.0, 0.0, 0.07)
-"""A Franka hand that the model does not know: mass [kg], centre of mass [m]."""
-WRONG = {
-    "nothing": {},
-    "noisy acceleration": {"noise": DQ_NOISE},
-    "gravity error": {"hand": True},
-    "no slow data": {"fast": True},
-    "filtered speeds that lag": {"lag": LAG},
-    "all of these": {"noise": DQ_NOISE, "hand": True, "fast": True, "lag": LAG},
-}
-
-
-def friction(dq: np.ndarray) -> np.ndarray:
-    """Band, Stribeck effect and viscous friction (T, n) [N·m]."""
-    level = BAND * (DROP + (1 - DROP) * np.exp(-np.square(dq / STRIBECK)))
-    return np.tanh(dq / 1e-3) * level + VISCOUS * dq
-
-
-def simulated(
-    *,
-    noise: float = 0.0,
-    hand: bool = False,
-    fast: bool = False,
-    lag: float = 0.0,
-    seed: int = 1,
-) -> JointLog:
-    """A Panda on Fourier trajectories; what is wrong with its log."""
-    rng = np.random.default_rng(seed)
-    arm = load_arm("panda", payload=HAND if hand else None)
-    t = np.arange(round(SECONDS * RATE)) / RATE
-    q, dq, ddq = (np.zeros((len(t), arm.n)) for _ in range(3))
-    for k in range(1, 5):
-        w = 2 * np.pi * (0.4 if fast else 0.05) * k
-        a, b = rng.normal(size=(2, arm.n)) / k
-        s, c = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
-        q += a * s + b * c
-        dq += w * (a * c - b * s)
-        ddq -= w**2 * (a * s + b * c)
-    size = 0.9 / np.abs(dq).max(axis=0) if fast else 0.7 / np.abs(q).max(axis=0)
-    q, dq, ddq = q * size + arm.rest, dq * size, ddq * size
-    tau = inverse_dynamics(arm.pinocchio(), q, dq, ddq) + friction(dq)
-    logged = dq + noise * rng.normal(size=dq.shape)
-    if lag:
-        k = np.exp(-1 / RATE / lag)
-        logged = lfilter([1 - k], [1, -k], logged, axis=0, zi=k * logged[:1])[0]
-    columns = {"t": t, "q": q, "dq": logged, "tau": tau + TAU_NOISE * rng.normal(size=tau.shape)}
-    with tempfile.TemporaryDirectory() as folder:
-        np.savez(Path(folder) / "log.npz", **columns)
-        return read_logs([Path(folder) / "log.npz"], arm.n, limits=arm.limits)[0]
+EVERY = 15
+"""Of so many samples a picture shows one."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +84,7 @@ def known(d: Diagnosis, squares: LeastSquares, least: float = 0.0) -> tuple[floa
     Of the samples of a speed above ``least`` [rad/s].
     """
     data = d.data
-    true = data.smooth(friction(data.dq))
+    true = data.smooth(friction(data.dq, BAND))
     lines = np.zeros_like(true)
     for x in squares.lines:
         rows = (1 if x.direction == "+" else -1) * data.dq[:, x.joint - 1] > 0
@@ -169,21 +114,12 @@ def bands(squares: LeastSquares) -> tuple[np.ndarray, np.ndarray]:
     return (plus - minus) / 2, (plus + minus) / 2
 
 
-def raw(log: JointLog, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """Speed and friction torque as the thesis had them, thinned out for a picture."""
-    dq = log.dq if log.dq is not None else np.gradient(log.q, log.t, axis=0)
-    ddq = np.gradient(dq, log.t, axis=0)
-    at = np.arange(2, len(log.t) - 2, 15)
-    rigid = inverse_dynamics(arm.pinocchio(), log.q[at], dq[at], ddq[at])
-    return dq[at], log.tau[at] - rigid
-
-
 def stages(r: Result, arm: Arm) -> list[tuple[str, np.ndarray, np.ndarray, float]]:
     """Mends one after the other: R² and intercepts (2 n,) of the lines, largest torque [N·m]."""
     log, data = r.found.logs[0], r.found.data
-    v, tau = raw(log, arm)
+    v, tau = raw_friction(log, arm, EVERY)
     smooth = np.stack([np.interp(log.t, data.t, x) for x in data.ddq.T], axis=1)
-    at = np.arange(2, len(log.t) - 2, 15)
+    at = np.arange(2, len(log.t) - 2, EVERY)
     at = at[(log.t[at] > data.t[0]) & (log.t[at] < data.t[-1])]
     assert log.dq is not None
     rigid = inverse_dynamics(arm.pinocchio(), log.q[at], log.dq[at], smooth[at])
@@ -247,6 +183,7 @@ def simulated_rows(results: dict[str, Result]) -> list[list[str]]:
 
 
 def page(results: dict[str, Result], real: Result | None, arm: Arm) -> str:
+    s = SETTINGS
     lines = [
         "# Why the friction-velocity fit of the thesis failed",
         "",
@@ -260,13 +197,14 @@ def page(results: dict[str, Result], real: Result | None, arm: Arm) -> str:
         "",
         "## Simulated: one thing wrong at a time",
         "",
-        f"Panda, {SECONDS:g} s at {RATE:g} Hz, Fourier trajectories, torque noise "
-        f"{TAU_NOISE:g} N·m. True bands {BAND.min():g} to {BAND.max():g} N·m, Coulomb friction "
-        f"{DROP:g} of them, Stribeck velocity {STRIBECK:g} rad/s, viscous friction in "
-        f"proportion. What is wrong: noise of {1e3 * DQ_NOISE:g} mrad/s on the logged "
-        f"speed, of which accelerations are differences; an unknown hand of {HAND[0]:g} kg; "
+        f"Panda, {s.seconds:g} s at {s.rate:g} Hz, Fourier trajectories, torque noise "
+        f"{s.torque_noise:g} N·m. True bands {BAND.min():g} to {BAND.max():g} N·m, Coulomb "
+        f"friction {s.coulomb_ratio:g} of them, Stribeck velocity {s.stribeck_velocity:g} rad/s, "
+        f"viscous friction in proportion. What is wrong: noise of {1e3 * s.speed_noise:g} mrad/s "
+        "on the logged speed, of which accelerations are differences; an unknown hand of "
+        f"{s.hand[0]:g} kg; "
         "motion eight times as fast, so that few "
-        f"samples are slow; speeds behind a low-pass of {1e3 * LAG:g} ms.",
+        f"samples are slow; speeds behind a low-pass of {1e3 * s.speed_lag:g} ms.",
         "",
         *table(
             [
@@ -407,11 +345,11 @@ def draw(results: dict[str, Result], real: Result | None, arm: Arm) -> None:
     """Draw friction torque over speed, simulated above and real below."""
     panels = []
     for name, r in results.items():
-        v, tau = raw(r.log, arm)
+        v, tau = raw_friction(r.log, arm, EVERY)
         panels.append((f"simulated joint 2: {name}", v[:, 1], tau[:, 1], friction_of(1)))
     if real is not None:
         data = real.found.data
-        v, tau = raw(real.found.logs[0], arm)
+        v, tau = raw_friction(real.found.logs[0], arm, EVERY)
         for j in (0, 6):
             panels.append((f"real joint {j + 1}, raw", v[:, j], tau[:, j], None))
             panels.append(
@@ -422,13 +360,13 @@ def draw(results: dict[str, Result], real: Result | None, arm: Arm) -> None:
 
 def friction_of(joint: int) -> Callable[[np.ndarray], np.ndarray]:
     """True friction of one joint (from 0) over speed."""
-    return lambda v: friction(np.tile(v[:, None], len(BAND)))[:, joint]
+    return lambda v: friction(np.tile(v[:, None], len(BAND)), BAND)[:, joint]
 
 
 def main() -> None:
     arm = load_arm("panda")
     results = {
-        name: judge(simulated(**wrong), arm)  # type: ignore[arg-type]
+        name: judge(simulated_log("panda", **wrong(SETTINGS)), arm)
         for name, wrong in tqdm(WRONG.items(), desc="simulated logs")
     }
     real = None

@@ -11,17 +11,22 @@ _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
 h1{font-size:1.7em}h2{margin-top:2em;border-bottom:1px solid #ddd;padding-bottom:.2em}
 img{max-width:100%;border:1px solid #eee}
+figure{margin:1em 0;overflow-x:auto}a{color:#1f5fa8}
 table{border-collapse:collapse;margin:1em 0;font-size:.9em;display:block;overflow-x:auto}
 th,td{border:1px solid #ddd;padding:.25em .6em;text-align:left}th{background:#f6f6f6}
-code{background:#f3f3f3;padding:0 .2em}
+code{background:#f3f3f3;padding:0 .2em;overflow-wrap:anywhere}
+@media(max-width:600px){body{margin:1em auto}img{max-width:none;width:620px}}
 """
 _IMAGE = re.compile(r"^!\[(.*)\]\((\S+)\)$")
+_ANCHOR = re.compile(r'^<a id="[a-z0-9-]+"></a>$')
+_LINK = re.compile(r"\[([^\]]+)\]\(([^()\s]+)\)")
 
 
 def to_html(lines: list[str], folder: Path, title: str) -> str:
     """Return a page of the Markdown that `report` writes.
 
-    Headings, paragraphs, lists, tables, pictures, bold and code; nothing else is known.
+    Headings, paragraphs, lists, tables, pictures, links, bold and code, anchors that stand alone on
+    their line; nothing else is known. Headings have the anchors that GitHub gives them.
 
     Args:
         lines: of Markdown.
@@ -37,12 +42,17 @@ def to_html(lines: list[str], folder: Path, title: str) -> str:
             k += 1
         elif text.startswith("#"):
             level = len(text) - len(text.lstrip("#"))
-            out.append(f"<h{level}>{_inline(text[level:].strip())}</h{level}>")
+            words = text[level:].strip()
+            anchor = "" if level == 1 else f' id="{slug(words)}"'
+            out.append(f"<h{level}{anchor}>{_inline(words)}</h{level}>")
+            k += 1
+        elif _ANCHOR.match(text):
+            out.append(text)
             k += 1
         elif image:
             data = base64.b64encode((folder / image[2]).read_bytes()).decode()
             alt = html.escape(image[1], quote=True)
-            out.append(f'<p><img alt="{alt}" src="data:image/png;base64,{data}"></p>')
+            out.append(f'<figure><img alt="{alt}" src="data:image/png;base64,{data}"></figure>')
             k += 1
         elif text.startswith("|"):
             k = _table(lines, k, out)
@@ -61,9 +71,15 @@ def to_html(lines: list[str], folder: Path, title: str) -> str:
             k += not paragraph
     body = "\n".join(out)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width,initial-scale=1"><title>'
         f"{html.escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
+
+
+def slug(words: str) -> str:
+    """Return the anchor of a heading, as GitHub makes it."""
+    return re.sub(r"[^\w\- ]", "", words.lower()).replace(" ", "-")
 
 
 def _table(lines: list[str], k: int, out: list[str]) -> int:
@@ -82,4 +98,5 @@ def _table(lines: list[str], k: int, out: list[str]) -> int:
 def _inline(text: str) -> str:
     text = html.escape(text, quote=False)
     text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)
-    return re.sub(r"`(.+?)`", r"<code>\1</code>", text)
+    text = re.sub(r"`(.+?)`", r"<code>\1</code>", text)
+    return _LINK.sub(r'<a href="\2">\1</a>', text)

@@ -113,9 +113,26 @@ class Reproduced:
     """By robot, every measurement, for plots."""
 
 
-def _job(row: DitheredRow) -> Job:
+def job_of(row: DitheredRow) -> Job:
+    """Return the job that measures a printed cell."""
     c = Configuration(row.joint, row.load, row.direction)
     return Job(c, row.frequency_hz, row.amplitude_nm)
+
+
+def jobs_of_table(number: str) -> list[tuple[str, Job]]:
+    """Return robot and job of all that a table needs, base torques too.
+
+    Args:
+        number: of `TITLES`.
+    """
+    if number == "4.3":
+        return [(robot, Job(c)) for robot in ROBOTS for c in configurations(7)]
+    if number == "4.9":
+        return [(TUNED, j) for j in dict.fromkeys([*map(Job, configurations(7)), *grid().values()])]
+    (robot,) = thesis_robots(number)
+    jobs = [job_of(r) for r in thesis_dithered(robot) if r.table == number]
+    base = [Job(j.configuration) for j in jobs]
+    return [(robot, j) for j in dict.fromkeys([*base, *jobs])]
 
 
 def jobs_of(robot: str) -> list[Job]:
@@ -128,14 +145,17 @@ def jobs_of(robot: str) -> list[Job]:
         StictionError: a robot the thesis has not measured.
     """
     base = [Job(c) for c in configurations(7)]
-    dithered = [_job(r) for r in thesis_dithered(robot)]
+    dithered = [job_of(r) for r in thesis_dithered(robot)]
     if robot in thesis_robots("4.9"):  # so that the rules of Table 4.9 can choose among all of them
-        dithered += _grid().values()
+        dithered += grid().values()
     return list(dict.fromkeys([*base, *dithered]))
 
 
-def _grid() -> dict[tuple[Configuration, float, float], Job]:
-    """Return the jobs of Tables 4.6 to 4.8 by configuration, frequency [Hz] and scale."""
+def grid() -> dict[tuple[Configuration, float, float], Job]:
+    """Return the jobs of Tables 4.6 to 4.8, and those left out there, of `TUNED`.
+
+    By configuration, frequency [Hz] and scale.
+    """
     first = {
         Configuration(r.joint, r.load, r.direction): abs(r.tau_base_nm)
         for r in thesis_dithered(TUNED)
@@ -163,18 +183,42 @@ def reproduce(
         Rows in the order of the thesis.
     """
     measured = {robot: measure(robot, jobs_of(robot)) for robot in ROBOTS}
-    rows = [
-        _row("4.3", robot, measured[robot], Job(c), None)
-        for robot in ROBOTS
-        for c in configurations(7)
-    ]
-    for robot in reversed(ROBOTS):
-        rows += [_row(r.table, robot, measured[robot], _job(r), r) for r in thesis_dithered(robot)]
-    chosen: list[ChosenRow] = []
-    if rule is not None:
-        rate = np.full(7, np.inf) if torque_rate is None else torque_rate
-        chosen = [_choose(j, measured[TUNED], rule, float(rate[j - 1])) for j in range(1, 8)]
-    return Reproduced(rows=tuple(rows), chosen=tuple(chosen), measured=measured)
+    numbers = [number for number in TITLES if number != "4.9"]
+    return Reproduced(
+        rows=tuple(r for number in numbers for r in rows_of_table(number, measured)),
+        chosen=() if rule is None else choices(measured[TUNED], rule, torque_rate),
+        measured=measured,
+    )
+
+
+def rows_of_table(number: str, measured: Mapping[str, Measured]) -> list[TableRow]:
+    """Return the rows of a table, in its order.
+
+    Args:
+        number: of `TITLES`, but 4.9.
+        measured: by robot, at least `jobs_of_table`.
+    """
+    if number == "4.3":
+        return [
+            _row(number, robot, measured[robot], job, None) for robot, job in jobs_of_table("4.3")
+        ]
+    (robot,) = thesis_robots(number)
+    printed = [r for r in thesis_dithered(robot) if r.table == number]
+    return [_row(number, robot, measured[robot], job_of(r), r) for r in printed]
+
+
+def choices(
+    measured: Measured, rule: Rule, torque_rate: Array | None = None
+) -> tuple[ChosenRow, ...]:
+    """Return Table 4.9 by the thesis's rules on simulated torques.
+
+    Args:
+        measured: of `TUNED`, at least its base torques and `grid`.
+        rule: ``tuning.rules.final_amplitude``.
+        torque_rate: (7,) limit of the torque rate [N·m/s]; None for none.
+    """
+    rate = np.full(7, np.inf) if torque_rate is None else torque_rate
+    return tuple(_choose(j, measured, rule, float(rate[j - 1])) for j in range(1, 8))
 
 
 def _row(
@@ -209,10 +253,10 @@ def _change(m: Measurement, base: Measurement) -> float:
 
 def _choose(joint: int, measured: Measured, rule: Rule, torque_rate: float) -> ChosenRow:
     """Apply the thesis's choices (4.2) to one joint's simulated torques."""
-    grid = {key: job for key, job in _grid().items() if key[0].joint == joint}
+    own = {key: job for key, job in grid().items() if key[0].joint == joint}
 
     def mean(frequency: float, scale: float) -> float:
-        mine = [job for (_, f, s), job in grid.items() if (f, s) == (frequency, scale)]
+        mine = [job for (_, f, s), job in own.items() if (f, s) == (frequency, scale)]
         return float(np.mean([_change(measured[j], measured[Job(j.configuration)]) for j in mine]))
 
     frequency = min(FREQUENCIES, key=lambda f: mean(f, 1.0))

@@ -179,7 +179,7 @@ def test_stuck_ramps_are_named(cli, work, simulated, monkeypatch):
 def test_jobs_cover_every_printed_cell_once():
     jobs = tables.jobs_of("panda")
     assert len(jobs) == len(set(jobs))
-    assert {tables._job(r) for r in thesis_dithered("panda")} <= set(jobs)
+    assert {tables.job_of(r) for r in thesis_dithered("panda")} <= set(jobs)
     assert len(tables.jobs_of("iiwa7")) == 28 + 8
 
 

@@ -80,7 +80,13 @@ def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
         robot: name for the title.
     """
     figure = Figure(figsize=(7.6, 6.2), layout="constrained")
-    axes = figure.subplots()
+    draw_path_xy(figure.subplots(), runs)
+    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
+    save_full(figure, path)
+
+
+def draw_path_xy(axes: Axes, runs: Sequence[Run], *, legend: bool = True) -> None:
+    """Draw the paths of one case in the plane of the base's x and y on given axes."""
     goals = _paths(axes, runs, (0, 1))
     for k, goal in enumerate(goals):
         axes.annotate(
@@ -96,15 +102,23 @@ def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25, lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(handles=_path_legend(runs), loc="best", frameon=False, fontsize=9)
-    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
-    save_full(figure, path)
+    if legend:
+        axes.legend(handles=path_legend(runs), loc="best", frameon=False, fontsize=9)
 
 
 def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str) -> None:
     """Draw the paths of one case in space (Figure E.1); arguments as `plot_path_xy`."""
     figure = Figure(figsize=(7.6, 6.4))
-    axes: Any = figure.add_axes((-0.03, 0.0, 1.0, 0.94), projection="3d")
+    draw_path_3d(figure.add_axes((-0.03, 0.0, 1.0, 0.94), projection="3d"), runs)
+    figure.legend(
+        handles=path_legend(runs), loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=False
+    )
+    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
+    save_full(figure, path)
+
+
+def draw_path_3d(axes: Any, runs: Sequence[Run]) -> None:
+    """Draw the paths of one case in space on given axes of three dimensions."""
     _paths(axes, runs, (0, 1, 2))
     drawn = [r.actual[:, :, :3].reshape(-1, 3) for r in runs] + [published(runs[0])[1]]
     points = np.concatenate(drawn)
@@ -119,11 +133,6 @@ def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(5 if k < 2 else 3))
     axes.set_box_aspect(tuple(share), zoom=1.0)
     axes.view_init(elev=32, azim=-60)
-    figure.legend(
-        handles=_path_legend(runs), loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=False
-    )
-    figure.suptitle(_title(runs[0], robot, "path"), fontsize=11)
-    save_full(figure, path)
 
 
 def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...]) -> Array:
@@ -140,7 +149,8 @@ def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...]) -> Array:
     return goals
 
 
-def _path_legend(runs: Sequence[Run]) -> list[Line2D]:
+def path_legend(runs: Sequence[Run]) -> list[Line2D]:
+    """Return what is in a picture of paths."""
     entries = [Line2D([], [], color=colour(run), lw=1.8, label=label(run)) for run in runs]
     text = "reference" if len(runs) == 1 else f"reference ({label(runs[0])}, iteration 1)"
     entries.append(Line2D([], [], color="0.05", lw=1.2, ls=(0, (4, 3)), label=text))
@@ -163,28 +173,40 @@ def plot_errors(
         orientation: roll, pitch and yaw instead of x, y and z.
     """
     columns = range(3, 6) if orientation else range(3)
-    symbol = "mrad" if orientation else "mm"
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")
     panels: Sequence[Axes] = figure.subplots(3, 1, sharex=True)
     for axes, k in zip(panels, columns, strict=True):
-        axes.axhline(0, color="0.7", lw=0.8, zorder=1)
-        for run in runs:
-            mean, spread = (1e3 * v[:, k] for v in error_against_time(run))
-            axes.fill_between(
-                run.time, mean - spread, mean + spread, color=colour(run), alpha=0.25, lw=0
-            )
-            axes.plot(run.time, mean, color=colour(run), lw=1.5, label=label(run), zorder=3)
-        _mark_goals(axes, runs)
-        axes.set_ylabel(f"{AXES[k]} error [{symbol}]")
-        axes.grid(alpha=0.25, lw=0.6)
-        axes.margins(x=0.01, y=0.08)
-        axes.spines[["top", "right"]].set_visible(False)
+        draw_error(axes, runs, k)
     panels[-1].set_xlabel("time [s]")
-    handles, names = panels[0].get_legend_handles_labels()
+    error_legend(panels[0], runs)
+    what = "orientation error, mean and std" if orientation else "position error, mean and std"
+    figure.suptitle(_title(runs[0], robot, what), fontsize=11)
+    save_full(figure, path)
+
+
+def draw_error(axes: Axes, runs: Sequence[Run], k: int) -> None:
+    """Draw mean error and standard deviation of axis ``k`` of :data:`AXES` against time."""
+    axes.axhline(0, color="0.7", lw=0.8, zorder=1)
+    for run in runs:
+        mean, spread = (1e3 * v[:, k] for v in error_against_time(run))
+        axes.fill_between(
+            run.time, mean - spread, mean + spread, color=colour(run), alpha=0.25, lw=0
+        )
+        axes.plot(run.time, mean, color=colour(run), lw=1.5, label=label(run), zorder=3)
+    _mark_goals(axes, runs)
+    axes.set_ylabel(f"{AXES[k]} error [{'mm' if k < 3 else 'mrad'}]")
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.margins(x=0.01, y=0.08)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def error_legend(axes: Axes, runs: Sequence[Run]) -> None:
+    """Say above a panel what is in it."""
+    handles, names = axes.get_legend_handles_labels()
     for run, style in zip(runs, _DOTS, strict=False):
         names.append("goal accepted" + (f", {label(run)}" if len(runs) > 1 else ""))
         handles.append(Line2D([], [], color=ACCEPTED, lw=1.2, ls=style))
-    panels[0].legend(
+    axes.legend(
         handles,
         names,
         loc="lower left",
@@ -194,9 +216,6 @@ def plot_errors(
         fontsize=8.5,
         columnspacing=1.4,
     )
-    what = "orientation error, mean and std" if orientation else "position error, mean and std"
-    figure.suptitle(_title(runs[0], robot, what), fontsize=11)
-    save_full(figure, path)
 
 
 # without dither, with it, the same with compensation

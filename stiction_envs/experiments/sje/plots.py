@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
@@ -99,10 +99,32 @@ def plot_sje(
         threshold: displacement from the start of a ramp that ends it [rad].
         ramp_rate: growth of the commanded torque [N·m/s].
     """
-    ordered = sorted(measurements, key=lambda m: DIRECTIONS.index(m.job.configuration.direction))
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")
+    draw_sje(figure, measurements, threshold=threshold, ramp_rate=ramp_rate)
+    c = measurements[0].job.configuration
+    kinds = dict.fromkeys(dither_text(m.job) for m in in_direction(measurements))
+    figure.suptitle(
+        f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
+        fontsize=12,
+    )
+    save_full(figure, path)
+
+
+def in_direction(measurements: Sequence[Measurement]) -> list[Measurement]:
+    """Return measurements with + before −."""
+    return sorted(measurements, key=lambda m: DIRECTIONS.index(m.job.configuration.direction))
+
+
+def draw_sje(
+    figure: Figure | SubFigure,
+    measurements: Sequence[Measurement],
+    *,
+    threshold: float,
+    ramp_rate: float,
+) -> None:
+    """Draw one joint in one pose into a figure or a part of one; arguments as `plot_sje`."""
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
-    for m in ordered:
+    for m in in_direction(measurements):
         _iterations(upper, m, ramp_rate)
         _mean(lower, m, ramp_rate)
         end = float(np.mean(m.start)) + m.job.configuration.sign * threshold
@@ -135,13 +157,6 @@ def plot_sje(
     lower.set_xlabel("commanded torque along the ramp, |τ| at breakaway [N·m]")
     for axes in (upper, lower):
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8.5)
-    c = ordered[0].job.configuration
-    kinds = dict.fromkeys(dither_text(m.job) for m in ordered)
-    figure.suptitle(
-        f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
-        fontsize=12,
-    )
-    save_full(figure, path)
 
 
 def _iterations(axes: Axes, m: Measurement, ramp_rate: float) -> None:
