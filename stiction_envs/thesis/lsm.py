@@ -11,7 +11,7 @@ all of it raw. Here the friction is known and one thing at a time is wrong with 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -193,8 +193,3 @@ def fit_lines(robot: str, wrong: str, *, seed: int = 0) -> LineFit:
         lines=lines_of(speed, torque),
         links=rosdyn([log], arm) if robot in LINKS else None,
     )
-
-
-def wrong_signs(lines: Mapping[tuple[int, str], float]) -> int:
-    """Return how many intercepts have not the sign of their direction."""
-    return sum((value > 0) != (direction == "+") for (_, direction), value in lines.items())

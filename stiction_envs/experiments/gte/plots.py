@@ -178,7 +178,15 @@ def plot_errors(
     for axes, k in zip(panels, columns, strict=True):
         draw_error(axes, runs, k)
     panels[-1].set_xlabel("time [s]")
-    error_legend(panels[0], runs)
+    panels[0].legend(
+        *error_legend_entries(panels[0], runs),
+        loc="lower left",
+        bbox_to_anchor=(0, 1.0),
+        ncols=4,
+        frameon=False,
+        fontsize=8.5,
+        columnspacing=1.4,
+    )
     what = "orientation error, mean and std" if orientation else "position error, mean and std"
     figure.suptitle(_title(runs[0], robot, what), fontsize=11)
     save_full(figure, path)
@@ -200,22 +208,13 @@ def draw_error(axes: Axes, runs: Sequence[Run], k: int) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def error_legend(axes: Axes, runs: Sequence[Run]) -> None:
-    """Say above a panel what is in it."""
+def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Any], list[str]]:
+    """Return handles and names of what `draw_error` has drawn."""
     handles, names = axes.get_legend_handles_labels()
     for run, style in zip(runs, _DOTS, strict=False):
         names.append("goal accepted" + (f", {label(run)}" if len(runs) > 1 else ""))
         handles.append(Line2D([], [], color=ACCEPTED, lw=1.2, ls=style))
-    axes.legend(
-        handles,
-        names,
-        loc="lower left",
-        bbox_to_anchor=(0, 1.0),
-        ncols=4,
-        frameon=False,
-        fontsize=8.5,
-        columnspacing=1.4,
-    )
+    return handles, names
 
 
 # without dither, with it, the same with compensation

@@ -1,0 +1,127 @@
+"""What a table or figure of the thesis is made of: its needs, its files, its one sentence.
+
+An item asks studies for parts and draws what they found; it simulates nothing. `catalogue` lists
+all items, ``templates/sentences.j2`` has their words.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.png import save_small
+from stiction_envs.reporting.templates import render
+
+TEMPLATES = Path(__file__).parent / "templates"
+KINDS = ("table", "figure")
+Needs = Mapping[str, Sequence[Hashable]]
+"""By study, the parts of it that are needed."""
+Found = Mapping[str, Mapping[Any, Any]]
+"""By study, what it found for each part."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What an item has written, and says."""
+
+    sentence: str
+    """What agrees with the thesis, what does not, and why."""
+    body: str
+    """Markdown: tables and pictures."""
+    files: tuple[str, ...]
+    """Relative to the folder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """A table or a figure of the thesis."""
+
+    id: str
+    """As printed: ``4.6``, ``F.1``."""
+    kind: str
+    """One of :data:`KINDS`."""
+    title: str
+    """What it shows in the thesis, in our words."""
+    needs: Callable[[], Needs]
+    write: Callable[[Item, Found, Path], Written]
+    """Draws into the folder what the studies found."""
+
+    @property
+    def key(self) -> str:
+        """``table-4.6``, ``figure-F.1``."""
+        return f"{self.kind}-{self.id}"
+
+    @property
+    def name(self) -> str:
+        """``Table 4.6``, ``Figure F.1``."""
+        return f"{self.kind.capitalize()} {self.id}"
+
+    @property
+    def study(self) -> tuple[str, ...]:
+        """Names of the studies it needs."""
+        return tuple(self.needs())
+
+    @property
+    def file(self) -> str:
+        """``tables/table_4_6.csv``, ``figures/figure_F_1.png``."""
+        stem = f"{self.kind}_{self.id.replace('.', '_')}"
+        return f"{self.kind}s/{stem}.{'csv' if self.kind == 'table' else 'png'}"
+
+
+def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
+    """Return what items need together, each part once."""
+    out: dict[str, dict[Hashable, None]] = {}
+    for item in items:
+        for study, parts in item.needs().items():
+            out.setdefault(study, {}).update(dict.fromkeys(parts))
+    return {study: list(parts) for study, parts in out.items()}
+
+
+def say(which: str, **values: object) -> str:
+    """Return one sentence of ``sentences.j2``; its words depend on the numbers."""
+    text = render(TEMPLATES / "sentences.j2", which=which, **values)
+    return " ".join(text.split())
+
+
+def write_table(
+    item: Item,
+    folder: Path,
+    *,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    header: Sequence[str],
+    shown: Iterable[Sequence[str]],
+    sentence: str,
+) -> Written:
+    """Write a table's CSV.
+
+    Args:
+        item: the table.
+        folder: where.
+        columns: of the CSV, those of the thesis first.
+        rows: of the CSV.
+        header: of the table on the page.
+        shown: its rows there.
+        sentence: what agrees and what does not.
+    """
+    path = folder / item.file
+    path.parent.mkdir(exist_ok=True)
+    write_lines(path, columns, rows)
+    return Written(sentence=sentence, body=table_text(header, shown), files=(item.file,))
+
+
+def write_figure(item: Item, folder: Path, figure: Figure, sentence: str) -> Written:
+    """Write a figure's picture."""
+    path = folder / item.file
+    path.parent.mkdir(exist_ok=True)
+    save_small(figure, os.fspath(path))
+    return Written(
+        sentence=sentence, body=f"![{item.name}: {item.title}]({item.file})", files=(item.file,)
+    )
