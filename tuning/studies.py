@@ -122,8 +122,10 @@ def _choices(parts: Sequence[int], found: Found, _: Setting, __: Advance) -> dic
 
 # ---- Generated Trajectory Experiment -------------------------------------------------------------
 
-_ARRAYS = ("time", "reference", "actual", "accepted", "reached", "mean_square")
-_ARRAYS += ("dither_power", "torque_rate")
+_ARRAYS = (
+    *("time", "reference", "actual", "accepted", "reached", "mean_square"),
+    *("dither_power", "torque_rate"),
+)
 
 
 def _cases(parts: Sequence[Any]) -> list[Case]:

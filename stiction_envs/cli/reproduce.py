@@ -1,13 +1,18 @@
-"""``stiction reproduce``: the thesis simulated beside measured, and why the two differ."""
+"""``stiction reproduce``: the thesis simulated beside measured, and why the two differ.
+
+Without a target: all its tables and figures in one folder, or some of them (``--only``).
+"""
 
 from __future__ import annotations
 
 import argparse
+import textwrap
 from collections.abc import Callable
 from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.errors import StictionError
 from tuning.reproduce import SEEDS, TARGETS, Request, in_order, inputs_of, reproduce
 
 
@@ -16,8 +21,9 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "reproduce",
-        summary="Simulate the thesis's tables beside the measured ones; explain the difference.",
-        example="stiction reproduce gap --out runs/gap",
+        summary="Simulate the thesis's tables and figures beside the measured ones; explain the "
+        "difference.",
+        example="stiction reproduce --only 4.6 F.1 --out runs/some",
         interrupted="what was done is kept; run the same command again to go on",
         run=run,
         show=show,
@@ -28,7 +34,14 @@ def add_parser(subparsers: Any) -> None:
         metavar="TARGET",
         type=_target,
         help="; ".join(f"{name}: {target.help}" for name, target in TARGETS.items())
-        + " (default: all)",
+        + " (default: none of them, but every table and figure in one folder with index.html)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="ID",
+        help="without a target: some tables and figures, such as 4.6, F.1, table-4.6",
     )
     parser.add_argument(
         "--seeds",
@@ -40,8 +53,8 @@ def add_parser(subparsers: Any) -> None:
     common.add_experiment_options(parser)
     common.add_shared_options(
         parser,
-        out="output folder, with one folder per target (default: runs/reproduce-TARGETS); one "
-        "that holds a part of the same run is continued",
+        out="output folder (default: runs/reproduce-TARGETS, runs/reproduce-thesis); one that "
+        "holds a part of the same run is continued",
     )
 
 
@@ -52,7 +65,34 @@ def _target(name: str) -> str:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Run the targets; write a folder for each, and provenance."""
+    """Run the targets, or draw the thesis's tables and figures; write provenance."""
+    if args.targets and args.only:
+        raise StictionError(
+            f"--only {' '.join(args.only)}: expected without a target ({', '.join(TARGETS)})"
+        )
+    return _targets(args) if args.targets else _items(args)
+
+
+def _items(args: argparse.Namespace) -> dict[str, Any]:
+    from stiction_envs.thesis.catalogue import chosen
+    from tuning.whole import inputs_of_items, reproduce_items
+
+    items = chosen(args.only)
+    name = "thesis" if not args.only else "-".join(args.only)
+    args.only = [item.key for item in items]  # the same run, however asked for
+    folder = common.output_folder(args, name, inputs_of_items(items), resumable=True)
+    request = Request(
+        seed=args.seed,
+        iterations=args.iterations,
+        scatter=not args.no_scatter,
+        nthread=args.threads,
+    )
+    with common.working(), Progress() as progress:
+        found = reproduce_items(args.only, folder, request, tell=progress.whole)
+    return {"command": "reproduce", "seed": args.seed, "out": str(folder.path), "items": found}
+
+
+def _targets(args: argparse.Namespace) -> dict[str, Any]:
     args.targets = in_order(args.targets)
     name = "all" if len(args.targets) == len(TARGETS) else "-".join(args.targets)
     folder = common.output_folder(args, name, inputs_of(args.targets), resumable=True)
@@ -79,11 +119,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def show(result: dict[str, Any]) -> str:
     """Return the results as readable tables."""
+    if "items" in result:
+        return _show_items(result)
     lines: list[str] = []
     for target, found in result["targets"].items():
         lines += SHOWN[target](found)
         lines.append("")
     return "\n".join([*lines, f"written to {result['out']}"])
+
+
+def _show_items(result: dict[str, Any]) -> str:
+    lines = []
+    for key, found in result["items"].items():
+        text = f"{key.replace('-', ' ')}: {found['sentence']}"
+        lines += textwrap.wrap(text, 100, subsequent_indent="  ")
+    return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
 
 
 def _show_gap(found: dict[str, Any]) -> list[str]:

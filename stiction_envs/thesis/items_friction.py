@@ -49,7 +49,7 @@ def _draw(axes: Axes, curve: FrictionCurve, span: float, zone: float) -> None:
         axes.plot([0, 0], [0, stiction], color=WHOLE, lw=2)
         axes.plot(0, stiction, "o", color=WHOLE, ms=5)
         side = "left" if sign < 0 else "right"
-        name = "τ_S⁺" if sign > 0 else "τ_S⁻"
+        name = r"$\tau_S^+$" if sign > 0 else r"$\tau_S^-$"
         axes.annotate(
             name,
             (0, stiction),
@@ -57,7 +57,7 @@ def _draw(axes: Axes, curve: FrictionCurve, span: float, zone: float) -> None:
             textcoords="offset points",
             ha=side,
             va="center",
-            fontsize=10,
+            fontsize=11,
             color=WHOLE,
         )
     axes.plot([], [], color=PARTS, lw=1, ls=(0, (5, 3)), label="Coulomb friction")

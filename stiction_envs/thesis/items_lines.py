@@ -351,7 +351,7 @@ def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
         x = np.array([0.0, sign * np.percentile(np.abs(speed), 99.5)])
         text = f"({direction.replace('-', '−')}) {signed(mine.intercept, 2)} N·m, R² {mine.r2:.2g}"
         axes.plot(x, mine.slope * x + mine.intercept, color=LINE, lw=2, label=text)
-    x = np.linspace(*np.percentile(speed, [0.2, 99.8]), 600)
+    x = np.linspace(np.percentile(speed, 0.2), np.percentile(speed, 99.8), 600)
     truth = friction(x[:, None], bands_of(fit.robot)[joint - 1 : joint])[:, 0]
     axes.plot(x, truth, color=TRUTH, lw=1.2, ls=(0, (4, 2)), label="true friction")
     limit = 1.3 * max(float(np.percentile(np.abs(torque), 99)), float(np.abs(truth).max()))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -99,27 +100,15 @@ class Ramps:
             later=float(np.mean(later)) if later else float("nan"),
             shaking=1e3 * max((m.displacement for m in taus), default=float("nan")),
             threshold=protocol.threshold,
-            presliding=1e3 * float(np.median([_before(m, protocol.ramp_rate) for m in taus]))
-            if taus
-            else float("nan"),
         )
-
-
-def _before(m: Measurement, ramp_rate: float) -> float:
-    """Return how far a joint has moved at 90 % of the torque that moves it, median [rad]."""
-    moved = []
-    for k, (torque, angle) in enumerate(plots.ramps(m, ramp_rate)):
-        early = torque <= 0.9 * abs(m.tau[k])
-        if early.any():
-            moved.append(abs(float(angle[early][-1]) - float(m.start[k])))
-    return float(np.median(moved)) if moved else float("nan")
 
 
 def draw(measured: Sequence[Measurement], robot: str) -> Figure:
     """Return the figure: the load pose at the left, the other at the right."""
     protocol = load_protocol(robot)
-    figure = Figure(figsize=(15.2, 6.8), layout="constrained")
-    for part, load in zip(figure.subfigures(1, 2, wspace=0.02), LOADS, strict=True):
+    figure = Figure(figsize=(13.2, 6.4), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, wspace=0.02)
+    for part, load in zip(parts, LOADS, strict=True):
         mine = [m for m in measured if m.job.configuration.load == load]
         plots.draw_sje(part, mine, threshold=protocol.threshold, ramp_rate=protocol.ramp_rate)
         kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
