@@ -69,7 +69,12 @@ def reproduce_items(
             scatter=request.scatter,
         )
     return {
-        s.item.key: {"title": s.item.title, "sentence": s.written.sentence, "file": s.item.file}
+        s.item.key: {
+            "title": s.item.title,
+            "brief": s.written.said.brief,
+            "sentence": s.written.said.sentence,
+            "file": s.item.file,
+        }
         for s in sections
     }
 

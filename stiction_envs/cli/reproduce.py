@@ -6,7 +6,6 @@ Without a target: all its tables and figures in one folder, or some of them (``-
 from __future__ import annotations
 
 import argparse
-import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -78,7 +77,7 @@ def _items(args: argparse.Namespace) -> dict[str, Any]:
     from tuning.whole import inputs_of_items, reproduce_items
 
     items = chosen(args.only)
-    name = "thesis" if not args.only else "-".join(args.only)
+    name = "-".join(args.only).replace(".", "_") or "thesis"
     args.only = [item.key for item in items]  # the same run, however asked for
     folder = common.output_folder(args, name, inputs_of_items(items), resumable=True)
     request = Request(
@@ -129,10 +128,7 @@ def show(result: dict[str, Any]) -> str:
 
 
 def _show_items(result: dict[str, Any]) -> str:
-    lines = []
-    for key, found in result["items"].items():
-        text = f"{key.replace('-', ' ')}: {found['sentence']}"
-        lines += textwrap.wrap(text, 100, subsequent_indent="  ")
+    lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]
     return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
 
 

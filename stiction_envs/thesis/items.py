@@ -27,12 +27,21 @@ Found = Mapping[str, Mapping[Any, Any]]
 """By study, what it found for each part."""
 
 
+@dataclass(frozen=True)
+class Said:
+    """What the numbers of an item say."""
+
+    brief: str
+    """The number that counts."""
+    sentence: str
+    """What agrees with the thesis, what does not, and why."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Written:
     """What an item has written, and says."""
 
-    sentence: str
-    """What agrees with the thesis, what does not, and why."""
+    said: Said
     body: str
     """Markdown: tables and pictures."""
     files: tuple[str, ...]
@@ -84,10 +93,11 @@ def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
     return {study: list(parts) for study, parts in out.items()}
 
 
-def say(which: str, **values: object) -> str:
-    """Return one sentence of ``sentences.j2``; its words depend on the numbers."""
+def say(which: str, **values: object) -> Said:
+    """Return what ``sentences.j2`` says of numbers; its words depend on them."""
     text = render(TEMPLATES / "sentences.j2", which=which, **values)
-    return " ".join(text.split())
+    brief, sentence = (" ".join(part.split()) for part in text.split("‖"))
+    return Said(brief, sentence[:1].upper() + sentence[1:])
 
 
 def write_table(
@@ -98,7 +108,7 @@ def write_table(
     rows: Sequence[Sequence[Any]],
     header: Sequence[str],
     shown: Iterable[Sequence[str]],
-    sentence: str,
+    said: Said,
 ) -> Written:
     """Write a table's CSV.
 
@@ -109,19 +119,17 @@ def write_table(
         rows: of the CSV.
         header: of the table on the page.
         shown: its rows there.
-        sentence: what agrees and what does not.
+        said: what agrees and what does not.
     """
     path = folder / item.file
     path.parent.mkdir(exist_ok=True)
     write_lines(path, columns, rows)
-    return Written(sentence=sentence, body=table_text(header, shown), files=(item.file,))
+    return Written(said=said, body=table_text(header, shown), files=(item.file,))
 
 
-def write_figure(item: Item, folder: Path, figure: Figure, sentence: str) -> Written:
+def write_figure(item: Item, folder: Path, figure: Figure, said: Said) -> Written:
     """Write a figure's picture."""
     path = folder / item.file
     path.parent.mkdir(exist_ok=True)
     save_small(figure, os.fspath(path))
-    return Written(
-        sentence=sentence, body=f"![{item.name}: {item.title}]({item.file})", files=(item.file,)
-    )
+    return Written(said=said, body=f"![{item.name}: {item.title}]({item.file})", files=(item.file,))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from stiction_envs.robots import arm_title
 from stiction_envs.thesis.friction_curve import FrictionCurve
-from stiction_envs.thesis.items import Found, Item, Needs, Written, say, write_figure
+from stiction_envs.thesis.items import Found, Item, Needs, Said, Written, say, write_figure
 from stiction_envs.thesis.tables import TUNED
 
 WHOLE, PARTS, POINTS = "#1f5fa8", "0.35", "#c2410c"
@@ -34,7 +34,7 @@ def write_curve(item: Item, found: Found, folder: Path) -> Written:
     handles, names = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     figure.suptitle(f"{arm_title(curve.robot)}, joint {curve.joint}", fontsize=11)
-    return write_figure(item, folder, figure, curve_sentence(curve))
+    return write_figure(item, folder, figure, say_curve(curve))
 
 
 def _draw(axes: Axes, curve: FrictionCurve, span: float, zone: float) -> None:
@@ -80,7 +80,7 @@ def _draw(axes: Axes, curve: FrictionCurve, span: float, zone: float) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def curve_sentence(curve: FrictionCurve) -> str:
+def say_curve(curve: FrictionCurve) -> Said:
     """Return which parts of the figure the model has, and whether the simulation follows it."""
     off = 100 * np.abs(curve.torque / curve.law(curve.speed) - 1)
     fast = np.array([1.0, -1.0]) * float(np.abs(curve.speed).max())

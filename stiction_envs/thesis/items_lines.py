@@ -19,11 +19,27 @@ from stiction_envs.measured import thesis_robots, thesis_table
 from stiction_envs.reporting.markdown import short, signed
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters
-from stiction_envs.thesis.items import Found, Item, Needs, Written, say, write_figure, write_table
+from stiction_envs.thesis.items import (
+    Found,
+    Item,
+    Needs,
+    Said,
+    Written,
+    say,
+    write_figure,
+    write_table,
+)
 from stiction_envs.thesis.lsm import ALL_WRONG, LINES, LINKS, WRONG, LineFit, bands_of, friction
 
 (PANDA,), (IIWA,) = LINES, LINKS
 NOTHING = "nothing"
+SINGLE_DEFECTS = {
+    "noisy acceleration": "a noisy acceleration",
+    "gravity error": "an error of gravity",
+    "no slow data": "the lack of slow data",
+    "filtered speeds that lag": "a lag of filtered speeds",
+}
+"""Of `lsm.WRONG`, as a sentence has them."""
 QUANTITIES = {"intercept": "intercept", "slope": "slope", "r2": "r2"}
 """Field of a line by its name in Table 4.2."""
 SHOWN_POINTS = 2000
@@ -54,25 +70,17 @@ def _wrong_signs(values: Mapping[tuple[int, str], float]) -> int:
     return sum((v > 0) != (direction == "+") for (_, direction), v in values.items())
 
 
-def lines_sentence(fits: Mapping[str, LineFit], joints: Sequence[int] | None = None) -> str:
-    """Return what the lines of the simulated logs say of the thesis's.
-
-    Args:
-        fits: by what is wrong.
-        joints: from 1; None for all.
-    """
-    chosen = [r for r in thesis_table("A.1") if joints is None or r["joint"] in joints]
-    keys = [(r["joint"], r["direction"]) for r in chosen]
+def say_lines(fits: Mapping[str, LineFit]) -> Said:
+    """Return what the lines of the simulated logs, by what is wrong, say of the thesis's."""
+    rows = thesis_table("A.1")
+    keys = [(r["joint"], r["direction"]) for r in rows]
     bands = bands_of(PANDA)
-    printed = {k: r["intercept_Nm"] for k, r in zip(keys, chosen, strict=True)}
+    printed = {k: r["intercept_Nm"] for k, r in zip(keys, rows, strict=True)}
     of = {w: {k: _intercepts(f)[k] for k in keys} for w, f in fits.items()}
     clean, wrong = of[NOTHING], of[ALL_WRONG]
     off = {
-        w: max(abs(abs(x) - bands[j - 1]) for (j, _), x in found.items())
-        for w, found in of.items()
-        if w not in (NOTHING, ALL_WRONG)
+        w: max(abs(abs(x) - bands[j - 1]) for (j, _), x in of[w].items()) for w in SINGLE_DEFECTS
     }
-    r2 = {w: [f.of(*k).r2 for k in keys] for w, f in fits.items()}
     a, b = np.array(list(printed.values())), np.array(list(wrong.values()))
     return say(
         "lines",
@@ -83,11 +91,39 @@ def lines_sentence(fits: Mapping[str, LineFit], joints: Sequence[int] | None = N
         share=[abs(x) / bands[j - 1] for (j, _), x in clean.items()],
         most_printed=float(np.abs(a).max()),
         most_simulated=float(np.abs(b).max()),
-        r2_printed=[r["r2"] for r in chosen],
-        r2_clean=r2[NOTHING],
-        r2_noise=r2["noisy acceleration"],
+        r2_printed=float(np.median([r["r2"] for r in rows])),
+        r2_clean=[x.r2 for x in fits[NOTHING].lines],
+        r2_noise=float(np.median([x.r2 for x in fits["noisy acceleration"].lines])),
         same_sign=int((np.sign(a) == np.sign(b)).sum()),
-        cause=max(off, key=off.__getitem__),
+        cause=SINGLE_DEFECTS[max(off, key=off.__getitem__)],
+    )
+
+
+def say_two(fits: Mapping[str, LineFit], joints: Sequence[int]) -> Said:
+    """Return for some joints (from 1) which simulated log theirs is like."""
+    printed = {(r["joint"], r["direction"]): r for r in thesis_table("A.1")}
+    bands = bands_of(PANDA)
+
+    def off(joint: int, wrong: str) -> float:
+        gaps = [
+            abs(fits[wrong].of(joint, d).intercept - printed[joint, d]["intercept_Nm"])
+            for d in "+-"
+        ]
+        return float(np.mean(gaps))
+
+    return say(
+        "two",
+        joints=[
+            {
+                "joint": j,
+                "clean": off(j, NOTHING),
+                "wrong": off(j, ALL_WRONG),
+                "band": float(bands[j - 1]),
+            }
+            for j in joints
+        ],
+        r2_clean=[x.r2 for x in fits[NOTHING].lines if x.joint in joints],
+        r2_printed=[r["r2"] for (j, _), r in printed.items() if j in joints],
     )
 
 
@@ -103,7 +139,7 @@ def _line_table(
     folder: Path,
     fits: Mapping[str, LineFit],
     cells: Sequence[tuple[Mapping[str, Any], float, str]],
-    sentence: str,
+    said: Said,
 ) -> Written:
     """Write a table with one printed number of a line per row.
 
@@ -112,7 +148,7 @@ def _line_table(
         folder: where.
         fits: by what is wrong.
         cells: printed row, its number, the line's field.
-        sentence: of the table.
+        said: of the table.
     """
     wrong, clean = fits[ALL_WRONG], fits[NOTHING]
     lines, shown = [], []
@@ -131,7 +167,7 @@ def _line_table(
         rows=lines,
         header=["line", "", "measured", "simulated", "difference", "nothing wrong"],
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
 
 
@@ -144,7 +180,7 @@ def write_two_joints(item: Item, found: Found, folder: Path) -> Written:
     fits, rows = _fits(found), thesis_table("4.2")
     cells = [(r, r["value"], QUANTITIES[r["quantity"].lower()]) for r in rows]
     joints = sorted({r["joint"] for r in rows})
-    return _line_table(item, folder, fits, cells, lines_sentence(fits, joints))
+    return _line_table(item, folder, fits, cells, say_two(fits, joints))
 
 
 def write_all_joints(item: Item, found: Found, folder: Path) -> Written:
@@ -197,7 +233,7 @@ def write_all_joints(item: Item, found: Found, folder: Path) -> Written:
             *(f"R²: {three[0]}", *three[1:]),
         ],
         shown=shown,
-        sentence=lines_sentence(fits),
+        said=say_lines(fits),
     )
 
 
@@ -231,7 +267,7 @@ def write_comparison(item: Item, found: Found, folder: Path) -> Written:
                 signed(base - r["tau_base_Nm"], 3),
             ]
         )
-    sentence = say(
+    said = say(
         "comparison", rows=len(lines), **{k: float(np.nanmedian(v)) for k, v in gaps.items()}
     )
     return write_table(
@@ -251,7 +287,7 @@ def write_comparison(item: Item, found: Found, folder: Path) -> Written:
             *("base torque [N·m]: measured", "simulated", "difference"),
         ],
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
 
 
@@ -308,7 +344,7 @@ def write_links(item: Item, found: Found, folder: Path) -> Written:
     assert links is not None
     assert best is not None
     robot = thesis_robots()[IIWA]
-    sentence = say(
+    said = say(
         "links",
         printed_sum=sum(masses.values()),
         printed_negative=sum(m < 0 for m in masses.values()),
@@ -334,7 +370,7 @@ def write_links(item: Item, found: Found, folder: Path) -> Written:
             *("viscous [N·m·s/rad]: measured", "simulated", "nothing wrong"),
         ],
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
 
 
@@ -354,7 +390,7 @@ def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
     x = np.linspace(np.percentile(speed, 0.2), np.percentile(speed, 99.8), 600)
     truth = friction(x[:, None], bands_of(fit.robot)[joint - 1 : joint])[:, 0]
     axes.plot(x, truth, color=TRUTH, lw=1.2, ls=(0, (4, 2)), label="true friction")
-    limit = 1.3 * max(float(np.percentile(np.abs(torque), 99)), float(np.abs(truth).max()))
+    limit = 1.55 * max(float(np.percentile(np.abs(torque), 99)), float(np.abs(truth).max()))
     axes.set_ylim(-limit, limit)
     axes.set_title(title, fontsize=10, loc="left")
     axes.set_xlabel("joint speed [rad/s]", fontsize=9)
@@ -374,7 +410,7 @@ def write_two_panels(item: Item, found: Found, folder: Path) -> Written:
     ):
         for axes, joint, letter in zip(row, (7, 1), "ab", strict=True):
             _panel(axes, fits[wrong], joint, f"({letter}) joint {joint}, {words}")
-    return write_figure(item, folder, figure, lines_sentence(fits, (1, 7)))
+    return write_figure(item, folder, figure, say_two(fits, (1, 7)))
 
 
 def write_seven_panels(item: Item, found: Found, folder: Path) -> Written:
@@ -385,4 +421,4 @@ def write_seven_panels(item: Item, found: Found, folder: Path) -> Written:
     for joint in range(1, 8):
         _panel(grid[joint - 1], fits[ALL_WRONG], joint, f"({'abcdefg'[joint - 1]}) joint {joint}")
     grid[7].set_visible(False)
-    return write_figure(item, folder, figure, lines_sentence(fits))
+    return write_figure(item, folder, figure, say_lines(fits))

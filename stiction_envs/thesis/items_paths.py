@@ -20,7 +20,16 @@ from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.measured import thesis_table
 from stiction_envs.reporting.markdown import percent, signed
 from stiction_envs.thesis.gte import Pair, WindowSum, score, window_sums
-from stiction_envs.thesis.items import Found, Item, Needs, Written, say, write_figure, write_table
+from stiction_envs.thesis.items import (
+    Found,
+    Item,
+    Needs,
+    Said,
+    Written,
+    say,
+    write_figure,
+    write_table,
+)
 
 LETTERS = "abcdef"
 
@@ -72,11 +81,11 @@ def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
             *("simulated: no dither", "dither", "change", "difference [points]"),
         ],
         shown=shown,
-        sentence=sums_sentence(rows, iterations),
+        said=say_sums(rows, iterations),
     )
 
 
-def sums_sentence(rows: Sequence[WindowSum], iterations: int) -> str:
+def say_sums(rows: Sequence[WindowSum], iterations: int) -> Said:
     """Return what Table 4.11 says of the shipped set-up."""
     found = score(rows)
     return say(
@@ -98,10 +107,10 @@ def write_plane(item: Item, found: Found, folder: Path) -> Written:
     figure = Figure(figsize=(12, 10.4), layout="constrained")
     for k, (axes, pair) in enumerate(zip(figure.subplots(2, 2).ravel(), pairs, strict=True)):
         runs = [run for run, _ in pair]
-        plots.draw_path_xy(axes, runs, legend=False)
+        plots.draw_path_xy(axes, runs, legend=False, mean=True)
         axes.set_title(f"({LETTERS[k]}) {plots.case_text(runs[0].case)}", loc="left", fontsize=11)
     _path_legend(figure, pairs)
-    return write_figure(item, folder, figure, paths_sentence(pairs))
+    return write_figure(item, folder, figure, say_paths(pairs))
 
 
 def write_space(item: Item, found: Found, folder: Path) -> Written:
@@ -111,8 +120,8 @@ def write_space(item: Item, found: Found, folder: Path) -> Written:
     for k, pair in enumerate(pairs):
         runs = [run for run, _ in pair]
         left, up = 0.5 * (k % 2), 0.5 * (1 - k // 2)
-        axes = figure.add_axes((left - 0.01, up + 0.02, 0.49, 0.44), projection="3d")
-        plots.draw_path_3d(axes, runs)
+        axes = figure.add_axes((left - 0.01, up - 0.01, 0.50, 0.52), projection="3d")
+        plots.draw_path_3d(axes, runs, mean=True)
         title = f"({LETTERS[k]}) {plots.case_text(runs[0].case)}"
         figure.text(left + 0.04, up + 0.46, title, fontsize=11)
     figure.legend(
@@ -121,7 +130,7 @@ def write_space(item: Item, found: Found, folder: Path) -> Written:
         ncols=4,
         frameon=False,
     )
-    return write_figure(item, folder, figure, paths_sentence(pairs))
+    return write_figure(item, folder, figure, say_paths(pairs))
 
 
 def _path_legend(figure: Figure, pairs: Sequence[Pair]) -> None:
@@ -133,7 +142,7 @@ def _path_legend(figure: Figure, pairs: Sequence[Pair]) -> None:
     )
 
 
-def paths_sentence(pairs: Sequence[Pair]) -> str:
+def say_paths(pairs: Sequence[Pair]) -> Said:
     """Return whether dithered paths follow their reference better, and what stiffness does."""
 
     def distance(k: int) -> list[float]:
@@ -177,12 +186,12 @@ def error_writer(
             grid[-1, column].set_xlabel("time [s]")
         handles, names = plots.error_legend_entries(grid[0, 0], [run for run, _ in pairs[0]])
         figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
-        return write_figure(item, folder, figure, errors_sentence(pairs, rows))
+        return write_figure(item, folder, figure, say_errors(pairs, rows))
 
     return write
 
 
-def errors_sentence(pairs: Sequence[Pair], rows: Sequence[int]) -> str:
+def say_errors(pairs: Sequence[Pair], rows: Sequence[int]) -> Said:
     """Return what dither and stiffness do to mean errors and to their spread.
 
     Args:

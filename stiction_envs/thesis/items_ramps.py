@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
 from stiction_envs.experiments.sje.protocol import configurations as all_configurations
 from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
-from stiction_envs.thesis.items import Found, Item, Needs, Written, say, write_figure
+from stiction_envs.thesis.items import Found, Item, Needs, Said, Written, say, write_figure
 from stiction_envs.thesis.tables import job_of
 
 
@@ -58,9 +59,9 @@ class Ramps:
         """Draw the figure."""
         measured = [found["sje"][self.robot, j] for j in self.jobs()]
         base = [found["sje"][self.robot, Job(m.job.configuration)] for m in measured]
-        return write_figure(item, folder, draw(measured, self.robot), self.sentence(measured, base))
+        return write_figure(item, folder, draw(measured, self.robot), self.said(measured, base))
 
-    def sentence(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> str:
+    def said(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> Said:
         """Return what the ramps say.
 
         Args:
@@ -70,8 +71,8 @@ class Ramps:
         protocol = load_protocol(self.robot)
         good = [k for k, m in enumerate(measured) if np.isfinite(m.mean)]
         taus = [measured[k] for k in good]
-        first = [abs(m.tau[0] - m.tau[1:].mean()) for m in taus if len(m.tau) > 1]
-        later = [m.tau[1:].std(ddof=1) for m in taus if len(m.tau) > 2]
+        first, scatter = _first_and_others([m.tau for m in taus])
+        start, start_scatter = _first_and_others([m.start for m in taus])
         table = thesis_base(self.robot)
         printed = {(r.joint, r.load, r.direction): r for r in self.printed()}
         off, simulated, change = [], [], []
@@ -96,11 +97,22 @@ class Ramps:
             off=float(np.mean(off)) if off else float("nan"),
             simulated=float(np.mean(simulated)) if simulated else float("nan"),
             change=float(np.mean(change)) if change else float("nan"),
-            first=float(np.mean(first)) if first else float("nan"),
-            later=float(np.mean(later)) if later else float("nan"),
+            first=1e3 * first,
+            scatter=1e3 * scatter,
+            start=1e3 * start,
+            start_scatter=1e3 * start_scatter,
             shaking=1e3 * max((m.displacement for m in taus), default=float("nan")),
             threshold=protocol.threshold,
         )
+
+
+def _first_and_others(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Return how far first iterations are from the others, and how far those scatter (means)."""
+    enough = [v for v in values if len(v) > 2]
+    if not enough:
+        return float("nan"), float("nan")
+    away = [abs(float(v[0] - v[1:].mean())) for v in enough]
+    return float(np.mean(away)), float(np.mean([v[1:].std(ddof=1) for v in enough]))
 
 
 def draw(measured: Sequence[Measurement], robot: str) -> Figure:

@@ -17,7 +17,7 @@ from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.markdown import signed
 from stiction_envs.robots import load_arm
 from stiction_envs.thesis.items import Found, Item, Needs, Written, say, write_table
-from stiction_envs.thesis.tables import TUNED, ChosenRow, TableRow, jobs_of_table, rows_of_table
+from stiction_envs.thesis.tables import ChosenRow, TableRow, jobs_of_table, rows_of_table
 
 POSES = {"load": "load", "no_load": "no load"}
 EXTRA = ("simulated_tau_Nm", "simulated_std_Nm", "simulated_change_pct", "difference_points")
@@ -70,7 +70,7 @@ def write_base(item: Item, found: Found, folder: Path) -> Written:
         )
     gaps = {r: abs(r.difference) for r in rows if math.isfinite(r.difference)}
     worst = max(gaps, key=gaps.__getitem__) if gaps else None
-    sentence = say(
+    said = say(
         "base",
         cells=len(rows),
         stuck=len(rows) - len(gaps),
@@ -86,7 +86,7 @@ def write_base(item: Item, found: Found, folder: Path) -> Written:
         rows=lines,
         header=["robot, joint, pose, direction", "measured [N·m]", "simulated [N·m]", "difference"],
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
 
 
@@ -122,8 +122,8 @@ class Agreement:
     rises: int
     """Cells that rose in print."""
     rises_right: int
-    bias: float
-    """Mean difference [points]."""
+    own_rises: int
+    """Simulated torques that dither raises."""
     constant: float
     """Share of the squared difference that every configuration has at all its settings [-]."""
     worst_joint: int
@@ -146,7 +146,7 @@ def agreement(rows: Sequence[TableRow]) -> Agreement:
             signs=0,
             rises=0,
             rises_right=0,
-            bias=none,
+            own_rises=0,
             constant=none,
             worst_joint=0,
             worst_joint_mean=none,
@@ -172,7 +172,7 @@ def agreement(rows: Sequence[TableRow]) -> Agreement:
         signs=int(right.sum()),
         rises=int((measured > 0).sum()),
         rises_right=int(right[measured > 0].sum()),
-        bias=float(gap.mean()),
+        own_rises=sum(r.simulated_change_pct > 0 for r in good),
         constant=constant / float(np.square(gap).sum()) if gap.any() else 0.0,
         worst_joint=joint,
         worst_joint_mean=by_joint[joint],
@@ -187,7 +187,7 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     (robot,) = thesis_robots(number)
     arm = load_arm(robot)
     half = arm.controller_rate_hz / 2
-    sentence = say(
+    said = say(
         "dithered",
         number=number,
         a=agreement(rows),
@@ -237,7 +237,7 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
         rows=lines,
         header=header,
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
 
 
@@ -283,7 +283,7 @@ def write_chosen(item: Item, found: Found, folder: Path) -> Written:
     scales = [c for c in chosen.values() if c.simulated_scale == _printed_scale(c)]
     gaps = {c.joint: c.simulated_final_nm / c.measured_final_nm - 1 for c in chosen.values()}
     furthest = max(gaps, key=lambda j: abs(gaps[j]))
-    sentence = say(
+    said = say(
         "chosen",
         joints=len(chosen),
         frequencies=len(same),
@@ -291,9 +291,18 @@ def write_chosen(item: Item, found: Found, folder: Path) -> Written:
         close=sum(abs(g) <= 0.05 for g in gaps.values()),
         furthest=furthest,
         gap=100 * gaps[furthest],
-        other=[c for c in chosen.values() if c not in same],
+        other=[
+            {
+                "joint": c.joint,
+                "measured": c.measured_frequency_hz,
+                "simulated": c.simulated_frequency_hz,
+                "apart": abs(_printed_mean(c, c.measured_frequency_hz) - _printed_mean(c)),
+            }
+            for c in chosen.values()
+            if c not in same
+        ],
+        repeats=repeat_floor(cells())[0],
         hand=next(p["joint"] for p in thesis_table("4.9") if p["final_set_by_hand"]),
-        robot=thesis_robots()[TUNED].title,
     )
     names = ("frequency_Hz", "scale", "tau_intermediate_Nm", "tau_final_Nm")
     return write_table(
@@ -307,8 +316,15 @@ def write_chosen(item: Item, found: Found, folder: Path) -> Written:
         rows=lines,
         header=["joint", "measured: f [Hz], scale, A [N·m]", "simulated", "difference of A", "why"],
         shown=shown,
-        sentence=sentence,
+        said=said,
     )
+
+
+def _printed_mean(c: ChosenRow, frequency_hz: float | None = None) -> float:
+    """Return the mean change at scale 1.0 in print [%], at the simulated frequency for None."""
+    f = c.simulated_frequency_hz if frequency_hz is None else frequency_hz
+    rows = [r for r in thesis_table("4.6") if (r["joint"], r["frequency_Hz"]) == (c.joint, f)]
+    return float(np.mean([r["change_pct"] for r in rows]))
 
 
 def _printed_scale(c: ChosenRow) -> float:

@@ -95,10 +95,10 @@ def _intro(sections: Sequence[Section], *, whole: bool) -> str:
 
 def _overview(sections: Sequence[Section]) -> str:
     rows = [
-        [f"[{s.item.name}](#{slug(s.item.name)})", s.item.title, s.written.sentence]
+        [f"[{s.item.name}](#{slug(s.item.name)})", s.item.title, s.written.said.brief]
         for s in sections
     ]
-    return table_text(["", "what it shows", "what agrees, what does not, and why"], rows)
+    return table_text(["", "what it shows", "simulated against the thesis"], rows)
 
 
 # ---- section 6.1 ---------------------------------------------------------------------------------

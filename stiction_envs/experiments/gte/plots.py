@@ -85,9 +85,14 @@ def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     save_full(figure, path)
 
 
-def draw_path_xy(axes: Axes, runs: Sequence[Run], *, legend: bool = True) -> None:
-    """Draw the paths of one case in the plane of the base's x and y on given axes."""
-    goals = _paths(axes, runs, (0, 1))
+def draw_path_xy(
+    axes: Axes, runs: Sequence[Run], *, legend: bool = True, mean: bool = False
+) -> None:
+    """Draw the paths of one case in the plane of the base's x and y on given axes.
+
+    Each iteration's, or their mean as in the thesis.
+    """
+    goals = _paths(axes, runs, (0, 1), mean=mean)
     for k, goal in enumerate(goals):
         axes.annotate(
             f"{k + 1}",
@@ -117,9 +122,9 @@ def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     save_full(figure, path)
 
 
-def draw_path_3d(axes: Any, runs: Sequence[Run]) -> None:
+def draw_path_3d(axes: Any, runs: Sequence[Run], *, mean: bool = False) -> None:
     """Draw the paths of one case in space on given axes of three dimensions."""
-    _paths(axes, runs, (0, 1, 2))
+    _paths(axes, runs, (0, 1, 2), mean=mean)
     drawn = [r.actual[:, :, :3].reshape(-1, 3) for r in runs] + [published(runs[0])[1]]
     points = np.concatenate(drawn)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -135,12 +140,13 @@ def draw_path_3d(axes: Any, runs: Sequence[Run]) -> None:
     axes.view_init(elev=32, azim=-60)
 
 
-def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...]) -> Array:
+def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool = False) -> Array:
     """Draw paths and reference; return the goals (G, 3) [m]."""
     for run in runs:
-        rounds = len(run.actual)
+        actual = run.actual.mean(axis=0, keepdims=True) if mean else run.actual
+        rounds = len(actual)
         for k in range(rounds):
-            line = [run.actual[k, :, d] for d in dims]
+            line = [actual[k, :, d] for d in dims]
             axes.plot(*line, color=colour(run), lw=1.1, alpha=1.0 if rounds == 1 else 0.45)
     # the reference of the run without dither, if there: the other's starts elsewhere at corners
     reference, goals = published(runs[0])
