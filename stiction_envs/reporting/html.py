@@ -11,7 +11,7 @@ _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
 h1{font-size:1.7em}h2{margin-top:2em;border-bottom:1px solid #ddd;padding-bottom:.2em}
 img{max-width:100%;border:1px solid #eee}
-figure{margin:1em 0;overflow-x:auto}a{color:#1f5fa8}
+figure{margin:1em 0;overflow-x:auto}a{color:#1f5fa8}td a{white-space:nowrap}
 table{border-collapse:collapse;margin:1em 0;font-size:.9em;display:block;overflow-x:auto}
 th,td{border:1px solid #ddd;padding:.25em .6em;text-align:left}th{background:#f6f6f6}
 code{background:#f3f3f3;padding:0 .2em;overflow-wrap:anywhere}

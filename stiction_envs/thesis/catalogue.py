@@ -93,7 +93,10 @@ ITEMS: tuple[Item, ...] = (
         "2.3", "Friction of a joint over its speed, and the parts of it", curve_needs, write_curve
     ),
     _table(
-        "4.1", "Links and friction of the iiwa by RosDyn's least squares", link_needs, write_links
+        "4.1",
+        "Links and friction of the iiwa by RosDyn's least squares (inertias: in the CSV)",
+        link_needs,
+        write_links,
     ),
     _table(
         "4.2", "Lines of friction over speed, Panda joints 1 and 7", line_needs, write_two_joints

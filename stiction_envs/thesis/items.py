@@ -21,6 +21,8 @@ from stiction_envs.reporting.templates import render
 
 TEMPLATES = Path(__file__).parent / "templates"
 KINDS = ("table", "figure")
+SHORT = 24
+"""Characters of a cell that stays on one line."""
 Needs = Mapping[str, Sequence[Hashable]]
 """By study, the parts of it that are needed."""
 Found = Mapping[str, Mapping[Any, Any]]
@@ -124,7 +126,13 @@ def write_table(
     path = folder / item.file
     path.parent.mkdir(exist_ok=True)
     write_lines(path, columns, rows)
-    return Written(said=said, body=table_text(header, shown), files=(item.file,))
+    body = table_text(header, [[_unbroken(cell) for cell in row] for row in shown])
+    return Written(said=said, body=body, files=(item.file,))
+
+
+def _unbroken(cell: str) -> str:
+    """Return a short cell with blanks that do not break."""
+    return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
 
 
 def write_figure(item: Item, folder: Path, figure: Figure, said: Said) -> Written:

@@ -42,6 +42,7 @@ SINGLE_DEFECTS = {
 """Of `lsm.WRONG`, as a sentence has them."""
 QUANTITIES = {"intercept": "intercept", "slope": "slope", "r2": "r2"}
 """Field of a line by its name in Table 4.2."""
+WORDS = {"intercept": "intercept [N·m]", "slope": "slope [N·m·s/rad]", "r2": "R²"}
 SHOWN_POINTS = 2000
 """Points of a panel."""
 TRUTH, LINE = "0.1", "#c2590c"
@@ -158,7 +159,7 @@ def _line_table(
         lines.append([*printed.values(), now, now - value, best])
         sign = printed["direction"].replace("-", "−")
         shown.append(
-            [f"joint {key[0]} ({sign})", name, *map(_small, (value, now, now - value, best))]
+            [f"joint {key[0]} ({sign})", WORDS[name], *map(_small, (value, now, now - value, best))]
         )
     return write_table(
         item,
@@ -406,7 +407,7 @@ def write_two_panels(item: Item, found: Found, folder: Path) -> Written:
     figure = Figure(figsize=(11, 7.6), layout="constrained")
     grid = figure.subplots(2, 2)
     for row, (wrong, words) in zip(
-        grid, ((ALL_WRONG, "as logged"), (NOTHING, "nothing wrong")), strict=True
+        grid, ((ALL_WRONG, "with all defects"), (NOTHING, "nothing wrong")), strict=True
     ):
         for axes, joint, letter in zip(row, (7, 1), "ab", strict=True):
             _panel(axes, fits[wrong], joint, f"({letter}) joint {joint}, {words}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
 from stiction_envs.gap.tables.cells import FITTED, cells, repeat_floor
-from stiction_envs.measured import thesis_robots, thesis_table
+from stiction_envs.measured import thesis_base, thesis_robots, thesis_table
 from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.markdown import signed
 from stiction_envs.robots import load_arm
@@ -167,7 +167,7 @@ def agreement(rows: Sequence[TableRow]) -> Agreement:
         cells=len(sound),
         mean=float(np.mean(np.abs(gap))),
         largest=float(np.max(np.abs(gap))),
-        where=configuration_name(worst.configuration),
+        where=f"joint {configuration_name(worst.configuration)}",
         nothing=float(np.mean(np.abs(measured))),
         signs=int(right.sum()),
         rises=int((measured > 0).sum()),
@@ -200,6 +200,7 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     )
     key = _column_of(number)
     columns = list(dict.fromkeys(map(key, rows)))
+    bases = {r.configuration: found["sje"][robot, Job(r.configuration)].mean for r in rows}
     # Table 4.10's printed rows alternate between the sets of amplitudes, as ours do
     lines = [
         [
@@ -211,7 +212,6 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
         ]
         for printed, r in zip(thesis_table(number), rows, strict=True)
     ]
-    bases = {r.configuration: found["sje"][robot, Job(r.configuration)].mean for r in rows}
     cells_of: dict[Configuration, dict[Any, list[str]]] = {}
     for r in rows:
         cells_of.setdefault(r.configuration, {})[key(r)] = [
@@ -220,20 +220,21 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
             f"{_torque(r.simulated_nm, 3)} ({_torque(r.simulated_change_pct, 1)})",
             _torque(r.difference, 1),
         ]
-    header = ["joint, pose, direction", "simulated base [N·m]"]
+    header = ["joint, pose, direction", "base [N·m]: measured", "simulated"]
     for c in columns:
         name = c if isinstance(c, str) else f"{c:g} Hz"
         header += [f"{name}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
-    blank = ["", "", ""]
+    blank, base = ["", "", ""], thesis_base(robot)
     shown = [
-        [configuration_name(c), _torque(bases[c], 3)]
+        [configuration_name(c), signed(base.get(c.joint, c.load, c.direction), 3)]
+        + [_torque(bases[c], 3)]
         + [text for k in columns for text in mine.get(k, blank)]
         for c, mine in cells_of.items()
     ]
     return write_table(
         item,
         folder,
-        columns=[*thesis_table(number)[0], *EXTRA],
+        columns=[*thesis_table(number)[0], "simulated_tau_base_Nm", *EXTRA],
         rows=lines,
         header=header,
         shown=shown,

@@ -71,6 +71,7 @@ def write_pages(
         else plural(iterations, "iteration"),
         seed=seed,
         scatter=scatter,
+        lines=any("lsm" in s.item.study for s in sections),
         overview=_overview(sections),
         chapters=chapters,
         future=future_table(),
@@ -86,9 +87,9 @@ def _intro(sections: Sequence[Section], *, whole: bool) -> str:
     what = f"{plural(tables, 'table')} and {plural(figures, 'figure')}"
     part = "every one with data" if whole else f"of {len(ITEMS)} with data"
     return (
-        f"{what} ({part}) of S. Monzó Martínez, A. Zejnullahu, *Accuracy Improvement and Joint "
+        f'{what} ({part}) of S. Monzó Martínez, A. Zejnullahu, "Accuracy Improvement and Joint '
         "Stiction Relieve in Robot Arms Movement Applying Torque-Based Cartesian Impedance Control "
-        "With Dithering*, MSc thesis TFRT-6202, Lund University, 2023. What came of its wishes: "
+        'With Dithering", MSc thesis TFRT-6202, Lund University, 2023. What came of its wishes: '
         "[future work](#future)."
     )
 
