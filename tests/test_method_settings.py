@@ -16,6 +16,7 @@ from stiction_envs.gap.causes import default_settings
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
 from stiction_envs.method_settings import check_numbers, fingerprint, flat, load_settings, override
+from stiction_envs.thesis.settings import thesis_settings
 from tuning.policies.settings import policy_settings
 from tuning.settings import tuning_settings
 
@@ -25,6 +26,7 @@ ROOMS = {
     "experiments": experiment_settings,
     "gap": default_settings,
     "identification": identification_settings,
+    "thesis": thesis_settings,
     "tuning": tuning_settings,
     "tuning/policies": policy_settings,
 }

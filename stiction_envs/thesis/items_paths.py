@@ -120,7 +120,7 @@ def write_space(item: Item, found: Found, folder: Path) -> Written:
     for k, pair in enumerate(pairs):
         runs = [run for run, _ in pair]
         left, up = 0.5 * (k % 2), 0.5 * (1 - k // 2)
-        axes = figure.add_axes((left - 0.01, up - 0.01, 0.50, 0.52), projection="3d")
+        axes = figure.add_axes((left + 0.005, up + 0.005, 0.455, 0.49), projection="3d")
         plots.draw_path_3d(axes, runs, mean=True)
         title = f"({LETTERS[k]}) {plots.case_text(runs[0].case)}"
         figure.text(left + 0.04, up + 0.46, title, fontsize=11)

@@ -1,6 +1,6 @@
 """A page of Markdown as one HTML file."""
 
-from stiction_envs.reporting.html import to_html
+from stiction_envs.reporting.html import slug, to_html
 
 
 def test_html_escapes_and_holds_its_pictures(tmp_path):
@@ -17,3 +17,21 @@ def test_html_escapes_and_holds_its_pictures(tmp_path):
         'src="data:image/png;base64,cG5n"',
     ):
         assert part in page
+
+
+def test_links_reach_headings_and_anchors(tmp_path):
+    lines = ["## Table 4.6", "", '<a id="future"></a>', "", "## Future work, and more", ""]
+    lines += ["| a |", "|---|", "| [Table 4.6](#table-46) |", "", "see [numbers](tables/t.csv)"]
+    page = to_html(lines, tmp_path, "T")
+    assert '<h2 id="table-46">Table 4.6</h2>' in page
+    assert '<a id="future"></a>' in page
+    assert '<td><a href="#table-46">Table 4.6</a></td>' in page
+    assert '<p>see <a href="tables/t.csv">numbers</a></p>' in page
+    assert slug("Future work, and more") == "future-work-and-more"
+    assert slug("Joint 1 (+)") == "joint-1-"
+
+
+def test_a_page_fits_a_phone(tmp_path):
+    page = to_html(["text"], tmp_path, "T")
+    assert '<meta name="viewport" content="width=device-width,initial-scale=1">' in page
+    assert "overflow-x:auto" in page

@@ -147,7 +147,12 @@ def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool 
         rounds = len(actual)
         for k in range(rounds):
             line = [actual[k, :, d] for d in dims]
-            axes.plot(*line, color=colour(run), lw=1.1, alpha=1.0 if rounds == 1 else 0.45)
+            axes.plot(
+                *line,
+                color=colour(run),
+                lw=1.6 if mean else 1.1,
+                alpha=1.0 if rounds == 1 else 0.45,
+            )
     # the reference of the run without dither, if there: the other's starts elsewhere at corners
     reference, goals = published(runs[0])
     axes.plot(*(reference[:, d] for d in dims), color="0.05", lw=1.2, ls=(0, (4, 3)), zorder=4)

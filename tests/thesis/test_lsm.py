@@ -1,0 +1,106 @@
+"""The thesis's identification on simulated logs whose friction is known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import load_arm
+from stiction_envs.thesis import lsm
+from stiction_envs.thesis.friction_curve import friction_curve
+from stiction_envs.thesis.settings import thesis_settings
+
+
+@pytest.fixture(scope="module")
+def clean() -> lsm.LineFit:
+    return lsm.fit_lines("panda", "nothing")
+
+
+def intercepts(fit: lsm.LineFit) -> np.ndarray:
+    return np.array([x.intercept for x in fit.lines]).reshape(7, 2)
+
+
+def test_a_clean_log_gives_bands_without_their_stribeck_peak(clean):
+    drop = thesis_settings().identification.coulomb_ratio
+    share = np.abs(intercepts(clean)) / lsm.bands_of("panda")[:, None]
+    assert np.all(np.sign(intercepts(clean)) == [1, -1])
+    assert np.all((share > drop) & (share < 1))
+    assert clean.of(7, "-").joint == 7
+    assert clean.of(7, "-").direction == "-"
+    assert clean.links is None
+
+
+def test_an_error_of_gravity_moves_intercepts_and_noise_does_not(clean):
+    heavy, noisy = (lsm.fit_lines("panda", w) for w in ("gravity error", "noisy acceleration"))
+    middle = np.abs(intercepts(heavy).sum(axis=1)) / 2
+    assert middle.max() > 1.0
+    assert np.abs(intercepts(clean).sum(axis=1)).max() < 0.05
+    assert np.abs(intercepts(noisy) - intercepts(clean)).max() < 0.2
+    r2 = [np.median([x.r2 for x in fit.lines]) for fit in (clean, noisy)]
+    assert r2[1] < 0.1 * r2[0]
+
+
+def test_friction_has_its_limits():
+    s, bands = thesis_settings().identification, lsm.bands_of("panda")
+    rest = lsm.friction(np.zeros((1, 7)), bands)
+    np.testing.assert_array_equal(rest, np.zeros((1, 7)))
+    slow, fast = lsm.friction(np.array([np.full(7, 4e-3), np.full(7, 2.0)]), bands)
+    np.testing.assert_allclose(slow, bands, rtol=0.01)
+    np.testing.assert_allclose(fast, (s.coulomb_ratio + 2 * s.viscous) * bands)
+    np.testing.assert_array_equal(
+        lsm.friction(-np.ones((1, 7)), bands), -lsm.friction(np.ones((1, 7)), bands)
+    )
+
+
+def test_bands_are_means_of_table_4_3():
+    assert lsm.bands_of("iiwa7")[0] == pytest.approx((0.3284 + 0.6265 + 1.072 + 0.8724) / 4)
+    with pytest.raises(StictionError, match="iiwa14"):
+        lsm.bands_of("iiwa14")
+
+
+def test_lines_are_those_of_known_data():
+    speed = np.linspace(-1, 1, 401)[:, None]
+    torque = np.where(speed > 0, 0.5 + 0.2 * speed, -0.3 + 0.1 * speed)
+    plus, minus = lsm.lines_of(speed, torque)
+    assert (plus.intercept, plus.slope) == (pytest.approx(0.5), pytest.approx(0.2))
+    assert (minus.intercept, minus.slope) == (pytest.approx(-0.3), pytest.approx(0.1))
+    assert plus.r2 == pytest.approx(1.0)
+    assert plus.rows == minus.rows == 200
+
+
+def test_raw_friction_of_a_model_that_knows_its_arm_is_friction():
+    log = lsm.simulated_log("panda")
+    speed, torque = lsm.raw_friction(log, load_arm("panda"), 10)
+    assert len(speed) == pytest.approx(len(log.t) / 10, abs=2)
+    left = torque - lsm.friction(speed, lsm.bands_of("panda"))
+    assert left.std() == pytest.approx(thesis_settings().identification.torque_noise, rel=0.1)
+
+
+def test_the_same_seed_gives_the_same_log():
+    one, same, other = (lsm.simulated_log("panda", seed=s) for s in (3, 3, 4))
+    np.testing.assert_array_equal(one.tau, same.tau)
+    assert not np.array_equal(one.q, other.q)
+
+
+def test_settings_are_checked():
+    with pytest.raises(StictionError, match="rate"):
+        dataclasses.replace(thesis_settings().identification, rate=0.0)
+
+
+@pytest.mark.slow
+def test_links_of_the_iiwa_are_impossible():
+    fit = lsm.fit_lines("iiwa7", lsm.ALL_WRONG)
+    assert len(fit.links.impossible) > 0
+    assert fit.links.phi.shape == (7, 10)
+
+
+@pytest.mark.slow
+def test_a_joint_at_constant_speed_has_the_friction_of_the_law():
+    curve = friction_curve("panda", nthread=1)
+    np.testing.assert_allclose(curve.torque, curve.law(curve.speed), rtol=0.02)
+    np.testing.assert_allclose(curve.torque, -curve.torque[::-1], rtol=1e-3)
+    # the Stribeck effect is there: less at ten Stribeck velocities than at a third of one
+    slow = np.abs(curve.torque[np.abs(curve.speed) < curve.stribeck[0] / 2]).min()
+    fast = np.abs(curve.torque[np.isclose(np.abs(curve.speed), 0.0275, rtol=0.1)]).max()
+    assert fast < 0.9 * slow
