@@ -205,6 +205,7 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     lines = [
         [
             *printed.values(),
+            bases[r.configuration],
             r.simulated_nm,
             r.simulated_std_nm,
             r.simulated_change_pct,

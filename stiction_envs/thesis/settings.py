@@ -95,8 +95,11 @@ class ThesisSettings:
     """All of the room."""
 
     identification: IdentificationSettings
+    """Tables 4.1, 4.2, 4.4 and A.1."""
     curve: CurveSettings
+    """Figure 2.3."""
     cost: CostSettings
+    """For the progress bar."""
 
 
 @cache

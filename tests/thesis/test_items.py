@@ -20,6 +20,7 @@ from stiction_envs.thesis.items_lines import say_lines
 from stiction_envs.thesis.items_paths import say_errors, say_paths, say_sums
 from stiction_envs.thesis.items_ramps import Ramps
 from stiction_envs.thesis.items_torques import agreement
+from stiction_envs.thesis.rosdyn import Unconstrained
 from stiction_envs.thesis.tables import ChosenRow, jobs_of_table, rows_of_table
 from tests.thesis.test_gte import as_printed
 
@@ -63,7 +64,10 @@ def written(key: str, found: Found, tmp_path) -> tuple[Written, list[dict[str, s
     if item.kind == "figure":
         return done, []
     with open(tmp_path / item.file, encoding="utf-8") as file:
-        return done, list(csv.DictReader(file))
+        rows = list(csv.DictReader(file))
+    # a cell for every column, and a column for every cell
+    assert all(None not in row and None not in row.values() for row in rows)
+    return done, rows
 
 
 # ---- torques -------------------------------------------------------------------------------------
@@ -77,6 +81,9 @@ def test_tables_as_printed_have_no_difference(number, tmp_path):
     assert len(rows) == len(printed)
     for row, was in zip(rows, printed, strict=True):
         assert float(row["tau_sje_Nm"]) == was["tau_sje_Nm"]
+        base = thesis_base("iiwa7" if number == "4.5" else "panda")
+        base = base.get(was["joint"], was["load"], was["direction"])
+        assert float(row["simulated_tau_base_Nm"]) == pytest.approx(base)
         assert float(row["difference_points"]) == pytest.approx(0, abs=0.05)
         # Table 4.3 rounds some bases
         assert float(row["simulated_tau_Nm"]) == pytest.approx(was["tau_sje_Nm"], rel=2e-3)
@@ -279,6 +286,38 @@ def test_table_4_4_compares_lines_with_base_torques(tmp_path):
     clean = {**found["lsm"], ("panda", "nothing"): fit("nothing")}
     done, _ = written("table-4.4", {**found, "lsm": clean}, tmp_path)
     assert "do not mend the method" in done.said.sentence
+
+
+def linked(mass: float, wrong: str) -> lsm.LineFit:
+    """Return spheres of a mass, friction as printed."""
+    rows = {(r["joint"], r["quantity"]): r["value"] for r in thesis_table("4.1")}
+    phi = np.zeros((7, 10))
+    phi[:, 0], phi[:, [4, 6, 9]] = mass, 0.01
+    links = Unconstrained(
+        phi=phi,
+        coulomb=np.array([rows[j, "coulomb"] for j in range(1, 8)]),
+        viscous=np.array([rows[j, "viscous"] for j in range(1, 8)]),
+        condition=1.0,
+    )
+    return dataclasses.replace(fit(wrong), robot="iiwa7", links=links)
+
+
+def test_links_say_whether_they_fail_alike(tmp_path):
+    def found(mass: float) -> Found:
+        return {"lsm": {("iiwa7", w): linked(mass, w) for w in ("nothing", lsm.ALL_WRONG)}}
+
+    good, rows = written("table-4.1", found(3.0), tmp_path)
+    assert "this failure is not reproduced" in good.said.sentence
+    assert len(rows) == 91
+    value = {(r["joint"], r["quantity"]): r for r in rows if r["subtable"] == "a"}
+    assert float(value["3", "mass"]["simulated"]) == 3.0
+    assert float(value["3", "mass"]["difference"]) == pytest.approx(53.15)
+    assert float(value["3", "viscous"]["difference"]) == 0.0
+    bad, _ = written("table-4.1", found(-3.0), tmp_path)
+    assert "7 of 7 simulated links cannot exist" in bad.said.sentence
+    assert "The same kind of failure, not its size" in bad.said.sentence
+    heavy, _ = written("table-4.1", found(1e-6), tmp_path)
+    assert heavy.said.brief.endswith("0 kg (print 1014)")
 
 
 # ---- friction ------------------------------------------------------------------------------------
