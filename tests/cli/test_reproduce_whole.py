@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiction_envs.cli.progress import Progress
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import friction_text
@@ -212,6 +213,18 @@ def test_the_bar_counts_the_whole(cli, work, curve, simulated):
     assert 0 < shares[-1] <= 100
     for stage in ("friction curve", "single joints", "drawing"):
         assert stage in ran.err
+
+
+def test_the_bar_counts_what_was_done_before(cli, work, simulated, monkeypatch):
+    assert cli(*ONLY, "--out", "a").code == 0
+    told: list[tuple[str, float]] = []
+    monkeypatch.setattr(Progress, "whole", lambda self, stage, share: told.append((stage, share)))
+    assert cli(*ONLY, "--out", "a").code == 0
+    ends = {stage: share for stage, share in told}
+    starts = {stage: share for stage, share in reversed(told)}
+    assert ends["single joints"] == pytest.approx(starts["paths"])
+    assert ends["paths"] == pytest.approx(starts["drawing"])
+    assert ends["drawing"] == 1.0
 
 
 # ---- input ---------------------------------------------------------------------------------------

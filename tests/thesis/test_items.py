@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -88,6 +89,8 @@ def test_tables_as_printed_have_no_difference(number, tmp_path):
         # Table 4.3 rounds some bases
         assert float(row["simulated_tau_Nm"]) == pytest.approx(was["tau_sje_Nm"], rel=2e-3)
     assert "off by 0.0 points" in done.said.sentence
+    rises = sum(r["change_pct"] > 0 for r in printed)
+    assert f"{rises} of the {rises} printed rises come out" in done.said.sentence
     assert "as well as the thesis agrees with itself" in done.said.sentence
     assert done.body.count("\n| ") + 1 == 1 + len(
         {(r["joint"], r["load"], r["direction"]) for r in printed}
@@ -376,7 +379,11 @@ def test_sums_as_printed_beat_the_rule_that_all_falls(pairs, tmp_path):
 
 
 def test_paths_and_errors_say_where_dither_helps(pairs):
-    assert "better in all 4 cases" in say_paths(pairs).sentence
+    said = say_paths(pairs).sentence
+    assert "better in all 4 cases" in said
+    change = [float(x.replace("−", "-")) for x in re.findall(r"(−[\d.]+) %", said)]
+    assert len(change) == 4  # RMS distance, and that at the last goal
+    assert -40 < min(change[:2]) <= max(change[:2]) < 0
     turned = [(b, a) for a, b in pairs]
     assert "better in none of 4 cases" in say_paths(turned).sentence
     triangle = [p for p in pairs if p[0][0].case.trajectory == "triangle"]

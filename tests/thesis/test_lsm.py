@@ -77,6 +77,14 @@ def test_raw_friction_of_a_model_that_knows_its_arm_is_friction():
     assert left.std() == pytest.approx(thesis_settings().identification.torque_noise, rel=0.1)
 
 
+def test_a_filtered_speed_lags_by_its_time_constant():
+    lag = thesis_settings().identification.speed_lag
+    log = lsm.simulated_log("panda", lag=lag)
+    rate = np.gradient(log.dq, log.t, axis=0)[200:]
+    ahead = (np.gradient(log.q, log.t, axis=0) - log.dq)[200:]
+    assert (rate * ahead).sum() / (rate**2).sum() == pytest.approx(lag, rel=0.02)
+
+
 def test_the_same_seed_gives_the_same_log():
     one, same, other = (lsm.simulated_log("panda", seed=s) for s in (3, 3, 4))
     np.testing.assert_array_equal(one.tau, same.tau)
