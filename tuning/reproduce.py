@@ -2,6 +2,7 @@
 
 reproduce(["tables"], "runs/tables")
 
+Each target has a folder of its own; all tables and figures in one folder: `tuning.whole`.
 Light to import: the command line reads names and helps of `TARGETS` from here.
 """
 

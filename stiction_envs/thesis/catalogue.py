@@ -8,10 +8,10 @@ Table 4.6 and Figure 4.6 share their number: ``4.6`` is both, ``table-4.6`` the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from stiction_envs.errors import StictionError
-from stiction_envs.thesis.items import KINDS, Item
+from stiction_envs.thesis.items import KINDS, Item, Needs, Write
 from stiction_envs.thesis.items_friction import curve_needs, write_curve
 from stiction_envs.thesis.items_lines import (
     comparison_needs,
@@ -63,16 +63,16 @@ LEFT_OUT = {
 """What has no data, and is not drawn."""
 
 
-def _table(number: str, title: str, needs: object, write: object) -> Item:
-    return Item(id=number, kind="table", title=title, needs=needs, write=write)  # type: ignore[arg-type]
+def _table(number: str, title: str, needs: Callable[[], Needs], write: Write) -> Item:
+    return Item(id=number, kind="table", title=title, needs=needs, write=write)
 
 
-def _figure(number: str, title: str, needs: object, write: object) -> Item:
-    return Item(id=number, kind="figure", title=title, needs=needs, write=write)  # type: ignore[arg-type]
+def _figure(number: str, title: str, needs: Callable[[], Needs], write: Write) -> Item:
+    return Item(id=number, kind="figure", title=title, needs=needs, write=write)
 
 
 def _torques(number: str) -> Item:
-    write = {"4.3": write_base}.get(number, write_dithered)
+    write = write_base if number == "4.3" else write_dithered
     return _table(number, TITLES[number], torque_needs(number), write)
 
 

@@ -61,7 +61,7 @@ class Item:
     title: str
     """What it shows in the thesis, in our words."""
     needs: Callable[[], Needs]
-    write: Callable[[Item, Found, Path], Written]
+    write: Write
     """Draws into the folder what the studies found."""
 
     @property
@@ -84,6 +84,10 @@ class Item:
         """``tables/table_4_6.csv``, ``figures/figure_F_1.png``."""
         stem = f"{self.kind}_{self.id.replace('.', '_')}"
         return f"{self.kind}s/{stem}.{'csv' if self.kind == 'table' else 'png'}"
+
+
+Write = Callable[[Item, Found, Path], Written]
+"""Draws an item into a folder from what the studies found."""
 
 
 def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:

@@ -26,6 +26,7 @@ from stiction_envs.thesis.items import (
     Item,
     Needs,
     Said,
+    Write,
     Written,
     say,
     write_figure,
@@ -50,7 +51,7 @@ def pairs_of(found: Found, trajectories: Sequence[str] = TRAJECTORIES) -> list[P
 
 
 def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.11, of the shipped set-up."""
+    """Write Table 4.11, of the shipped set-up: one of many that the thesis allows."""
     pairs = pairs_of(found)
     rows, iterations = window_sums(pairs), len(pairs[0][0][0].accepted)
     lines, shown = [], []
@@ -119,7 +120,7 @@ def write_space(item: Item, found: Found, folder: Path) -> Written:
     figure = Figure(figsize=(12, 10.4))
     for k, pair in enumerate(pairs):
         runs = [run for run, _ in pair]
-        left, up = 0.5 * (k % 2), 0.5 * (1 - k // 2)
+        left, up = 0.485 * (k % 2), 0.5 * (1 - k // 2)
         axes = figure.add_axes((left + 0.005, up + 0.005, 0.455, 0.49), projection="3d")
         plots.draw_path_3d(axes, runs, mean=True)
         title = f"({LETTERS[k]}) {plots.case_text(runs[0].case)}"
@@ -165,9 +166,7 @@ def say_paths(pairs: Sequence[Pair]) -> Said:
 # ---- errors against time -------------------------------------------------------------------------
 
 
-def error_writer(
-    trajectory: str, *, orientation: bool = False
-) -> Callable[[Item, Found, Path], Written]:
+def error_writer(trajectory: str, *, orientation: bool = False) -> Write:
     """Return what draws Figures 4.7, 4.8, F.1 or F.2: an axis a row, a stiffness a column."""
     rows = range(3, 6) if orientation else range(3)
 

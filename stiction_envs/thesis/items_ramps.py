@@ -6,7 +6,7 @@ both poses of a joint side by side.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,5 +131,4 @@ def draw(measured: Sequence[Measurement], robot: str) -> Figure:
 
 def ramp_item(id_: str, title: str, ramps: Ramps) -> Item:
     """Return the item of a figure of ramps."""
-    write: Callable[[Item, Found, Path], Written] = ramps.write
-    return Item(id=id_, kind="figure", title=title, needs=ramps.needs, write=write)
+    return Item(id=id_, kind="figure", title=title, needs=ramps.needs, write=ramps.write)
