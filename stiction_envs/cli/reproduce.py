@@ -166,9 +166,8 @@ def _show_tables(found: dict[str, Any]) -> list[str]:
 def _show_gte(found: dict[str, Any]) -> list[str]:
     return [
         f"Table 4.11: signs of the dither's effect right {found['signs_right']} of "
-        f"{found['axes']} ({found['always_falls']} if every error fell), of the rises "
-        f"{found['rises_right']} of {found['rises']}; errors without dither off by a factor of "
-        f"{found['factor']:.1f}"
+        f"{found['axes']}, of the rises {found['rises_right']} of {found['rises']}; errors without "
+        f"dither off by a factor of {found['factor']:.1f}"
     ]
 
 

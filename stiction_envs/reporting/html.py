@@ -25,8 +25,8 @@ _LINK = re.compile(r"\[([^\]]+)\]\(([^()\s]+)\)")
 def to_html(lines: list[str], folder: Path, title: str) -> str:
     """Return a page of the Markdown that `report` writes.
 
-    Headings, paragraphs, lists, tables, pictures, links, bold and code, anchors that stand alone on
-    their line; nothing else is known. Headings have the anchors that GitHub gives them.
+    Headings, paragraphs, lists, tables, pictures, links, bold, italics and code, anchors that stand
+    alone on their line; nothing else is known. Headings have the anchors that GitHub gives them.
 
     Args:
         lines: of Markdown.
@@ -98,5 +98,6 @@ def _table(lines: list[str], k: int, out: list[str]) -> int:
 def _inline(text: str) -> str:
     text = html.escape(text, quote=False)
     text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)
+    text = re.sub(r"(?<![\w*])\*([^*\s](?:[^*]*[^*\s])?)\*(?![\w*])", r"<em>\1</em>", text)
     text = re.sub(r"`(.+?)`", r"<code>\1</code>", text)
     return _LINK.sub(r'<a href="\2">\1</a>', text)

@@ -93,6 +93,7 @@ def say_sums(rows: Sequence[WindowSum], iterations: int) -> Said:
     return say(
         "sums",
         **found,
+        always_falls=sum(r.measured_change < 0 for r in rows),
         median=100 * float(np.median([r.simulated_change for r in rows])),
         measured=100 * float(np.median([r.measured_change for r in rows])),
         unclear=sum(not r.clear(iterations) for r in rows) if iterations > 1 else None,

@@ -35,3 +35,8 @@ def test_a_page_fits_a_phone(tmp_path):
     page = to_html(["text"], tmp_path, "T")
     assert '<meta name="viewport" content="width=device-width,initial-scale=1">' in page
     assert "overflow-x:auto" in page
+
+
+def test_italics_are_not_products(tmp_path):
+    page = to_html(["*one word* and *two*, 2 * 3 * 4, a*b*c"], tmp_path, "T")
+    assert "<p><em>one word</em> and <em>two</em>, 2 * 3 * 4, a*b*c</p>" in page
