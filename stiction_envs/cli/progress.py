@@ -73,7 +73,7 @@ class Progress:
             if self._bar is None:
                 self._stage = stage
                 self._draw(0.0, 100.0)
-            self._bar.set_description(stage, refresh=False)
+            self._bar.set_description_str(stage, refresh=False)
             self._draw(100 * share, 100.0)
         elif stage != self._stage:
             known = "" if share is None else f"{100 * share:3.0f} % "

@@ -68,7 +68,8 @@ def test_progress_of_the_whole_on_a_terminal_is_one_bar(monkeypatch):
         bar = progress._bar
         progress.whole("report", 0.75)
         assert progress._bar is bar
-        assert (bar.desc, bar.n, bar.total) == ("report: ", 75.0, 100.0)
+        assert (bar.desc, bar.n, bar.total) == ("report", 75.0, 100.0)
+        assert str(bar).startswith("report:  75 %|")
 
 
 def test_unexpected_error_is_one_line(cli, work, monkeypatch):
