@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks._policies_measures import MEASURES
 from benchmarks._policies_plan import (
     BASELINES,
+    BOUND,
     RANDOM_PATHS,
     TRAINED,
     Training,
@@ -29,11 +30,13 @@ from tuning.policies.settings import policy_settings
 
 LOOKS = {
     "none": ("o", "0.4"),
+    BOUND: ("1", "0.2"),
     "random": ("x", "0.6"),
     "Table 4.9": ("s", "#d1701a"),
     "make tune": ("D", "#b8860b"),
     "search, constant": ("^", "#2b7bba"),
     "gated": ("p", "#17a2a2"),
+    "search, default gate": ("p", "#17a2a2"),
     "rule": ("*", "#1f3f8a"),
     "feedforward": ("<", "#7a1740"),
     "push": ("X", "#2a5a2a"),

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from benchmarks import _policies_rows
+from benchmarks._policies_pictures import LOOKS
 from benchmarks._policies_plan import (
+    TRAINED,
     Cell,
     Plan,
     Training,
@@ -179,3 +181,8 @@ def test_compensation_does_what_the_argument_does_with_the_undithered_runs_of_ot
         assert ours[name] == theirs[name] != none[name]
     name = "undithered_position_left_m"
     assert ours[name] == none[name] != theirs[name]
+
+
+def test_every_agent_has_a_look():
+    names = {a.name for r in Plan().robots for e in ("gte", "sje") for a in unlearned(r, e)}
+    assert names | set(TRAINED.values()) <= set(LOOKS)
