@@ -143,12 +143,16 @@ def _stiffness(case: Case) -> str:
 
 
 def score(rows: Sequence[WindowSum]) -> dict[str, float]:
-    """Return how many signs of the dither's effect come out, and how far off the sums are."""
+    """Return how many signs of the dither's effect come out, and how far off the sums are.
+
+    ``falls`` of the axes fall in print: so many signs has whoever says "every error falls".
+    """
     right = [np.sign(r.simulated_change) == np.sign(r.measured_change) for r in rows]
     rises = [ok for ok, r in zip(right, rows, strict=True) if r.measured_change > 0]
     logs = [np.log(r.simulated_no_dither / r.measured_no_dither) for r in rows]
     return {
         "axes": len(rows),
+        "falls": len(rows) - len(rises),
         "signs_right": int(np.sum(right)),
         "rises": len(rises),
         "rises_right": int(np.sum(rises)),
@@ -160,6 +164,7 @@ def write_gte(
     folder: Path,
     pairs: Sequence[Pair],
     *,
+    ensemble: str = "",
     progress: Callable[[str, float, float], None] | None = None,
 ) -> dict[str, float]:
     """Write `table_4_11.csv`, `gte.md` and the figures.
@@ -167,6 +172,7 @@ def write_gte(
     Args:
         folder: where; it exists.
         pairs: of `run_thesis_cases`.
+        ensemble: section of the page on other set-ups, of `ensemble_page.write_ensemble`.
         progress: called with (stage, done, total).
 
     Returns:
@@ -200,6 +206,7 @@ def write_gte(
         Path(__file__).parent / "templates" / "gte.md.j2",
         iterations=iterations,
         s=found,
+        ensemble=ensemble,
         table=_table(rows, iterations),
         figures=shown,
     )

@@ -1,0 +1,360 @@
+"""The ensemble of Table 4.11 as files: `ensemble.csv`, `ensemble.png` and a section of the page."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.gte.plots import MEASURED
+from stiction_envs.experiments.gte.protocol import AXES
+from stiction_envs.experiments.gte.rows import unit
+from stiction_envs.experiments.sje.plots import WITH, WITHOUT
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import percent, plural, short, table_text
+from stiction_envs.reporting.png import save_full
+from stiction_envs.reporting.templates import render
+from stiction_envs.robots import arm_title
+from stiction_envs.thesis.ensemble import Member
+from stiction_envs.thesis.ensemble_prior import bare_arm
+from stiction_envs.thesis.ensemble_scores import (
+    Coverage,
+    Sums,
+    factor,
+    inside,
+    intervals,
+    lag,
+    measured_sums,
+    rank_correlation,
+    scores,
+    signs_right,
+    stack,
+)
+from stiction_envs.thesis.gte import ROBOT, thesis_cases
+
+Array = NDArray[np.float64]
+LAWS = {"diagonal": "the package's damping (2√K)", "mass": "that of eq. 2.14"}
+KINDS = {
+    "both": "two sessions",
+    "dither": "dither alone",
+    "session": "another session alone",
+}
+RESOLUTION = np.repeat([0.036, 0.0064], [4, 3])
+"""Of a Panda's logged joint torques [N·m], physics.md 1.8."""
+SHADES = {"both": WITH, "dither": "#7b3fa0", "session": WITHOUT}
+
+
+def write_ensemble(
+    folder: Path,
+    members: Sequence[Member],
+    shipped: Mapping[str, float],
+    *,
+    fitting: float,
+) -> tuple[str, dict[str, Any]]:
+    """Write `ensemble.csv` and `ensemble.png`; return the section for `gte.md` and its numbers.
+
+    Args:
+        folder: where; it exists.
+        members: of `run_ensemble`.
+        shipped: share of the error that is lag in the shipped set-up, by damping law.
+        fitting: share of set-ups called best fitting.
+    """
+    measured, sums = measured_sums(), stack(members)
+    found = scores(members, measured, fitting=fitting)
+    write_lines(folder / "ensemble.csv", *_lines(members, sums, measured))
+    plot_ensemble(sums, measured, folder / "ensemble.png")
+    return section(found, sums, measured, shipped), _numbers(found)
+
+
+def _numbers(found: Any) -> Any:
+    """Return scores as JSON has them."""
+    if isinstance(found, Coverage):
+        return dataclasses.asdict(found)
+    return {k: _numbers(v) for k, v in found.items()} if isinstance(found, dict) else found
+
+
+def _lines(
+    members: Sequence[Member], sums: Sums, measured: tuple[Array, Array]
+) -> tuple[list[str], list[list[Any]]]:
+    """Return header and rows of `ensemble.csv`: what was drawn, then what came of it."""
+    change = np.log(measured[1] / measured[0])
+    results: dict[str, Array] = {
+        "factor": factor(sums.no_dither, measured[0]),
+        "size": np.exp(np.log(sums.no_dither / measured[0]).mean(axis=1)),
+        "lag_share": lag(sums.free, sums.no_dither),
+    }
+    for name, values in (
+        ("two_sessions", sums.change),
+        ("dither_alone", sums.by_dither),
+        ("session_alone", sums.by_session),
+    ):
+        results[f"signs_right_{name}"] = signs_right(values, change).astype(float)
+        results[f"rank_correlation_{name}"] = rank_correlation(values, change)
+        results[f"median_change_{name}"] = np.expm1(np.median(values, axis=1))
+    for kind, values in (("no_dither", sums.no_dither), ("dither", sums.dither)):
+        for k, cell in enumerate(_names("_")):
+            results[f"{kind}_{cell}"] = values[:, k]
+    rows, header = [], []
+    for i, m in enumerate(members):
+        drawn: dict[str, Any] = {"set_up": m.number}
+        for name, value in dataclasses.asdict(m.set_up).items():
+            if isinstance(value, tuple):
+                drawn |= {f"{name}_{j}": x for j, x in enumerate(value, 1)}
+            else:
+                drawn[name] = value
+        drawn |= {f"refused_{k}": v for k, v in m.refused.items()}
+        drawn |= {f"flag_{k}": v for k, v in m.flags.items()}
+        header = [*drawn, *results]
+        rows.append([*drawn.values(), *(v[i] for v in results.values())])
+    return header, rows
+
+
+def _names(between: str = " ") -> list[str]:
+    """Return the 24 cells: path, translational stiffness, axis."""
+    return [
+        between.join((c.trajectory, f"{c.stiffness[0]:g}", axis))
+        for c in thesis_cases()[::2]
+        for axis in AXES
+    ]
+
+
+# ---- section -------------------------------------------------------------------------------------
+
+
+def section(
+    found: dict[str, Any], sums: Sums, measured: tuple[Array, Array], shipped: Mapping[str, float]
+) -> str:
+    """Return the Markdown of the ensemble; its sentences follow the numbers."""
+    settle = found["settle"]
+    p = bare_arm().parameters
+    dry = (p.stiction * p.coulomb_ratio).mean(axis=1)
+    steps = dry / RESOLUTION
+    return render(
+        Path(__file__).parent / "templates" / "ensemble.md.j2",
+        s=found,
+        laws=LAWS,
+        shipped=shipped,
+        coverage=_coverage,
+        verdict=_verdict,
+        kinds=_kinds(found),
+        reach=_reach(found),
+        settle=_settle(settle),
+        dry=(float(dry.min()), float(dry.max())),
+        steps=(float(steps.min()), float(steps.max())),
+        speeds=", ".join(short(x, 2) for x in settle["speed"]),
+        shaking=", ".join(short(x, 2) for x in settle["shaking"]),
+        half=", ".join(short(x, 2) for x in settle["half"]),
+        cells=_cells(sums, measured),
+    )
+
+
+def _coverage(c: Coverage) -> str:
+    return f"{c.in_50} of {c.cells} measured sums in the 50 % interval, {c.in_90} in the 90 %"
+
+
+def _verdict(c: Coverage, what: str) -> str:
+    """Return how usual a coverage is for the ensemble's own set-ups."""
+    low, middle, high = c.own_90
+    usual = f"{middle:.0f} in the median, {low:.0f} to {high:.0f} in 90 %"
+    if c.in_90 >= low:
+        said = f"so the measured {what} are such as one of these set-ups may have"
+    else:
+        said = f"so the prior or the model lacks something that the measured {what} have"
+    return (
+        f"A set-up of the ensemble, held against the others, has {usual} of its cells in their "
+        f"90 % interval: {said}."
+    )
+
+
+def _kinds(found: dict[str, Any]) -> str:
+    header = ["what differs", "in 50 %", "in 90 %", f"signs right of {found['cells']}"]
+    header += [f"set-ups above {found['falls']}", "rank correlation", "median change"]
+    rows = []
+    for name, title in KINDS.items():
+        k, c = found["kinds"][name], found["changes"][name]
+        rows.append(
+            [
+                title,
+                str(c.in_50),
+                str(c.in_90),
+                f"{k['signs']['median']:.0f} ({k['signs']['low']:.0f} to {k['signs']['high']:.0f})",
+                str(k["above_falls"]),
+                _ranged(k["rank"], lambda x: f"{x:.2f}".replace("-", "−")),
+                _ranged(k["median_change"], lambda x: percent(100 * x)),
+            ]
+        )
+    rows.append(["*always falls*", "", "", str(found["falls"]), "", "", ""])
+    rows.append(["measured", "", "", "", "", "", percent(100 * found["measured_median_change"])])
+    return table_text(header, rows)
+
+
+def _ranged(spread: dict[str, float], text: Any) -> str:
+    return f"{text(spread['median'])} ({text(spread['low'])} to {text(spread['high'])})"
+
+
+def _reach(found: dict[str, Any]) -> str:
+    """Return who reaches the measured median change, and what another session would have to be."""
+    count, change = found["set_ups"], found["measured_median_change"]
+    dither, session, both = (found["kinds"][k]["reach"] for k in ("dither", "session", "both"))
+    text = (
+        f"The measured median change of {percent(100 * change)} is reached by dither alone in "
+        f"{dither} of {count} set-ups, by another session alone in {session}, by both in {both}"
+    )
+    if session and session >= dither:
+        text += ": another session explains it at least as well as dither does"
+    power = found["friction_exponent"]
+    if power > 0:
+        less = -100 * np.expm1(np.log1p(change) / power)
+        text += (
+            f". A session explains it where dry friction is {less:.0f} % lower than in the other: "
+            f"the median error goes with friction to the power of {power:.2f}"
+        )
+    return f"{text}."
+
+
+def _settle(t: dict[str, Any]) -> str:
+    """Return what interleaved runs are worth."""
+    pairs, repeats = _count(t["mean_pairs"], "pair"), _count(t["mean_repeats"], "repeat")
+    effect, drift, run = (f"{100 * t[f'cell_{k}']:.0f} %" for k in ("effect", "drift", "run"))
+    half = f"{t['cell_pairs']:.0f} pairs" if np.isfinite(t["cell_pairs"]) else "no number of pairs"
+    return (
+        f"Interleaved, {pairs} of runs let that mean stand at two standard errors; in two blocks "
+        f"it takes {repeats} of both on other days, however many runs a block has. Of one cell, "
+        f"dither changes the sum by {effect} to either side (median over cells of the root mean "
+        f"square over set-ups), another session by {drift}, another run by {run}: half of the "
+        f"cells need {half} or fewer, {t['cells_in_ten']} of 24 no more than ten; in two blocks "
+        f"{t['cells_above_drift']} of 24 exceed two standard deviations of the session."
+    )
+
+
+def _count(needed: float, noun: str) -> str:
+    return plural(int(needed), noun) if np.isfinite(needed) else f"no number of {noun}s"
+
+
+def _cells(sums: Sums, measured: tuple[Array, Array]) -> str:
+    """Return the table of the 24 cells."""
+    change = np.log(measured[1] / measured[0])
+    columns = (
+        (sums.no_dither, measured[0], lambda x: short(x, 3)),
+        (sums.dither, measured[1], lambda x: short(x, 3)),
+        (sums.change, change, lambda x: percent(100 * np.expm1(x), 0)),
+    )
+    header = ["cell"]
+    for name in ("no dither", "with dither", "change, two sessions"):
+        header += [name, "50 %", "90 %", ""]
+    drawn = [(intervals(v), m, text) for v, m, text in columns]
+    marks = [inside(ends, m) for ends, m, _ in drawn]
+    rows = []
+    for k, name in enumerate(_names()):
+        row = [f"{name} [{unit(AXES[k % 6])}·samples]"]
+        for (ends, m, text), (half, most) in zip(drawn, marks, strict=True):
+            mark = "●" if half[k] else "○" if most[k] else "×"
+            row += [text(m[k]), *(_to(ends[:, k], i, text) for i in (1, 0)), mark]
+        rows.append(row)
+    return table_text(header, rows)
+
+
+def _to(ends: Array, k: int, text: Any) -> str:
+    return f"{text(ends[k])} to {text(ends[-1 - k])}"
+
+
+# ---- picture -------------------------------------------------------------------------------------
+
+
+def plot_ensemble(sums: Sums, measured: tuple[Array, Array], path: Path) -> None:
+    """Draw the 24 cells: measured on the ensemble's intervals, sums and changes.
+
+    Args:
+        sums: of the set-ups.
+        measured: sums (24,) without dither and with it.
+        path: PNG to write.
+    """
+    figure = Figure(figsize=(13.0, 11.5), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.15, 1.0))
+    for values, m, shade, shift, fill in (
+        (sums.no_dither, measured[0], WITHOUT, -0.2, "white"),
+        (sums.dither, measured[1], WITH, 0.2, MEASURED),
+    ):
+        _bars(left, intervals(values), shade, shift)
+        left.plot(m, np.arange(24) + shift, "o", ms=5, mfc=fill, mec=MEASURED, mew=1.3, zorder=5)
+    kinds = {"both": sums.change, "dither": sums.by_dither, "session": sums.by_session}
+    for (name, values), shift in zip(kinds.items(), (-0.27, 0.0, 0.27), strict=True):
+        _bars(right, np.exp(intervals(values)), SHADES[name], shift, thick=3.6)
+    right.plot(measured[1] / measured[0], np.arange(24), "D", ms=5, color=MEASURED, zorder=5)
+    right.axvline(1.0, color="0.3", lw=1.0)
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.grid(alpha=0.25, lw=0.6, axis="x", which="both")
+        axes.spines[["top", "right"]].set_visible(False)
+        for k in (5.5, 11.5, 17.5):
+            axes.axhline(k, color="0.4", lw=0.8)
+    ticks = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20]
+    left.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    left.set_xticks([], minor=True)
+    changes = [-80, -50, -25, 0, 50, 100, 200]
+    right.set_xticks([1 + c / 100 for c in changes], [percent(c, 0) for c in changes], fontsize=8)
+    right.set_xticks([], minor=True)
+    left.set_yticks(
+        range(24), [f"{AXES[k % 6]} [{unit(AXES[k % 6])}·samples]" for k in range(24)], fontsize=9
+    )
+    left.set_ylim(23.6, -0.6)
+    for k, case in enumerate(thesis_cases()[::2]):
+        title = f"{case.trajectory} {'/'.join(f'{x:g}' for x in case.stiffness)}"
+        left.text(0.005, 6 * k - 0.42, title, fontsize=9, va="top", transform=_mixed(left))
+    left.set_xlabel("sum of |error| over 200 samples")
+    right.set_xlabel("change of the sum by dither")
+    for axes, handles in ((left, _left_legend()), (right, _right_legend())):
+        axes.legend(
+            handles=handles,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.05),
+            ncols=2,
+            frameon=False,
+            fontsize=9,
+        )
+    figure.suptitle(
+        f"{arm_title(ROBOT)}: Table 4.11 in an ensemble of {len(sums.no_dither)} set-ups, 50 % "
+        "(thick) and 90 % (thin) intervals",
+        fontsize=11,
+    )
+    save_full(figure, path)
+
+
+def _mixed(axes: Axes) -> Any:
+    """Return coordinates along the axes in x, of the data in y."""
+    return axes.get_yaxis_transform()
+
+
+def _bars(axes: Axes, ends: Array, shade: str, shift: float, thick: float = 6.0) -> None:
+    y = np.arange(ends.shape[1]) + shift
+    axes.hlines(y, ends[0], ends[-1], color=shade, lw=1.4, zorder=2)
+    axes.hlines(y, ends[1], ends[-2], color=shade, lw=thick, alpha=0.75, zorder=3)
+    axes.plot(ends[2], y, "|", ms=7, mew=1.4, color="white", zorder=4)
+
+
+def _left_legend() -> list[Any]:
+    return [
+        Patch(color=WITHOUT, label="ensemble, no dither"),
+        Patch(color=WITH, label="ensemble, with dither"),
+        _dot("white", "o", "measured, no dither"),
+        _dot(MEASURED, "o", "measured, with dither"),
+    ]
+
+
+def _right_legend() -> list[Any]:
+    return [
+        *(Patch(color=SHADES[k], label=f"ensemble, {title}") for k, title in KINDS.items()),
+        _dot(MEASURED, "D", "measured"),
+    ]
+
+
+def _dot(face: str, marker: str, text: str) -> Line2D:
+    return Line2D([], [], ls="", marker=marker, ms=5.5, mfc=face, mec=MEASURED, label=text)
