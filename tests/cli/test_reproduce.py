@@ -12,11 +12,20 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Job, Measurement
 from stiction_envs.measured import thesis_base, thesis_dithered
-from stiction_envs.thesis import figures, nested_models, page, tables
+from stiction_envs.method_settings import override
+from stiction_envs.thesis import (
+    ensemble,
+    ensemble_settings,
+    figures,
+    nested_models,
+    page,
+    tables,
+)
 from stiction_envs.thesis import gte as reproduce_gte
 from stiction_envs.thesis import nyquist_phase as phase
 from stiction_envs.thesis import tables_page as reproduce_page
 from tests.thesis.made_up import made_up, phase_study
+from tests.thesis.made_up_ensemble import made_up as made_up_set_up
 from tests.thesis.test_gte import as_printed
 from tuning.reproduce import TARGETS, inputs_of
 
@@ -85,6 +94,8 @@ def fitted(monkeypatch):
 def followed(monkeypatch):
     """Pretend that arms followed paths with the errors that are printed; draw no figure."""
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", as_printed)
+    monkeypatch.setattr(ensemble, "run_set_up", made_up_set_up)
+    monkeypatch.setattr(ensemble, "shipped_lag", lambda *_, **__: {"diagonal": 0.5, "mass": 0.8})
     for name in ("plot_path_xy", "plot_path_3d", "plot_errors"):
         monkeypatch.setattr(reproduce_gte.gte_plots, name, lambda *_, **__: None)
 
@@ -237,6 +248,9 @@ def test_gte(cli, work, followed):
     assert {p.name for p in (work / "a" / "gte").iterdir()} == {
         "table_4_11.csv",
         "table_4_11.png",
+        "ensemble.jsonl",
+        "ensemble.csv",
+        "ensemble.png",
         "gte.md",
         "plots",
     }
@@ -244,13 +258,19 @@ def test_gte(cli, work, followed):
     assert result["signs_right"] == result["axes"] == 24
     assert "2 iterations" in (work / "a" / "gte" / "gte.md").read_text("utf-8")
     shown = cli("reproduce", "gte", "--iterations", 2, "--out", "a").out
-    assert "signs of the dither's effect right 24 of 24" in shown
+    assert "signs of the dither's effect right 24 of 24 (every error falls: 19)" in shown
+    assert f"{result['ensemble']['sums']['in_50']} and" in shown
+    assert result["ensemble"]["set_ups"] == 40
+    assert "## Table 4.11 as it can be known" in (work / "a" / "gte" / "gte.md").read_text("utf-8")
     inputs = json.loads((work / "a" / "provenance.json").read_text())["inputs"]
-    assert {"table_4_9", "table_4_11", "gte_protocol", "controller"} <= set(inputs)
+    assert {"table_4_9", "table_4_11", "gte_protocol", "controller", "ensemble"} <= set(inputs)
 
 
 @pytest.mark.slow
-def test_gte_for_real(cli, work):
+def test_gte_for_real(cli, work, monkeypatch):
+    few = {"run.set_ups": 2, "run.iterations": 1, "motion.acceleration": [0.4, 0.4]}
+    few_set_ups = override(ensemble_settings.ensemble_settings(), few)
+    monkeypatch.setattr(ensemble_settings, "ensemble_settings", lambda: few_set_ups)
     ran = cli("reproduce", "gte", "--iterations", 1, "--no-scatter", "--out", "a")
     assert ran.code == 0
     with open(work / "a" / "gte" / "table_4_11.csv", encoding="utf-8") as file:
@@ -260,6 +280,12 @@ def test_gte_for_real(cli, work):
         assert 0.0 < plain < 20.0
         assert shaken > 0.0
         assert shaken != plain
+    with open(work / "a" / "gte" / "ensemble.csv", encoding="utf-8") as file:
+        drawn = list(csv.DictReader(file))
+    assert len(drawn) == 2
+    for row in drawn:
+        assert 0.2 < float(row["lag_share"]) < 1.3
+        assert 1.0 < float(row["factor"]) < 10.0
 
 
 def test_all_targets_in_one_order(cli, work, fitted, simulated, followed):

@@ -58,6 +58,7 @@ def test_sums_as_printed_have_all_signs_right(pairs):
     found = score(rows)
     assert (found["axes"], found["signs_right"]) == (24, 24)
     assert found["rises"] == found["rises_right"] == 5
+    assert found["falls"] == 19
     assert found["factor"] == pytest.approx(1.0)
 
 
@@ -85,7 +86,7 @@ def test_a_change_within_the_scatter_is_not_clear(pairs):
 
 @pytest.mark.slow
 def test_files(pairs, tmp_path):
-    found = write_gte(tmp_path, pairs)
+    found = write_gte(tmp_path, pairs, ensemble="## Other set-ups\n\nMany.\n")
     assert found["signs_right"] == 24
     with open(tmp_path / "table_4_11.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -93,7 +94,8 @@ def test_files(pairs, tmp_path):
     assert rows[0]["stiffness"] == "200/20/0"
     assert rows[0]["unit"] == "m·samples"
     text = (tmp_path / "gte.md").read_text(encoding="utf-8")
-    assert "Signs of the dither's effect right: 24 of 24" in text
+    assert "Signs of the dither's effect right: 24 of 24 (*every error falls* has 19)" in text
+    assert text.index("## Other set-ups\n\nMany.") < text.index("## Figure 4.6")
     for number in set(FIGURES.values()):
         assert f"## Figure {number}\n" in text
     drawn = {p.name for p in (tmp_path / "plots").iterdir()}
