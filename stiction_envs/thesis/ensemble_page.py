@@ -14,12 +14,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from stiction_envs.control.settings import gte_default
 from stiction_envs.experiments.gte.plots import MEASURED
 from stiction_envs.experiments.gte.protocol import AXES
 from stiction_envs.experiments.gte.rows import unit
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.reporting.markdown import percent, plural, short, table_text
+from stiction_envs.reporting.markdown import listed, percent, plural, short, table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import render
 from stiction_envs.robots import arm_title
@@ -47,6 +48,8 @@ KINDS = {
     "dither": "dither alone",
     "session": "another session alone",
 }
+RARE = 0.05
+"""Share of set-ups below which a coverage is called unusual (assumed)."""
 RESOLUTION = np.repeat([0.036, 0.0064], [4, 3])
 """Of a Panda's logged joint torques [N·m], physics.md 1.8."""
 SHADES = {"both": WITH, "dither": "#7b3fa0", "session": WITHOUT}
@@ -140,9 +143,13 @@ def section(
     return render(
         Path(__file__).parent / "templates" / "ensemble.md.j2",
         s=found,
+        margin=gte_default("impedance.limit_margin"),
         laws=LAWS,
         shipped=shipped,
-        coverage=_coverage,
+        outside=(
+            _outside(np.log(sums.no_dither), np.log(measured[0]), "no dither"),
+            _outside(sums.change, np.log(measured[1] / measured[0]), "change, two sessions"),
+        ),
         verdict=_verdict,
         kinds=_kinds(found),
         reach=_reach(found),
@@ -156,22 +163,23 @@ def section(
     )
 
 
-def _coverage(c: Coverage) -> str:
-    return f"{c.in_50} of {c.cells} measured sums in the 50 % interval, {c.in_90} in the 90 %"
-
-
 def _verdict(c: Coverage, what: str) -> str:
     """Return how usual a coverage is for the ensemble's own set-ups."""
     low, middle, high = c.own_90
-    usual = f"{middle:.0f} in the median, {low:.0f} to {high:.0f} in 90 %"
-    if c.in_90 >= low:
-        said = f"so the measured {what} are such as one of these set-ups may have"
-    else:
-        said = f"so the prior or the model lacks something that the measured {what} have"
-    return (
-        f"A set-up of the ensemble, held against the others, has {usual} of its cells in their "
-        f"90 % interval: {said}."
+    text = (
+        f"A set-up of the ensemble itself, held against the others, has {middle:.0f} of its cells "
+        f"in their 90 % intervals ({low:.0f} to {high:.0f} in nine of ten), and {c.as_few} of "
+        f"{c.set_ups} have no more than {c.in_90}"
     )
+    if c.as_few < RARE * c.set_ups:
+        return f"{text}: the prior or the model lacks something that the measured {what} have."
+    return f"{text}: the measured {what} are such as one of these set-ups may have."
+
+
+def _outside(values: Array, measured: Array, what: str) -> str:
+    """Return which measured values are beyond the 90 % intervals."""
+    names = np.array(_names())[~inside(intervals(values), measured)[1]]
+    return f"Outside the 90 %: {listed(names) or 'no cell'} ({what})."
 
 
 def _kinds(found: dict[str, Any]) -> str:
@@ -222,16 +230,16 @@ def _reach(found: dict[str, Any]) -> str:
 
 def _settle(t: dict[str, Any]) -> str:
     """Return what interleaved runs are worth."""
-    pairs, repeats = _count(t["mean_pairs"], "pair"), _count(t["mean_repeats"], "repeat")
-    effect, drift, run = (f"{100 * t[f'cell_{k}']:.0f} %" for k in ("effect", "drift", "run"))
-    half = f"{t['cell_pairs']:.0f} pairs" if np.isfinite(t["cell_pairs"]) else "no number of pairs"
+    pairs, days = _count(t["mean_pairs"], "pair"), _count(t["mean_repeats"], "day")
+    effect, drift, run = (f"{100 * t[f'cell_{k}']:.1f} %" for k in ("effect", "drift", "run"))
     return (
-        f"Interleaved, {pairs} of runs let that mean stand at two standard errors; in two blocks "
-        f"it takes {repeats} of both on other days, however many runs a block has. Of one cell, "
-        f"dither changes the sum by {effect} to either side (median over cells of the root mean "
-        f"square over set-ups), another session by {drift}, another run by {run}: half of the "
-        f"cells need {half} or fewer, {t['cells_in_ten']} of 24 no more than ten; in two blocks "
-        f"{t['cells_above_drift']} of 24 exceed two standard deviations of the session."
+        f"Interleaved, {pairs} of runs let it stand at two standard errors; in two blocks it "
+        f"takes both of them on {days}, however many runs a block has. Of one cell, dither changes "
+        f"the sum by {effect} (median of the sizes over set-ups and cells), another session by "
+        f"{drift}, another run by {run} (standard deviations): the median cell needs "
+        f"{_count(t['cell_pairs'], 'pair')}, ten are enough for {100 * t['in_ten']:.0f} % of the "
+        f"cells, and in two blocks {100 * t['above_drift']:.0f} % exceed two standard deviations "
+        "of the session."
     )
 
 

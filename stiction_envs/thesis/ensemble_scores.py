@@ -114,6 +114,9 @@ class Coverage:
     own_50: tuple[float, float, float]
     """5 %, median and 95 % over set-ups, each held against the intervals of the others."""
     own_90: tuple[float, float, float]
+    as_few: int
+    """Set-ups that have no more of their own cells in the 90 % intervals of the others."""
+    set_ups: int
 
 
 def coverage(values: Array, measured: Array) -> Coverage:
@@ -136,6 +139,8 @@ def coverage(values: Array, measured: Array) -> Coverage:
         in_90=int(found[1]),
         own_50=tuple(usual[:, 0].tolist()),
         own_90=tuple(usual[:, 1].tolist()),
+        as_few=int(np.sum(own[:, 1] <= found[1])),
+        set_ups=len(values),
     )
 
 
@@ -289,8 +294,8 @@ def scores(
 def _settle(members: Sequence[Member], sums: Sums) -> dict[str, Any]:
     """Return numbers of the measurements that would settle the table."""
     run = np.sqrt((sums.scatter**2).mean(axis=0))
-    # typical size in a set-up, whatever its sign; what iterations scatter is no effect
-    effect = np.sqrt(np.maximum((sums.by_dither**2).mean(axis=0) - run**2, 0.0))
+    # of each set-up; what its iterations scatter is no effect
+    effect = np.sqrt(np.maximum(sums.by_dither**2 - run**2, 0.0))
     drift = sums.by_session.std(axis=0, ddof=1)
     mean_effect = float(np.median(sums.by_dither.mean(axis=1)))
     mean_drift = float(sums.by_session.mean(axis=1).std(ddof=1))
@@ -304,12 +309,12 @@ def _settle(members: Sequence[Member], sums: Sums) -> dict[str, Any]:
         "mean_run": mean_run,
         "mean_pairs": float(pairs_needed(np.array(mean_effect), np.array(mean_run))),
         "mean_repeats": repeats_needed(mean_effect, mean_drift),
-        "cell_effect": float(np.median(effect)),
+        "cell_effect": float(np.median(np.abs(sums.by_dither))),
         "cell_drift": float(np.median(drift)),
         "cell_run": float(np.median(run)),
         "cell_pairs": float(np.median(need)),
-        "cells_in_ten": int(np.sum(need <= 10)),
-        "cells_above_drift": int(np.sum(effect > 2.0 * drift)),
+        "in_ten": float(np.mean(need <= 10)),
+        "above_drift": float(np.mean(effect > 2.0 * drift)),
         "speed": np.median(speeds, axis=0).tolist(),
         "shaking": shaking.tolist(),
         "faster": float(np.mean(speeds > shaking)),

@@ -68,6 +68,8 @@ def test_a_table_from_elsewhere_is_seldom_covered():
     far = coverage(values, np.full(24, 4.0))
     assert (far.in_50, far.in_90) == (0, 0)
     assert far.own_90[0] > far.in_90
+    assert (far.as_few, far.set_ups) == (0, 100)
+    assert coverage(values, values[0]).as_few > 5
     # cells that hang together are inside or outside together
     together = coverage(values[:, :1] + np.zeros(24), np.zeros(24))
     assert together.in_50 == 24
@@ -142,15 +144,17 @@ def test_files_follow_the_numbers(tmp_path):
     assert "*Always falls*, which looks at nothing, has 19 of 24" in text
     assert "51 %" in text
     assert "83 %" in text
-    assert f"{found['sums']['in_50']} of 24 measured sums in the 50 % interval" in text
-    assert "such as one of these set-ups may have" in text
+    assert f"{found['sums']['in_50']} of 24 measured sums lie in the 50 % interval" in text
+    assert "sums without dither are such as one of these set-ups may have" in text
     # every set-up has the measured signs, but for the small ones
     assert found["kinds"]["both"]["above_falls"] > 15
 
     other = [dataclasses.replace(m, sums=9.0 * m.sums) for m in members]
     (tmp_path / "other").mkdir()
     text, found = write_ensemble(tmp_path / "other", other, shipped, fitting=0.25)
-    assert "0 of 24 measured sums in the 50 % interval, 0 in the 90 %" in text
+    assert "0 of 24 measured sums lie in the 50 % interval and 0 in the 90 %; with it 0" in text
+    assert "Outside the 90 %: triangle 200 x, triangle 200 y," in text
+    assert "0 of 30 have no more than 0" in text
     assert "the prior or the model lacks something that the measured sums without" in text
     assert found["size"]["median"] == pytest.approx(9.0, rel=0.1)
 
