@@ -1,6 +1,7 @@
 """The ensemble of Table 4.11: what a set-up runs, and all of them."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -17,10 +18,12 @@ from stiction_envs.thesis.ensemble import (
     FREE,
     NO_DITHER,
     NO_DITHER_LATER,
+    Member,
     experiment_of,
     run_ensemble,
     run_set_up,
     session_friction,
+    shipped_lag,
     without_friction,
 )
 from stiction_envs.thesis.ensemble_prior import (
@@ -28,6 +31,7 @@ from stiction_envs.thesis.ensemble_prior import (
 )
 from stiction_envs.thesis.ensemble_settings import ensemble_settings
 from stiction_envs.thesis.gte import thesis_cases
+from tests.experiments.gte.made_up import made_up as made_up_run
 from tests.thesis.made_up_ensemble import SET_UP, made_up
 
 SETTINGS = ensemble_settings()
@@ -126,6 +130,54 @@ def test_friction_of_sessions_and_of_none(drawn):
     free = without_friction(q, 0.01)
     np.testing.assert_allclose(free.stiction, 0.01 * q.stiction)
     np.testing.assert_array_equal(free.viscous, q.viscous)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Pretend to run cases: errors are the stiction of joint 1; return what was asked for."""
+    seen = []
+
+    def run(self, cases, *, parameters, iterations, progress=None):
+        seen.extend(zip(cases, parameters, strict=True))
+        error = np.zeros((iterations, 700, 6))
+        return [
+            dataclasses.replace(
+                made_up_run(error + p.stiction[0, 0], iterations=iterations), case=case
+            )
+            for case, p in zip(cases, parameters, strict=True)
+        ]
+
+    monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", run)
+    return seen
+
+
+def test_a_set_up_runs_its_sessions_and_its_lag(asked):
+    m = run_set_up(0)
+    own = friction_of(load_arm("panda")).stiction[:, 0]
+    assert len(asked) == 16
+    for k, (case, p) in enumerate(asked):
+        condition, place = divmod(k, 4)
+        printed = thesis_cases()[2 * place + (condition == DITHER)]
+        assert (case.trajectory, case.dither) == (printed.trajectory, printed.dither)
+        assert case.stiffness[:2] == printed.stiffness[:2]
+        # without friction the elbow would fall
+        assert case.stiffness[2] == (SETTINGS.run.posture if condition == FREE else 0.0)
+        session = m.set_up.dither if condition in (DITHER, NO_DITHER_LATER) else m.set_up.no_dither
+        share = SETTINGS.run.free if condition == FREE else 1.0
+        np.testing.assert_allclose(p.stiction[:, 0], share * np.array(session) * own)
+    assert m.sums.shape == (4, 4, SETTINGS.run.iterations, 6)
+    level = 200 * own[0]
+    np.testing.assert_allclose(m.sums[NO_DITHER], level * m.set_up.no_dither[0])
+    np.testing.assert_allclose(m.sums[NO_DITHER_LATER], level * m.set_up.dither[0])
+    np.testing.assert_allclose(m.sums[FREE], 0.01 * level * m.set_up.no_dither[0])
+    assert Member.from_json(json.loads(json.dumps(m.to_json()))).set_up == m.set_up
+
+
+def test_lag_of_the_shipped_set_up_is_what_no_friction_leaves(asked):
+    found = shipped_lag(override(SETTINGS, {"run.free": 0.3}))
+    assert found == {"diagonal": pytest.approx(0.3), "mass": pytest.approx(0.3)}
+    assert len(asked) == 16
+    assert not any(case.dither for case, _ in asked)
 
 
 @pytest.fixture
