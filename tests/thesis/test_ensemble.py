@@ -85,6 +85,7 @@ def test_a_prior_of_the_shipped_set_up_gives_the_shipped_experiment():
         assert got == pytest.approx(wanted), limit.name
     assert own.settings.damping_design == shipped.settings.damping_design
     assert own.controller_model is None
+    assert own.seed == u.seed
     for name in ("triangle", "pentagon"):
         np.testing.assert_allclose(own.path(name).position, shipped.path(name).position, atol=1e-12)
     p = friction_of(load_arm("panda"))

@@ -98,6 +98,10 @@ def test_averaging_frees_a_slow_joint_and_no_fast_one():
     p = bare_arm().parameters
     rigid = 0.8041 / (p.rotor_inertia[6] * 2 * np.pi * 15.0)
     assert dither_speed(p)[6] == pytest.approx(rigid, rel=1e-3)
+    # joint 1 is above the resonance of its rotor: the spring makes the rotor shake more
+    omega = 2 * np.pi * 50.0
+    spring = p.joint_stiffness[0] - p.rotor_inertia[0] * omega**2
+    assert dither_speed(p)[0] == pytest.approx(-0.85 * omega / spring)
 
 
 def test_joints_turn_as_fast_as_the_path_asks():
@@ -146,8 +150,18 @@ def test_files_follow_the_numbers(tmp_path):
     assert "83 %" in text
     assert f"{found['sums']['in_50']} of 24 measured sums lie in the 50 % interval" in text
     assert "sums without dither are such as one of these set-ups may have" in text
+    named = text.split("Outside the 90 %: ")[1].split(" (no dither)")[0]
+    found_outside = 0 if named == "no cell" else len(named.replace(" and ", ", ").split(", "))
+    assert found_outside == 24 - found["sums"]["in_90"]
     # every set-up has the measured signs, but for the small ones
     assert found["kinds"]["both"]["above_falls"] > 15
+
+    # beyond the 50 % on one side, within the 90 %: still inside
+    beside = [dataclasses.replace(m, sums=1.3 * m.sums) for m in members]
+    (tmp_path / "beside").mkdir()
+    text, found = write_ensemble(tmp_path / "beside", beside, shipped, fitting=0.25)
+    assert found["sums"]["in_50"] < found["sums"]["in_90"] == 24
+    assert "Outside the 90 %: no cell (no dither)" in text
 
     other = [dataclasses.replace(m, sums=9.0 * m.sums) for m in members]
     (tmp_path / "other").mkdir()
