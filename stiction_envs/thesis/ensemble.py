@@ -29,7 +29,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import window_sums
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import FrictionParameters, scaled
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.method_settings import fingerprint
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -45,6 +45,8 @@ NO_DITHER, DITHER, NO_DITHER_LATER, FREE = range(4)
 and `NO_DITHER_LATER`, as Table 4.11 may have been recorded by `DITHER` and `NO_DITHER`."""
 PLACES = 4
 """Path and stiffness, in the order of Table 4.11."""
+DRY = ("stiction", "load_coefficient")
+"""What makes up dry friction."""
 Told = Callable[[int, int], None]
 """Called with set-ups done and all of them."""
 
@@ -126,20 +128,20 @@ def experiment_of(
 
 def session_friction(set_up: SetUp, level: tuple[float, ...]) -> FrictionParameters:
     """Return the shipped friction with a session's dry friction, over the shipped one (n,)."""
-    p = friction_of(load_arm(ROBOT))
-    dry = np.array(level)
-    return p.replace(
-        stiction=p.stiction * dry[:, None],
-        load_coefficient=p.load_coefficient * dry,
-        viscous=p.viscous * set_up.viscous,
-        offset=p.offset * set_up.offset,
-        gravity_error=p.gravity_error * set_up.gravity,
+    return scaled(
+        friction_of(load_arm(ROBOT)),
+        {
+            **dict.fromkeys(DRY, level),
+            "viscous": set_up.viscous,
+            "offset": set_up.offset,
+            "gravity_error": set_up.gravity,
+        },
     )
 
 
 def without_friction(p: FrictionParameters, share: float) -> FrictionParameters:
     """Return parameters with a share of their dry friction; viscous friction and offsets stay."""
-    return p.replace(stiction=share * p.stiction, load_coefficient=share * p.load_coefficient)
+    return scaled(p, dict.fromkeys(DRY, share))
 
 
 def run_set_up(
