@@ -168,7 +168,7 @@ def _show_gte(found: dict[str, Any]) -> list[str]:
     sums, changes = ensemble["sums"], ensemble["changes"]["both"]
     return [
         f"Table 4.11: signs of the dither's effect right {found['signs_right']} of "
-        f"{found['axes']} (every error falls: {found['falls']}), of the rises "
+        f"{found['axes']} ({found['always_falls']} if every error fell), of the rises "
         f"{found['rises_right']} of {found['rises']}; errors without dither off by a factor of "
         f"{found['factor']:.1f}",
         f"in an ensemble of {ensemble['set_ups']} set-ups, of {sums['cells']} cells within the "

@@ -184,7 +184,7 @@ def _outside(values: Array, measured: Array, what: str) -> str:
 
 def _kinds(found: dict[str, Any]) -> str:
     header = ["what differs", "in 50 %", "in 90 %", f"signs right of {found['cells']}"]
-    header += [f"set-ups above {found['falls']}", "rank correlation", "median change"]
+    header += [f"set-ups above {found['always_falls']}", "rank correlation", "median change"]
     rows = []
     for name, title in KINDS.items():
         k, c = found["kinds"][name], found["changes"][name]
@@ -199,7 +199,7 @@ def _kinds(found: dict[str, Any]) -> str:
                 _ranged(k["median_change"], lambda x: percent(100 * x)),
             ]
         )
-    rows.append(["*always falls*", "", "", str(found["falls"]), "", "", ""])
+    rows.append(['"every error falls"', "", "", str(found["always_falls"]), "", "", ""])
     rows.append(["measured", "", "", "", "", "", percent(100 * found["measured_median_change"])])
     return table_text(header, rows)
 

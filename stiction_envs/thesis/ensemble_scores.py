@@ -258,7 +258,7 @@ def scores(
         "refused_share": refused / (refused + len(members)),
         "near_limit": sum(m.flags["near_limit"] > 0 for m in members),
         "cells": len(before),
-        "falls": falls,
+        "always_falls": falls,
         "sums": coverage(np.log(sums.no_dither), np.log(before)),
         "dither_sums": coverage(np.log(sums.dither), np.log(measured[1])),
         "changes": {k: coverage(v, change) for k, v in kinds.items()},

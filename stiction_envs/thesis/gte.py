@@ -145,15 +145,15 @@ def _stiffness(case: Case) -> str:
 def score(rows: Sequence[WindowSum]) -> dict[str, float]:
     """Return how many signs of the dither's effect come out, and how far off the sums are.
 
-    ``falls`` of the axes fall in print: so many signs has whoever says "every error falls".
+    Beside them how many a rule has right that says that every error falls: the yardstick.
     """
     right = [np.sign(r.simulated_change) == np.sign(r.measured_change) for r in rows]
     rises = [ok for ok, r in zip(right, rows, strict=True) if r.measured_change > 0]
     logs = [np.log(r.simulated_no_dither / r.measured_no_dither) for r in rows]
     return {
         "axes": len(rows),
-        "falls": len(rows) - len(rises),
         "signs_right": int(np.sum(right)),
+        "always_falls": sum(r.measured_change < 0 for r in rows),
         "rises": len(rises),
         "rises_right": int(np.sum(rises)),
         "factor": float(np.exp(np.sqrt(np.mean(np.square(logs))))),

@@ -145,7 +145,7 @@ def test_files_follow_the_numbers(tmp_path):
     assert (tmp_path / "ensemble.png").stat().st_size > 20_000
     assert json.loads(json.dumps(found))["sums"]["in_90"] == found["sums"]["in_90"]
     assert "30 set-ups" in text
-    assert "*Always falls*, which looks at nothing, has 19 of 24" in text
+    assert '"Every error falls", which looks at nothing, has 19 of 24' in text
     assert "51 %" in text
     assert "83 %" in text
     assert f"{found['sums']['in_50']} of 24 measured sums lie in the 50 % interval" in text
