@@ -239,7 +239,7 @@ def _simulated_gte(request: Request, folder: Path) -> dict[str, Any]:
         **how,
     )
     lag = shipped_lag(settings, nthread=request.nthread, **how)
-    section, found = write_ensemble(folder, members, lag, fitting=settings.run.fitting)
+    section, found = write_ensemble(folder, members, lag, settings.run)
     scores = write_gte(
         folder,
         pairs,

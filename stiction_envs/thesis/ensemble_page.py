@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from stiction_envs.thesis.ensemble_scores import (
     signs_right,
     stack,
 )
+from stiction_envs.thesis.ensemble_settings import RunSettings, ensemble_settings
 from stiction_envs.thesis.gte import ROBOT, thesis_cases
 
 Array = NDArray[np.float64]
@@ -48,10 +50,6 @@ KINDS = {
     "dither": "dither alone",
     "session": "another session alone",
 }
-RARE = 0.05
-"""Share of set-ups below which a coverage is called unusual (assumed)."""
-RESOLUTION = np.repeat([0.036, 0.0064], [4, 3])
-"""Of a Panda's logged joint torques [N·m], physics.md 1.8."""
 SHADES = {"both": WITH, "dither": "#7b3fa0", "session": WITHOUT}
 
 
@@ -59,8 +57,7 @@ def write_ensemble(
     folder: Path,
     members: Sequence[Member],
     shipped: Mapping[str, float],
-    *,
-    fitting: float,
+    settings: RunSettings | None = None,
 ) -> tuple[str, dict[str, Any]]:
     """Write `ensemble.csv` and `ensemble.png`; return the section for `gte.md` and its numbers.
 
@@ -68,13 +65,14 @@ def write_ensemble(
         folder: where; it exists.
         members: of `run_ensemble`.
         shipped: share of the error that is lag in the shipped set-up, by damping law.
-        fitting: share of set-ups called best fitting.
+        settings: None for the defaults.
     """
+    s = ensemble_settings().run if settings is None else settings
     measured, sums = measured_sums(), stack(members)
-    found = scores(members, measured, fitting=fitting)
+    found = scores(members, measured, fitting=s.fitting)
     write_lines(folder / "ensemble.csv", *_lines(members, sums, measured))
     plot_ensemble(sums, measured, folder / "ensemble.png")
-    return section(found, sums, measured, shipped), _numbers(found)
+    return section(found, sums, measured, shipped, s), _numbers(found)
 
 
 def _numbers(found: Any) -> Any:
@@ -133,13 +131,17 @@ def _names(between: str = " ") -> list[str]:
 
 
 def section(
-    found: dict[str, Any], sums: Sums, measured: tuple[Array, Array], shipped: Mapping[str, float]
+    found: dict[str, Any],
+    sums: Sums,
+    measured: tuple[Array, Array],
+    shipped: Mapping[str, float],
+    s: RunSettings,
 ) -> str:
     """Return the Markdown of the ensemble; its sentences follow the numbers."""
     settle = found["settle"]
     p = bare_arm().parameters
     dry = (p.stiction * p.coulomb_ratio).mean(axis=1)
-    steps = dry / RESOLUTION
+    steps = dry / np.repeat([s.log_proximal, s.log_wrist], [4, 3])
     return render(
         Path(__file__).parent / "templates" / "ensemble.md.j2",
         s=found,
@@ -150,7 +152,8 @@ def section(
             _outside(np.log(sums.no_dither), np.log(measured[0]), "no dither"),
             _outside(sums.change, np.log(measured[1] / measured[0]), "change, two sessions"),
         ),
-        verdict=_verdict,
+        verdict=partial(_verdict, rare=s.rare),
+        logged=(s.log_proximal, s.log_wrist),
         kinds=_kinds(found),
         reach=_reach(found),
         settle=_settle(settle),
@@ -163,7 +166,7 @@ def section(
     )
 
 
-def _verdict(c: Coverage, what: str) -> str:
+def _verdict(c: Coverage, what: str, *, rare: float) -> str:
     """Return how usual a coverage is for the ensemble's own set-ups."""
     low, middle, high = c.own_90
     text = (
@@ -171,7 +174,7 @@ def _verdict(c: Coverage, what: str) -> str:
         f"in their 90 % intervals ({low:.0f} to {high:.0f} in nine of ten), and {c.as_few} of "
         f"{c.set_ups} have no more than {c.in_90}"
     )
-    if c.as_few < RARE * c.set_ups:
+    if c.as_few < rare * c.set_ups:
         return f"{text}: the prior or the model lacks something that the measured {what} have."
     return f"{text}: the measured {what} are such as one of these set-ups may have."
 

@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 REASONS = ("wrist", "dexterity", "limits", "height", "path")
 """Why a set-up is refused: the wrist cannot point the hand so; the start is near a singular pose;
 or near a joint limit; the hand would touch the table; a path leaves what the arm can follow."""
-_TIP = 0.1034  # of the Franka hand from the flange [m], physics.md 1.1
 _WRIST = slice(4, 7)
 _TURNS_OF_WRIST = 30  # Newton steps; five are usual
 
@@ -252,7 +251,7 @@ def why_infeasible(set_up: SetUp, settings: EnsembleSettings | None = None) -> s
     reached, no joint comes near a limit, the Jacobian stays far from singular.
     """
     s = ensemble_settings() if settings is None else settings
-    rule, arm = s.feasible, _Arm(_TIP)
+    rule, arm = s.feasible, _Arm(s.feasible.tip)
     start = np.array(set_up.start)
     low, high = arm.sticking.arm.limits.position.T
     if not ((start >= low + rule.limit_margin) & (start <= high - rule.limit_margin)).all():

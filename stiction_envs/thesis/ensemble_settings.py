@@ -35,9 +35,15 @@ class RunSettings:
     """Nullspace stiffness of an arm without dry friction [N·m/rad]."""
     fitting: float
     """Share of the set-ups that are called best fitting [-]."""
+    rare: float
+    """Share of the set-ups: a coverage that fewer of them have is called unusual [-]."""
+    log_proximal: float
+    """Step of logged joint torques, joints 1 to 4 [N·m]."""
+    log_wrist: float
+    """The same of joints 5 to 7 [N·m]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("free", "fitting"))
+        check_numbers(self, shares=("free", "fitting", "rare"))
         if self.set_ups < 2:
             raise StictionError(f"RunSettings: set_ups is {self.set_ups}: expected 2 or more")
 
@@ -142,6 +148,7 @@ class FeasibleRule:
     limit_margin: float
     dexterity: float
     start_dexterity: float
+    tip: float
     height: float
     pointing: float
     attempts: int

@@ -132,7 +132,7 @@ def test_stacked_sums_tell_dither_from_session():
 def test_files_follow_the_numbers(tmp_path):
     members = [made_up(k) for k in range(30)]
     shipped = {"diagonal": 0.51, "mass": 0.83}
-    text, found = write_ensemble(tmp_path, members, shipped, fitting=0.25)
+    text, found = write_ensemble(tmp_path, members, shipped)
     assert {p.name for p in tmp_path.iterdir()} == {"ensemble.csv", "ensemble.png"}
     with open(tmp_path / "ensemble.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -159,13 +159,13 @@ def test_files_follow_the_numbers(tmp_path):
     # beyond the 50 % on one side, within the 90 %: still inside
     beside = [dataclasses.replace(m, sums=1.3 * m.sums) for m in members]
     (tmp_path / "beside").mkdir()
-    text, found = write_ensemble(tmp_path / "beside", beside, shipped, fitting=0.25)
+    text, found = write_ensemble(tmp_path / "beside", beside, shipped)
     assert found["sums"]["in_50"] < found["sums"]["in_90"] == 24
     assert "Outside the 90 %: no cell (no dither)" in text
 
     other = [dataclasses.replace(m, sums=9.0 * m.sums) for m in members]
     (tmp_path / "other").mkdir()
-    text, found = write_ensemble(tmp_path / "other", other, shipped, fitting=0.25)
+    text, found = write_ensemble(tmp_path / "other", other, shipped)
     assert "0 of 24 measured sums lie in the 50 % interval and 0 in the 90 %; with it 0" in text
     assert "Outside the 90 %: triangle 200 x, triangle 200 y," in text
     assert "0 of 30 have no more than 0" in text
