@@ -221,13 +221,12 @@ def _reach(found: dict[str, Any]) -> str:
     )
     if session and session >= dither:
         text += ": another session explains it at least as well as dither does"
-    power = found["friction_exponent"]
-    if power > 0:
-        less = -100 * np.expm1(np.log1p(change) / power)
-        text += (
-            f". A session explains it where dry friction is {less:.0f} % lower than in the other: "
-            f"the median error goes with friction to the power of {power:.2f}"
-        )
+    gone = found["friction_gone"]
+    usual, least = (f"{100 * gone[k]:.0f} %" for k in ("median", "low"))
+    text += (
+        f". Where error rises with dry friction in a straight line, {usual} of the friction would "
+        f"have to be gone in the session with dither ({least} in the set-ups with the least lag)"
+    )
     return f"{text}."
 
 

@@ -177,6 +177,21 @@ def lag(free: Array, whole: Array) -> Array:
     return out
 
 
+def friction_gone(change: Array, lags: Array) -> Array:
+    """Return the share of dry friction (N,) that must be gone for the measured median change.
+
+    Error is taken to rise with friction in a straight line, from lag alone to all of it; above 1
+    no loss of friction is enough.
+
+    Args:
+        change: measured, logarithms (24,).
+        lags: of set-ups (N,), see `lag`.
+    """
+    with np.errstate(divide="ignore"):
+        out: Array = -np.expm1(np.median(change)) / np.maximum(1.0 - lags, 0.0)
+    return out
+
+
 # ---- what would settle it ------------------------------------------------------------------------
 
 
@@ -274,7 +289,7 @@ def scores(
             if (rows := [i for i, m in enumerate(members) if m.set_up.damping_design == law])
         },
         "kinds": {},
-        "friction_exponent": friction_exponent(members, sums.by_session),
+        "friction_gone": _spread(friction_gone(change, lags)),
         "settle": _settle(members, sums),
     }
     for name, values in kinds.items():
@@ -320,15 +335,3 @@ def _settle(members: Sequence[Member], sums: Sums) -> dict[str, Any]:
         "faster": float(np.mean(speeds > shaking)),
         "half": (HALF * shaking).tolist(),
     }
-
-
-def friction_exponent(members: Sequence[Member], by_session: Array) -> float:
-    """Return how the median error follows dry friction: error ~ friction to this power.
-
-    Least squares through the origin, over set-ups: median over cells of the logarithm of a
-    session's error over the other's, against the mean over joints of that of its friction.
-    """
-    pairs = [(m.set_up.no_dither, m.set_up.dither) for m in members]
-    level = np.array([np.mean(np.log(np.divide(later, first))) for first, later in pairs])
-    size = float(level @ level)
-    return float(level @ np.median(by_session, axis=1)) / size if size else math.nan

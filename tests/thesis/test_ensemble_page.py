@@ -19,7 +19,7 @@ from stiction_envs.thesis.ensemble_scores import (
     coverage,
     dither_speed,
     factor,
-    friction_exponent,
+    friction_gone,
     friction_left,
     inside,
     intervals,
@@ -186,19 +186,10 @@ def test_what_explains_the_change_is_said_by_the_numbers(tmp_path):
         assert found["kinds"]["both"]["reach"] == 2
 
 
-def test_friction_of_another_session_is_told_by_its_power():
-    rng = np.random.default_rng(3)
-    levels = np.exp(0.1 * rng.normal(size=(20, 2, 7)))
-    members = [
-        dataclasses.replace(
-            made_up(k),
-            set_up=dataclasses.replace(SET_UP, no_dither=tuple(a), dither=tuple(b)),
-        )
-        for k, (a, b) in enumerate(levels)
-    ]
-    ratio = np.log(levels[:, 1] / levels[:, 0]).mean(axis=1)
-    by_session = 0.4 * ratio[:, None] + np.zeros(24)
-    assert friction_exponent(members, by_session) == pytest.approx(0.4)
+def test_less_friction_explains_a_change_in_proportion():
+    fall = np.full(24, np.log(0.9))
+    np.testing.assert_allclose(friction_gone(fall, np.array([0.0, 0.5, 0.95])), [0.1, 0.2, 2.0])
+    assert friction_gone(fall, np.array([1.1])) == np.inf
     assert repeats_needed(-0.05, 0.05) == 4
     assert repeats_needed(0.0, 0.05) == pairs_needed(np.array(0.0), np.array(0.1)) == np.inf
 
