@@ -21,6 +21,8 @@ from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.robots import load_arm
+from stiction_envs.thesis.ensemble import run_ensemble, shipped_lag
+from stiction_envs.thesis.ensemble_settings import ensemble_settings
 from stiction_envs.thesis.friction_curve import friction_curve
 from stiction_envs.thesis.gte import ROBOT
 from stiction_envs.thesis.lsm import fit_lines
@@ -191,12 +193,33 @@ def _read(file: Path, case: Case) -> Run:
         )
 
 
+def _ensemble(parts: Sequence[str], _: Found, how: Setting, advance: Advance) -> dict[Any, Any]:
+    """Run set-ups that the thesis leaves open; and what is lag in the shipped one."""
+    settings, each = ensemble_settings(), thesis_settings().cost.set_up
+    told = 0
+
+    def count(done: int, _: int) -> None:
+        nonlocal told
+        advance(each * (done - told))
+        told = done
+
+    how.folder.mkdir(parents=True, exist_ok=True)
+    common: dict[str, Any] = {"seed": how.seed, "scatter": how.scatter, "nthread": how.nthread}
+    file = how.folder / "ensemble.jsonl"
+    members = run_ensemble(file, settings=settings, progress=count, **common)
+    found = members, shipped_lag(settings, **common)
+    return dict.fromkeys(parts, found)
+
+
 STUDIES: dict[str, Study] = {
     "curve": Study(_curves, lambda parts, _: len(parts) * thesis_settings().cost.curve),
     "lsm": Study(_lines, lambda parts, _: len(parts) * thesis_settings().cost.fit),
     "sje": Study(_torques, _torque_cost),
     "choice": Study(_choices, lambda *_: 0.0),
     "gte": Study(_paths, _path_cost),
+    "ensemble": Study(
+        _ensemble, lambda *_: ensemble_settings().run.set_ups * thesis_settings().cost.set_up
+    ),
 }
 """By name, in the order in which they run: a later one may read what an earlier one found."""
 NAMES = {
@@ -205,5 +228,6 @@ NAMES = {
     "sje": "single joints",
     "choice": "chosen settings",
     "gte": "paths",
+    "ensemble": "set-ups of the paths",
 }
 """What a progress bar calls them."""

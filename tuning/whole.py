@@ -134,6 +134,8 @@ def inputs_of_items(items: Sequence[Item]) -> dict[str, Path]:
     if "gte" in studies:
         found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
         found["controller"] = package / "control" / "gte.toml"
+    if "ensemble" in studies:
+        found["ensemble"] = package / "thesis" / "ensemble.toml"
     for number in THESIS_TABLES:
         name = f"table_{number.replace('.', '_')}"
         found[name] = package / "measured" / "thesis" / f"{name}.csv"

@@ -27,6 +27,7 @@ from stiction_envs.thesis.items_lines import (
 from stiction_envs.thesis.items_paths import (
     error_writer,
     path_needs,
+    sums_needs,
     write_plane,
     write_space,
     write_window_sums,
@@ -136,7 +137,7 @@ ITEMS: tuple[Item, ...] = (
         path_needs("pentagon"),
         error_writer("pentagon"),
     ),
-    _table("4.11", "Sums of the error around the last point", path_needs(), write_window_sums),
+    _table("4.11", "Sums of the error around the last point", sums_needs, write_window_sums),
     _table(
         "A.1", "Lines of friction over speed, all joints of the Panda", line_needs, write_all_joints
     ),

@@ -83,6 +83,8 @@ class CostSettings:
     """A simulated log, its lines and links."""
     curve: float
     """The friction curve."""
+    set_up: float
+    """A set-up of the ensemble."""
     drawing: float
     """A figure."""
 

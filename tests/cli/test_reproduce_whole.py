@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import friction_text
 from stiction_envs.gap.tables.cells import FITTED
 from stiction_envs.measured import thesis_table
+from stiction_envs.thesis import ensemble
 from stiction_envs.thesis.catalogue import ITEMS
 from stiction_envs.thesis.friction_curve import FrictionCurve
 from stiction_envs.thesis.items import TEMPLATES
 from stiction_envs.thesis.whole_page import wishes
 from tests.cli.test_reproduce import pretend
+from tests.thesis.made_up_ensemble import made_up
 from tests.thesis.test_gte import as_printed
 from tuning import studies
 
@@ -71,6 +74,8 @@ def simulated(monkeypatch) -> list[object]:
         asked.extend(cases)
         return as_printed(self, cases, iterations=iterations)
 
+    monkeypatch.setattr(ensemble, "run_set_up", made_up)
+    monkeypatch.setattr(studies, "shipped_lag", lambda *_, **__: {"diagonal": 0.5, "mass": 0.8})
     monkeypatch.setattr(SingleJointExperiment, "run", run)
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", follow)
     return asked
@@ -222,8 +227,9 @@ def test_the_bar_counts_what_was_done_before(cli, work, simulated, monkeypatch):
     assert cli(*ONLY, "--out", "a").code == 0
     ends = {stage: share for stage, share in told}
     starts = {stage: share for stage, share in reversed(told)}
-    assert ends["single joints"] == pytest.approx(starts["paths"])
-    assert ends["paths"] == pytest.approx(starts["drawing"])
+    stages = ("single joints", "paths", "set-ups of the paths", "drawing")
+    for one, following in pairwise(stages):
+        assert ends[one] == pytest.approx(starts[following])
     assert ends["drawing"] == 1.0
 
 

@@ -9,6 +9,7 @@ from stiction_envs.experiments.sje.protocol import Job
 from stiction_envs.measured.thesis_tables import THESIS_TABLES
 from stiction_envs.thesis.catalogue import CHAPTERS, ITEMS, LEFT_OUT, chosen
 from stiction_envs.thesis.items import needs_of
+from tuning.studies import STUDIES
 
 TABLES = [*(f"4.{k}" for k in range(1, 12)), "A.1"]
 FIGURES = [
@@ -31,7 +32,7 @@ def test_every_printed_table_and_figure_is_an_item_once():
 def test_items_differ_and_belong_somewhere():
     assert len({item.file for item in ITEMS}) == len({item.key for item in ITEMS}) == len(ITEMS)
     assert all(item.id.split(".")[0] in CHAPTERS for item in ITEMS)
-    assert {s for item in ITEMS for s in item.study} == {"curve", "lsm", "sje", "choice", "gte"}
+    assert {s for item in ITEMS for s in item.study} == set(STUDIES)
 
 
 def test_an_id_names_both_kinds():

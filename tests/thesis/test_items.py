@@ -18,11 +18,12 @@ from stiction_envs.thesis.gte import run_thesis_cases, window_sums
 from stiction_envs.thesis.items import Found, Written
 from stiction_envs.thesis.items_friction import say_curve
 from stiction_envs.thesis.items_lines import say_lines
-from stiction_envs.thesis.items_paths import say_errors, say_paths, say_sums
+from stiction_envs.thesis.items_paths import ENSEMBLE, say_errors, say_paths, say_sums
 from stiction_envs.thesis.items_ramps import Ramps
 from stiction_envs.thesis.items_torques import agreement
 from stiction_envs.thesis.rosdyn import Unconstrained
 from stiction_envs.thesis.tables import ChosenRow, jobs_of_table, rows_of_table
+from tests.thesis.made_up_ensemble import made_up
 from tests.thesis.test_gte import as_printed
 
 
@@ -61,7 +62,8 @@ def torques(number: str, effect: float = 1.0) -> Found:
 def written(key: str, found: Found, tmp_path) -> tuple[Written, list[dict[str, str]]]:
     (item,) = chosen([key])
     done = item.write(item, found, tmp_path)
-    assert done.files == (item.file,)
+    assert done.files[0] == item.file
+    assert all((tmp_path / name).is_file() for name in done.files)
     if item.kind == "figure":
         return done, []
     with open(tmp_path / item.file, encoding="utf-8") as file:
@@ -357,7 +359,11 @@ def pairs(monkeypatch):
 
 
 def found_of(pairs) -> Found:
-    return {"gte": {(p[0][0].case.trajectory, p[0][0].case.stiffness): p for p in pairs}}
+    ensemble = [made_up(k) for k in range(3)], {"diagonal": 0.5, "mass": 0.8}
+    return {
+        "gte": {(p[0][0].case.trajectory, p[0][0].case.stiffness): p for p in pairs},
+        "ensemble": {ENSEMBLE: ensemble},
+    }
 
 
 def test_sums_as_printed_beat_the_rule_that_all_falls(pairs, tmp_path):
@@ -368,6 +374,8 @@ def test_sums_as_printed_beat_the_rule_that_all_falls(pairs, tmp_path):
     assert len(rows) == 24
     assert max(abs(float(r["difference_points"])) for r in rows) == pytest.approx(0, abs=1e-6)
     assert list(rows[0])[:11] == list(thesis_table("4.11")[0])
+    assert "#### Table 4.11 as it can be known" in done.body
+    assert {"ensemble.csv", "ensemble.png"} <= {p.name for p in tmp_path.iterdir()}
     swapped = [
         dataclasses.replace(
             r, simulated_dither=r.simulated_no_dither, simulated_no_dither=r.simulated_dither
