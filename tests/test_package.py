@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import zipfile
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -87,6 +88,19 @@ def test_one_version():
     assert PROJECT["project"]["dynamic"] == ["version"]
     versions = re.findall(r"^## \[(.+?)\]", (TOP / "CHANGELOG.md").read_text("utf-8"), re.M)
     assert versions[0] == stiction_envs.__version__
+    cited = re.search(r"^version: (.+)$", (TOP / "CITATION.cff").read_text("utf-8"), re.M)
+    assert cited[1] == stiction_envs.__version__
+
+
+@pytest.mark.slow
+def test_the_wheel_is_small_and_holds_the_packages_alone(tmp_path):
+    made = [sys.executable, "-m", "build", "--no-isolation", "--wheel", "--outdir", str(tmp_path)]
+    subprocess.run([*made, str(TOP)], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert wheel.stat().st_size < 1.5e6
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert names == {shown(path) for name in PACKAGES for path in own_files(TOP / name)}
 
 
 def test_every_requirement_is_pinned():

@@ -21,7 +21,7 @@ from stiction_envs.measured import (
     thesis_table,
 )
 from stiction_envs.reporting.markdown import signed, table_text
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from tuning import figures
 from tuning.rules import Choice
 from tuning.thesis import ThesisTuner
@@ -206,9 +206,10 @@ def write_report(
         _draw(tuner.out / "base.png", lambda path: figures.base(tuner, measured, path))
         found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
-    write_page(
-        tuner.out / "report.md",
+    write_md_and_html(
+        tuner.out,
         TEMPLATE,
+        f"Dither amplitudes for {robot}",
         robot=robot,
         mean=mean,
         reductions=reductions,

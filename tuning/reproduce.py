@@ -137,6 +137,8 @@ def inputs_of(targets: Sequence[str]) -> dict[str, Path]:
 
 def _gap(request: Request, folder: Path) -> dict[str, Any]:
     """Fit the nested models, or go on with them; write their page."""
+    from stiction_envs.reporting.atomic import write_text_atomic
+    from stiction_envs.reporting.html import to_html
     from stiction_envs.thesis.nested_models import NestedModels
     from stiction_envs.thesis.nyquist_phase import study_phase
     from stiction_envs.thesis.page import write_page
@@ -153,12 +155,16 @@ def _gap(request: Request, folder: Path) -> dict[str, Any]:
         request.tell("iiwa's phase", done, PHASE_SECONDS, SIMULATED)
 
     study = study_phase(nthread=request.nthread, progress=simulated)
-    return write_page(
+    found = write_page(
         folder,
         nested.models,
         study=study,
         progress=lambda stage, k, n: request.tell(stage, k, n, "figures"),
     )
+    text = (folder / "gap.md").read_text(encoding="utf-8")
+    page = to_html(text.splitlines(), folder, "The thesis's dithered torques, model by model")
+    write_text_atomic(folder / "report.html", page)
+    return found
 
 
 def _simulated_tables(request: Request, folder: Path) -> dict[str, Any]:

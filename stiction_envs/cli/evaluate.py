@@ -171,28 +171,13 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     return files
 
 
-COLUMNS = {
-    "return": ("return", 1.0, 3),
-    "return_error": ("±", 1.0, 3),
-    "reduction": ("reduction", 1.0, 3),
-    "position_left_m": ("left [mm]", 1e3, 3),
-    "orientation_left_rad": ("[mrad]", 1e3, 3),
-    "vibration_moving_mm": ("moving [mm]", 1.0, 3),
-    "vibration_at_rest_mm": ("at rest [mm]", 1.0, 3),
-    "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
-    "power": ("power", 1.0, 3),
-}
-"""Means that are shown: heading, factor, digits."""
-
-
 def show(result: dict[str, Any]) -> str:
     """Return the means as a readable table."""
+    from tuning.policies.report import means_table
+
     summary = result["summary"]
-    shown = [c for c in COLUMNS if c in next(iter(summary.values()))]
-    table = [["policy", *(COLUMNS[c][0] for c in shown)]]
-    for policy, means in summary.items():
-        numbers = [f"{means[c] * COLUMNS[c][1]:.{COLUMNS[c][2]}f}" for c in shown]
-        table.append([policy, *numbers])
+    header, rows = means_table(summary)
+    table = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = [
         "  ".join(

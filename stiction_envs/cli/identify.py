@@ -57,4 +57,4 @@ def show(result: dict[str, Any]) -> str:
     """Return the result as readable lines."""
     from stiction_envs.identification.identify import describe
 
-    return f"{describe(result)}\nwritten to {result['out']}: model.xml, report.md"
+    return f"{describe(result)}\nwritten to {result['out']}: model.xml, report.html"

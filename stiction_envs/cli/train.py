@@ -67,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from tuning.policies.curve import draw_curve
     from tuning.policies.distil import distil
     from tuning.policies.evaluation import evaluate_all
+    from tuning.policies.report import write_report
     from tuning.policies.settings import policy_settings
 
     # the triangle and the pentagon are what it is evaluated on
@@ -112,6 +113,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
             experiment=args.experiment,
         )
+        write_report(folder.path, task, args.algo, trained, evaluated, distilled)
     return {
         "command": "train",
         "seed": args.seed,

@@ -32,11 +32,9 @@ from stiction_envs.gap.report_figures import (
     draw_joint,
 )
 from stiction_envs.gap.report_scores import draw_proof, draw_summary
-from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.html import to_html
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.reporting.markdown import number, short, table_text
-from stiction_envs.reporting.templates import render, write_page
+from stiction_envs.reporting.templates import render, write_md_and_html
 
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTS = "plots"
@@ -72,9 +70,10 @@ def write_report(
     """
     (folder / PLOTS).mkdir(exist_ok=True)
     pictures = _draw(folder / PLOTS, d, proof, check)
-    text = write_page(
-        folder / "report.md",
+    names = write_md_and_html(
+        folder,
         TEMPLATES / "report.md.j2",
+        f"Diagnosis of {d.robot}: {d.verdict}",
         **_verdict(d, nominal_name),
         plots=PLOTS,
         pictures=pictures,
@@ -100,9 +99,7 @@ def write_report(
         notes=_notes(d),
         provenance=table_text(["", ""], [[a, b] for a, b in provenance]),
     )
-    page = to_html(text.splitlines(), folder, f"Diagnosis of {d.robot}: {d.verdict}")
-    write_text_atomic(folder / "report.html", page)
-    return ["report.md", "report.html", *(f"{PLOTS}/{x.file}" for x in pictures.values())]
+    return [*names, *(f"{PLOTS}/{x.file}" for x in pictures.values())]
 
 
 def _draw(folder: Path, d: Diagnosis, proof: Proof | str, check: Check | None) -> dict[str, Drawn]:

@@ -48,6 +48,7 @@ from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.markdown import sentence, table
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
+from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
@@ -55,6 +56,7 @@ from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 __all__ = ["Identification", "identify", "identify_data"]
 
 Array = NDArray[np.float64]
+TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 SIDES = ("motor", "link")
 """Of the gear, on which torque can be measured."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
@@ -160,15 +162,28 @@ class Identification(Result):
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``identification.json``, ``report.md``, ``model.xml`` and a plot."""
+        """Write ``identification.json``, ``report.md``, ``report.html``, ``model.xml``, a plot."""
         from stiction_envs.identification.plots import plot_identification
 
         name = self.nominal.name
         write_json(folder / "identification.json", self.to_json())
-        page = f"# {name}: links and friction from logs\n\n![residual](residual.png)\n\n"
-        write_text_atomic(folder / "report.md", page + self.page())
         self.write_mjcf(folder / "model.xml")
         plot_identification(name, self.rms, self.noise, folder / "residual.png")
+        excited = (
+            f"{len(self.unsure)} of {len(self.names)} base parameters are hardly excited by these "
+            "logs"
+            if self.unsure
+            else f"these logs excite all {len(self.names)} base parameters"
+        )
+        write_md_and_html(
+            folder,
+            TEMPLATE,
+            f"{name}: links and friction from logs",
+            robot=name,
+            gain=self.gain_percent,
+            excited=excited,
+            page=self.page(),
+        )
 
     def __repr__(self) -> str:
         text = f"{len(self.values)} base parameters, {self.gain_percent:.1f} % below the nominal"

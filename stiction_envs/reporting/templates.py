@@ -15,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from stiction_envs.reporting import markdown
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.html import to_html
 
 FILTERS = (
     *("number", "signed", "percent", "short", "span"),
@@ -37,7 +38,7 @@ def _environment(folder: Path) -> Environment:
     return out
 
 
-def render(template: Path, **values: object) -> str:
+def render(template: Path, /, **values: object) -> str:
     """Return the text of a template: no blank lines but single ones, one line end at the end.
 
     Args:
@@ -48,8 +49,34 @@ def render(template: Path, **values: object) -> str:
     return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
-def write_page(path: Path, template: Path, **values: Any) -> str:
+def write_page(path: Path, template: Path, /, **values: Any) -> str:
     """Write a template's text to a file; return the text."""
     text = render(template, **values)
     write_text_atomic(path, text)
     return text
+
+
+def write_md_and_html(
+    folder: Path,
+    template: Path,
+    title: str,
+    /,
+    *,
+    names: tuple[str, str] = ("report.md", "report.html"),
+    **values: Any,
+) -> tuple[str, str]:
+    """Write a template's text as Markdown and as one HTML file that needs nothing else.
+
+    Args:
+        folder: an existing one; the pictures that the text shows are in it already.
+        template: its path.
+        title: of the HTML page.
+        names: of the two files.
+        values: what the template asks for.
+
+    Returns:
+        The names.
+    """
+    text = write_page(folder / names[0], template, **values)
+    write_text_atomic(folder / names[1], to_html(text.splitlines(), folder, title))
+    return names

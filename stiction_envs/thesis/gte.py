@@ -29,7 +29,7 @@ from stiction_envs.experiments.gte.rows import (
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.thesis_robots import thesis_robots
 from stiction_envs.reporting.markdown import percent, table_text
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 
 (ROBOT,) = thesis_robots("4.11")
 Measured = tuple[Run, Measures]
@@ -201,9 +201,11 @@ def write_gte(
             progress("figures", k + 1, len(pairs))
     iterations = len(pairs[0][0][0].accepted)
     found = score(rows)
-    write_page(
-        folder / "gte.md",
+    write_md_and_html(
+        folder,
         Path(__file__).parent / "templates" / "gte.md.j2",
+        "Table 4.11, simulated beside measured",
+        names=("gte.md", "report.html"),
         iterations=iterations,
         s=found,
         ensemble=ensemble,

@@ -25,7 +25,7 @@ from stiction_envs.measured import thesis_dithered, thesis_robots
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.png import save_full
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.thesis.tables import (
     TITLES,
     TUNED,
@@ -65,9 +65,11 @@ def write_tables(
     _scatter(found.rows, folder / "tables.png")
     figures = _appendices(folder, found, progress)
     marks = scores(found.rows)
-    write_page(
-        folder / "tables.md",
+    write_md_and_html(
+        folder,
         Path(__file__).parent / "templates" / "tables.md.j2",
+        "The thesis's tables, simulated beside measured",
+        names=("tables.md", "report.html"),
         overview=_overview(marks),
         tables=list(_tables(found)),
         figures=figures,

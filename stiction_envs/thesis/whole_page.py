@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.html import slug, to_html
+from stiction_envs.reporting.html import slug
 from stiction_envs.reporting.markdown import plural, table_text
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.thesis.catalogue import CHAPTERS, ITEMS, LEFT_OUT
 from stiction_envs.thesis.items import TEMPLATES, Item, Written
 
@@ -62,9 +61,11 @@ def write_pages(
         if mine:
             chapters.append(Chapter(title, mine))
     whole = len(sections) == len(ITEMS)
-    text = write_page(
-        folder / "report.md",
+    write_md_and_html(
+        folder,
         TEMPLATES / "whole.md.j2",
+        "The thesis, simulated beside measured",
+        names=("report.md", "index.html"),
         intro=_intro(sections, whole=whole),
         iterations="as many iterations as in the thesis"
         if iterations is None
@@ -77,8 +78,6 @@ def write_pages(
         future=future_table(),
         left_out=LEFT_OUT if whole else {},
     )
-    page = to_html(text.splitlines(), folder, "The thesis, simulated beside measured")
-    write_text_atomic(folder / "index.html", page)
 
 
 def _intro(sections: Sequence[Section], *, whole: bool) -> str:

@@ -55,6 +55,7 @@ def test_without_dither(cli, work, path):
     assert {p.name for p in (work / "a").iterdir()} == {
         *("errors.csv", "runs.csv", "points.csv", "trace.csv", "provenance.json"),
         *("path_xy.png", "path_3d.png", "error_position.png", "error_orientation.png"),
+        *("report.md", "report.html"),
     }
     rows = read(work / "a" / "errors.csv")
     assert [r["axis"] for r in rows] == list(AXES)

@@ -12,7 +12,10 @@ from stiction_envs.robots.regressor import inertial_parameters
 from stiction_envs.testing import excited_logs as excited
 from tests.gap.small_logs import RATE, motion, write_csv
 
-FILES = {"identification.json", "report.md", "model.xml", "residual.png", "provenance.json"}
+FILES = {
+    *("identification.json", "report.md", "report.html", "model.xml", "residual.png"),
+    "provenance.json",
+}
 
 
 @pytest.fixture

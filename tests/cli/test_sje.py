@@ -10,6 +10,7 @@ from stiction_envs.experiments.sje import protocol
 from stiction_envs.measured import read_sje
 
 QUICK = ["--joint", 7, "--iterations", 1]
+REPORT = ["report.html", "report.md", "torques.png"]
 
 
 def test_base_only(cli, work):
@@ -27,6 +28,7 @@ def test_base_only(cli, work):
         "joint7_load.png",
         "joint7_no_load.png",
         "provenance.json",
+        *REPORT,
     }
 
 
@@ -78,7 +80,13 @@ def test_provenance(cli, work, dither):
         found["versions"]
     )
     assert "git_commit" in found
-    assert found["files"] == ["joint7_load.png", "joint7_load_dither.png", "sje.csv"]
+    assert found["files"] == [
+        "joint7_load.png",
+        "joint7_load_dither.png",
+        *REPORT[:2],
+        "sje.csv",
+        REPORT[2],
+    ]
 
 
 def test_same_run_gives_the_same_bytes(cli, work, dither):
@@ -130,6 +138,7 @@ def test_other_run_is_replaced_only_by_force(cli, work):
         "notes.txt",
         "provenance.json",
         "sje.csv",
+        *REPORT,
     }
     assert (work / "a" / "notes.txt").read_text() == "mine"
 

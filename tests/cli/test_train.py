@@ -64,6 +64,7 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     assert ran.code == 0
     result = json.loads(ran.out)
     files = {"policy.zip", "evaluation.csv", "curve.csv", "curve.png", "rule.csv"}
+    files |= {"report.md", "report.html"}
     assert files | {NAME} <= {p.name for p in (work / "out").iterdir()}
     assert [r["steps"] for r in rows(work / "out" / "curve.csv")] == ["0", "32", "64"]
     assert result["steps"] == 64
@@ -122,7 +123,7 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     )
     ran = train("--out", "parts", "--json")
     assert json.loads(ran.out)["resumed_at"] == 32
-    for name in ("curve.csv", "policy.zip", "evaluation.csv", "curve.png"):
+    for name in ("curve.csv", "policy.zip", "evaluation.csv", "curve.png", "report.html"):
         assert (work / "parts" / name).read_bytes() == (work / "whole" / name).read_bytes()
     before = {p: p.read_bytes() for p in (work / "parts").rglob("*") if p.is_file()}
     # of another training: seed, algorithm, steps, arm

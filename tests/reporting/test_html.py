@@ -11,9 +11,9 @@ def test_html_escapes_and_holds_its_pictures(tmp_path):
     for part in (
         "<title>T &amp; T</title>",
         "<h1>A &lt; B</h1>",
-        "<strong>bold</strong> <code>x&lt;y</code> more",
+        "<strong>bold</strong> <code>x&lt;y</code>\nmore",
         "<li>one</li>\n<li>two</li>",
-        "<td>1</td><td>2</td>",
+        "<td>1</td>\n<td>2</td>",
         'src="data:image/png;base64,cG5n"',
     ):
         assert part in page
@@ -38,5 +38,28 @@ def test_a_page_fits_a_phone(tmp_path):
 
 
 def test_italics_are_not_products(tmp_path):
-    page = to_html(["*one word* and *two*, 2 * 3 * 4, a*b*c"], tmp_path, "T")
-    assert "<p><em>one word</em> and <em>two</em>, 2 * 3 * 4, a*b*c</p>" in page
+    page = to_html(["*one word* and *two*, 2 * 3 * 4, joint_1_load"], tmp_path, "T")
+    assert "<p><em>one word</em> and <em>two</em>, 2 * 3 * 4, joint_1_load</p>" in page
+
+
+def test_a_name_with_markup_stays_text(tmp_path):
+    lines = [
+        "log <script>alert(1)</script>.csv",
+        "",
+        "<b>block</b>",
+        "",
+        "[x](javascript:alert(1))",
+    ]
+    page = to_html(lines, tmp_path, "T")
+    body = page[page.index("<body>") :]
+    assert "<script" not in body
+    assert "<b>" not in body
+    assert 'href="javascript' not in body
+
+
+def test_caveats_are_quotations_and_pictures_stand_beside_each_other(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"png")
+    page = to_html(["> one", ">", "> two", "", "![a](a.png) ![b](a.png)"], tmp_path, "T")
+    assert page.count("<blockquote>") == 1
+    assert page.count("<figure>") == 1
+    assert page.count("<img ") == 2

@@ -15,7 +15,7 @@ from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import signed, table_text
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from tuning.explore import figures
 from tuning.explore.options import Found
 from tuning.explore.tracking import Table
@@ -72,9 +72,10 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
             for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
         },
     }
-    write_page(
-        folder / "report.md",
+    write_md_and_html(
+        folder,
         TEMPLATE,
+        f"Dither for {summary['robot']}, searched",
         summary=summary,
         objective=objective,
         final=_final(found, final),

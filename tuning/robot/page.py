@@ -18,7 +18,7 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.png import save_full
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from tuning.record import Record
 from tuning.robot.ask import best_measured, chance_of_better, next_settings
 from tuning.robot.belief import Belief, believe
@@ -182,7 +182,8 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     if asked:
         _write_asked(folder, state)
     draw(state, folder / "belief.png")
-    write_page(folder / "report.md", TEMPLATE, **_words(state))
+    words = _words(state)
+    write_md_and_html(folder, TEMPLATE, f"Dither for {words['robot']}, beside the robot", **words)
 
 
 def _ask_columns(most: int) -> tuple[str, ...]:

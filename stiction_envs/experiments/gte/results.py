@@ -62,12 +62,13 @@ class TrackingErrors(Result):
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv`` and plots.
+        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report.
 
         Args:
             folder: an existing one.
         """
         from stiction_envs.experiments.gte import plots
+        from stiction_envs.experiments.gte.report import write_report
 
         runs = [r for r, _ in self.runs]
         write_rows(folder / "errors.csv", self.rows)
@@ -81,9 +82,11 @@ class TrackingErrors(Result):
             runs, folder / "error_orientation.png", robot=self.robot, orientation=True
         )
         printed = [self.compared and thesis_window_sums(run.case) for run in runs[:2]]
-        if len(printed) == 2 and all(printed):
+        in_thesis = len(printed) == 2 and all(printed)
+        if in_thesis:
             pair = [(self.runs[0], self.runs[1])]
             plots.plot_window_sums(pair, folder / "table_4_11.png", robot=self.robot)
+        write_report(folder, self.rows, self.run_rows, printed=in_thesis)
 
     def __repr__(self) -> str:
         return f"<TrackingErrors of {self.robot}: {len(self.runs)} cases>"

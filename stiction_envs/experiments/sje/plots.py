@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
 from stiction_envs.experiments.sje.rig import BLOCK
+from stiction_envs.measured import SJERow
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots.registry import arm_title
@@ -29,6 +30,8 @@ POSES = {"load": "load pose", "no_load": "no-load pose"}
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
 SIGNS = {"+": "+", "-": "−"}
 WITHOUT, WITH = "0.45", "#d1701a"
+MOST_NAMED = 2
+"""Settings of one joint that a title and a legend have room for."""
 
 
 def dither_text(job: Job) -> str:
@@ -102,11 +105,9 @@ def plot_sje(
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")
     draw_sje(figure, measurements, threshold=threshold, ramp_rate=ramp_rate)
     c = measurements[0].job.configuration
-    kinds = dict.fromkeys(dither_text(m.job) for m in in_direction(measurements))
-    figure.suptitle(
-        f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}: {' / '.join(kinds)}",
-        fontsize=12,
-    )
+    kinds = list(dict.fromkeys(dither_text(m.job) for m in in_direction(measurements)))
+    drives = f"{len(kinds)} settings" if len(kinds) > MOST_NAMED else " / ".join(kinds)
+    figure.suptitle(f"{arm_title(robot)}, joint {c.joint}, {POSES[c.load]}: {drives}", fontsize=12)
     save_full(figure, path)
 
 
@@ -155,6 +156,8 @@ def draw_sje(
         fontsize=10,
     )
     lower.set_xlabel("commanded torque along the ramp, |τ| at breakaway [N·m]")
+    if len({dither_text(m.job) for m in measurements}) > MOST_NAMED:
+        return
     for axes in (upper, lower):
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8.5)
 
@@ -208,6 +211,57 @@ def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
             zorder=5,
             label=text,
         )
+
+
+def plot_torques(rows: Sequence[SJERow], path: str | os.PathLike[str], *, robot: str) -> None:
+    """Draw every breakaway torque, a configuration in a line: without dither a ring, with it a dot.
+
+    Args:
+        rows: of ``sje.csv``, at least one.
+        path: PNG to write.
+        robot: name for the title.
+    """
+    lines = list(dict.fromkeys((r.joint, r.load, r.direction) for r in rows))
+    figure = Figure(figsize=(8.6, 1.3 + 0.26 * len(lines)), layout="constrained")
+    axes = figure.subplots()
+    for row in rows:
+        y = lines.index((row.joint, row.load, row.direction))
+        base = not row.amplitude_nm
+        axes.errorbar(
+            abs(row.tau_nm),
+            y,
+            xerr=row.std_nm if row.iterations > 1 else None,
+            fmt="o",
+            color=WITHOUT if base else WITH,
+            mfc="white" if base else WITH,
+            ms=6,
+            capsize=3,
+            lw=1.2,
+            zorder=3 if base else 4,
+            label="no dither" if base else "with dither",
+        )
+    axes.set_yticks(
+        range(len(lines)),
+        [f"joint {j}, {POSES[load]} ({SIGNS[d]})" for j, load, d in lines],
+        fontsize=8.5,
+    )
+    for k in range(1, len(lines)):
+        if lines[k][0] != lines[k - 1][0]:
+            axes.axhline(k - 0.5, color="0.88", lw=0.8, zorder=0)
+    axes.invert_yaxis()
+    axes.margins(y=0.6 / len(lines))
+    axes.set_xlim(left=0)
+    axes.grid(alpha=0.25, lw=0.6, axis="x")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlabel("|τ| at breakaway [N·m]")
+    handles, labels = axes.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    if len(named) > 1:
+        figure.legend(
+            named.values(), named.keys(), loc="outside lower center", ncols=2, frameon=False
+        )
+    figure.suptitle(f"{arm_title(robot)}: torque at which each joint breaks away", fontsize=12)
+    save_full(figure, path)
 
 
 def plot_with_and_without(

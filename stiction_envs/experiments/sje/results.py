@@ -86,7 +86,7 @@ class BreakawayTorques(Result):
     def write(
         self, folder: Path, *, progress: Callable[[str, int, int], None] | None = None
     ) -> None:
-        """Write the table, and a plot per joint, pose and kind.
+        """Write the table, a plot per joint, pose and kind, ``report.md`` and ``report.html``.
 
         Args:
             folder: an existing one.
@@ -96,6 +96,7 @@ class BreakawayTorques(Result):
             ExperimentError: everything was stuck; nothing is written.
         """
         from stiction_envs.experiments.sje.plots import plot_sje
+        from stiction_envs.experiments.sje.report import write_report
 
         if not self.rows:
             raise ExperimentError(f"{self.describe_stuck()}: nothing was written")
@@ -115,6 +116,14 @@ class BreakawayTorques(Result):
             )
             if progress is not None:
                 progress("plots", k + 1, len(groups))
+        write_report(
+            folder,
+            self.rows,
+            robot=self.robot,
+            protocol=self.protocol,
+            pictures=list(groups),
+            stuck=self.describe_stuck(),
+        )
 
     def __repr__(self) -> str:
         dithered = sum(not is_base(m) for m in self.measurements)

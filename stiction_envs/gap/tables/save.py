@@ -21,10 +21,9 @@ from stiction_envs.gap.tables.extended import extended_friction
 from stiction_envs.gap.tables.sentences import TableCause, TableDiagnosis
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.html import to_html
 from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.markdown import joints, listed, short, table_text
-from stiction_envs.reporting.templates import write_page
+from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "tables.md.j2"
@@ -131,9 +130,10 @@ class TableResult(DiagnosisResult):
         d = self.diagnosis
         if any(math.isfinite(x) for x in d.nominal.values()):
             plot_errors(d.nominal, d.extended, d.noise_floor, folder / "plots" / "summary.png")
-        text = write_page(
-            folder / "report.md",
+        write_md_and_html(
+            folder,
             TEMPLATE,
+            f"Diagnosis of {self.robot}: {self.verdict}",
             d=d,
             summary=self.summary,
             nominal_name=self.nominal_name,
@@ -143,8 +143,6 @@ class TableResult(DiagnosisResult):
             extension=self.extension,
             provenance=table_text(["", ""], [[a, b] for a, b in self._rows(hashes)]),
         )
-        page = to_html(text.splitlines(), folder, f"Diagnosis of {self.robot}: {self.verdict}")
-        write_text_atomic(folder / "report.html", page)
 
     def _errors(self) -> str:
         d = self.diagnosis

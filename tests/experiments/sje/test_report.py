@@ -1,0 +1,59 @@
+"""A Single Joint Experiment's report, of made torques."""
+
+import math
+
+import pytest
+
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.experiments.sje.report import write_report
+from stiction_envs.measured import SJERow
+
+
+def row(joint, tau, *, amplitude=0.0, reduction=0.0, iterations=4):
+    return SJERow(
+        robot="panda",
+        joint=joint,
+        load="load",
+        direction="+",
+        frequency_hz=15.0 if amplitude else 0.0,
+        amplitude_nm=amplitude,
+        tau_nm=tau,
+        std_nm=0.01 if iterations > 1 else math.nan,
+        iterations=iterations,
+        reduction=reduction,
+    )
+
+
+@pytest.fixture
+def report(tmp_path):
+    def write(rows, stuck=""):
+        protocol = load_protocol("panda")
+        write_report(
+            tmp_path, rows, robot="panda", protocol=protocol, pictures=["torques.png"], stuck=stuck
+        )
+        return (tmp_path / "report.md").read_text("utf-8"), (tmp_path / "report.html").read_text()
+
+    return write
+
+
+def test_the_verdict_is_first_and_counts_what_dither_makes_worse(report):
+    rows = [
+        *(row(1, 0.8), row(1, 0.6, amplitude=1.0, reduction=0.25)),
+        *(row(7, 0.5), row(7, 0.55, amplitude=0.4, reduction=-0.1)),
+    ]
+    text, page = report(rows)
+    verdict = text.splitlines()[2]
+    assert "falls by 8 % on average** over 2 configurations" in verdict
+    assert "most on joint 1 (25 %), least on joint 7 (−10 %). It rises on joint 7." in verdict
+    assert "| 7 | load pose | + | 15 Hz, 0.4 N·m | +0.5500 | 0.0100 | +10.0 % |" in text
+    assert page.index("falls by 8 %") < page.index("<img ") < page.index("<table")
+    assert 'src="data:image/png;base64,' in page
+    assert "http" not in page
+
+
+def test_without_dither_it_says_where_joints_let_go(report):
+    text, _ = report([row(1, -0.8, iterations=1), row(7, 0.5, iterations=1)], stuck="joint 3 held")
+    assert "**2 configurations let go** at 0.500 to 0.800 N·m, least on joint 7, most on" in text
+    assert "> Joint 3 held." in text
+    assert "mean of 1 iteration." in text
+    assert "| 1 | load pose | + | – | −0.8000 | – |  |" in text

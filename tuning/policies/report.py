@@ -1,0 +1,86 @@
+"""A training for people: ``report.md`` and ``report.html``; means of evaluated policies as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiction_envs.reporting.markdown import number, table_text
+from stiction_envs.reporting.templates import write_md_and_html
+from stiction_envs.robots.registry import arm_title
+
+if TYPE_CHECKING:
+    from tuning.policies.distil import Distilled
+    from tuning.policies.evaluation import Evaluated
+    from tuning.policies.task import Task
+    from tuning.policies.train import Trained
+
+TEMPLATE = Path(__file__).parents[1] / "templates" / "train.md.j2"
+COLUMNS = {
+    "return": ("return", 1.0, 3),
+    "return_error": ("±", 1.0, 3),
+    "reduction": ("reduction", 1.0, 3),
+    "position_left_m": ("left [mm]", 1e3, 3),
+    "orientation_left_rad": ("[mrad]", 1e3, 3),
+    "vibration_moving_mm": ("moving [mm]", 1.0, 3),
+    "vibration_at_rest_mm": ("at rest [mm]", 1.0, 3),
+    "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
+    "power": ("power", 1.0, 3),
+}
+"""Means that are shown: heading, factor, digits."""
+
+
+def means_table(
+    summary: Mapping[str, Mapping[str, float]],
+) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of `Evaluated.summary`, a policy in a row."""
+    shown = [c for c in COLUMNS if c in next(iter(summary.values()))]
+    rows = [
+        [policy, *(number(means[c] * COLUMNS[c][1], COLUMNS[c][2]) for c in shown)]
+        for policy, means in summary.items()
+    ]
+    return ["policy", *(COLUMNS[c][0] for c in shown)], rows
+
+
+def write_report(
+    folder: Path,
+    task: Task,
+    algorithm: str,
+    trained: Trained,
+    evaluated: Evaluated,
+    distilled: Distilled | None = None,
+) -> None:
+    """Write both pages.
+
+    Args:
+        folder: an existing one, with ``curve.png``.
+        task: that was trained on.
+        algorithm: its name.
+        trained: the policy's curve.
+        evaluated: no dither ("none") and the policy ("trained"), on the same episodes.
+        distilled: the closest table and rule, where they were asked for.
+    """
+    summary = evaluated.summary()
+    none, policy = summary["none"], summary["trained"]
+    gain, error = policy["return"] - none["return"], policy["return_error"]
+    robot = arm_title(task.arm_name)
+    write_md_and_html(
+        folder,
+        TEMPLATE,
+        f"{algorithm.upper()} on {task.name}",
+        robot=robot,
+        algorithm=f"{algorithm.upper()} on {task.name}",
+        trained=policy["return"],
+        error=error,
+        none=none["return"],
+        words="" if gain > 2 * error else ": no gain that stands against the scatter of episodes",
+        first=trained.points[0].evaluation_return,
+        best=trained.best.evaluation_return,
+        best_steps=trained.best.steps,
+        notes=list(trained.notes),
+        table=table_text(*means_table(summary)),
+        distilled=None
+        if distilled is None
+        else {kind: 100 * lost for kind, lost in distilled.lost.items()},
+    )
