@@ -60,9 +60,8 @@ def write_md_and_html(
     folder: Path,
     template: Path,
     title: str,
-    /,
-    *,
     names: tuple[str, str] = ("report.md", "report.html"),
+    /,
     **values: Any,
 ) -> tuple[str, str]:
     """Write a template's text as Markdown and as one HTML file that needs nothing else.

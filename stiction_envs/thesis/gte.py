@@ -205,7 +205,7 @@ def write_gte(
         folder,
         Path(__file__).parent / "templates" / "gte.md.j2",
         "Table 4.11, simulated beside measured",
-        names=("gte.md", "report.html"),
+        ("gte.md", "report.html"),
         iterations=iterations,
         s=found,
         ensemble=ensemble,

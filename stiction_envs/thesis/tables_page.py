@@ -69,7 +69,7 @@ def write_tables(
         folder,
         Path(__file__).parent / "templates" / "tables.md.j2",
         "The thesis's tables, simulated beside measured",
-        names=("tables.md", "report.html"),
+        ("tables.md", "report.html"),
         overview=_overview(marks),
         tables=list(_tables(found)),
         figures=figures,

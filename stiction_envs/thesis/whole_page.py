@@ -65,7 +65,7 @@ def write_pages(
         folder,
         TEMPLATES / "whole.md.j2",
         "The thesis, simulated beside measured",
-        names=("report.md", "index.html"),
+        ("report.md", "index.html"),
         intro=_intro(sections, whole=whole),
         iterations="as many iterations as in the thesis"
         if iterations is None

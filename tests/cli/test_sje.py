@@ -58,6 +58,7 @@ def test_with_dither(cli, work, dither):
         assert r.reduction > 0.1
     names = {p.stem for p in (work / "runs" / "sje-panda").glob("*.png")}
     assert names == {f"joint{j}_{load}" for j in (6, 7) for load in ("load", "no_load")} | {
+        "torques",
         "joint7_load_dither",
         "joint7_no_load_dither",
     }

@@ -73,7 +73,7 @@ def write_report(
         algorithm=f"{algorithm.upper()} on {task.name}",
         trained=policy["return"],
         error=error,
-        none=none["return"],
+        undithered=none["return"],
         words="" if gain > 2 * error else ": no gain that stands against the scatter of episodes",
         first=trained.points[0].evaluation_return,
         best=trained.best.evaluation_return,
