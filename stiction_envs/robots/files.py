@@ -15,5 +15,7 @@ def robot_files(robot: str | Path) -> dict[str, Path]:
     """
     known = ARMS.get(str(robot))
     path = Path(robot).expanduser() if known is None else known.model
+    if not path.name:  # "." or "/"
+        return {}
     found = {"robot": path, "robot_table": path.with_suffix(".toml")}
     return {k: v for k, v in found.items() if v.is_file()}

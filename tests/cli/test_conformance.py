@@ -40,6 +40,7 @@ def test_what_export_writes_is_what_it_takes(cli, two, work):
     ("argv", "says"),
     [
         (["atlas"], "no such file, and no robot of that name"),
+        ([""], "no such file, and no robot of that name"),
         (["{good}", "--stiction", "-1"], "finite numbers from 0"),
         (["{good}", "--stiction", 1, 2], "1 hinges"),
         (["{broken}"], "not a readable MJCF or URDF"),

@@ -34,7 +34,7 @@ from tests.gap.small_logs import motion, write_csv
 from tests.robots.own_arms import chain
 
 pytestmark = pytest.mark.slow
-EXAMPLES = int(os.environ.get("STICTION_FUZZ", "60"))
+EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
 PATIENCE = 1.5
 """Seconds after which work is interrupted."""
 BOUND = 30.0
