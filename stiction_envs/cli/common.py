@@ -125,20 +125,36 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         nargs=logs,
         type=Path,
         metavar=metavar,
-        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; one robot",
+        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; a CSV of "
+        "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); one robot",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=robot_help())
     parser.add_argument(
         "--torque",
         choices=("motor", "link"),
-        default="motor",
-        help="side of the gear on which tau was measured (Franka, KUKA: link; default: motor)",
+        help="side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
+        "log says, else motor)",
     )
+    add_bag_options(parser)
     parser.add_argument(
         "--cutoff",
         type=number(0, above=True),
         metavar="HZ",
         help="of the zero-phase filter of all signals (default: chosen from the data)",
+    )
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which joints of a ROS bag are meant."""
+    parser.add_argument(
+        "--joints",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="names of joints 1 to n in a ROS bag (default: the robot's, or by their numbers)",
+    )
+    parser.add_argument(
+        "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
     )
 
 
@@ -250,13 +266,14 @@ def output_folder(
 
 def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> dict[str, Any]:
     """Return what makes the result of a command line."""
+    from stiction_envs.measured.logs.files import is_log
     from stiction_envs.reporting.provenance import provenance
 
     return provenance(
         args.command,
         {k: v for k, v in vars(args).items() if k not in NOT_RECORDED},
         seed=args.seed,
-        inputs={k: v for k, v in inputs.items() if v is not None and v.is_file()},
+        inputs={k: v for k, v in inputs.items() if v is not None and is_log(v)},
     )
 
 

@@ -72,13 +72,15 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
     files = [*args.logs, *args.poses]
-    for log in [*files, *args.check]:
-        if not log.is_file():
-            raise StictionError(f"{log}: no such file")
 
     from stiction_envs.gap.diagnose import default_nominal, diagnose
     from stiction_envs.gap.stages import Stages
+    from stiction_envs.measured.logs.files import is_log
     from stiction_envs.robots.files import robot_files
+
+    for log in [*files, *args.check]:
+        if not is_log(log):
+            raise StictionError(f"{log}: no such file")
 
     if args.nominal is None:
         args.nominal = default_nominal(args.logs)
@@ -93,6 +95,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             args.logs,
             args.robot,
             torque=args.torque,
+            joints=args.joints,
+            topic=args.topic,
             nominal=args.nominal,
             poses=args.poses,
             check=args.check,

@@ -27,12 +27,13 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Identify; write ``identification.json``, report, model, a plot and provenance."""
+    from stiction_envs.measured.logs.files import is_log
     from stiction_envs.robots import load_arm
     from stiction_envs.robots.files import robot_files
 
     arm = load_arm(args.robot)
     for log in args.logs:
-        if not log.is_file():
+        if not is_log(log):
             raise StictionError(f"{log}: no such file")
     inputs = {f"log{k}": log for k, log in enumerate(args.logs, 1)}
     folder = common.output_folder(args, arm.name, {**inputs, **robot_files(args.robot)})
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             args.logs,
             arm,
             torque=args.torque,
+            joints=args.joints,
+            topic=args.topic,
             cutoff_hz=args.cutoff,
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )

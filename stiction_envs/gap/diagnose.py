@@ -23,16 +23,15 @@ from stiction_envs.gap.save import LogDiagnosis
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.tables.from_files import diagnose_files
 from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
-from stiction_envs.measured.logs.sources import Log, log_sources
+from stiction_envs.measured.logs.sources import Log, log_sources, torque_side
 from stiction_envs.measured.settings import MeasuredSettings
 from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.files import robot_files
 
-SIDES = ("motor", "link")
-"""Of the gear, on which torque can be measured."""
 METHODS = ("auto", "lsm")
 """The tool's result, or the thesis's least squares (equation 3.1) with it."""
 
@@ -41,7 +40,9 @@ def diagnose(
     data: Log | Sequence[Log],
     robot: str | Path | Arm,
     *,
-    torque: str = "motor",
+    torque: str | None = None,
+    joints: Sequence[str] = (),
+    topic: str | None = None,
     nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
     check: Sequence[Log] = (),
@@ -56,13 +57,16 @@ def diagnose(
 ) -> DiagnosisResult:
     """Name what a simulation gets wrong about measurements of one robot.
 
-    Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``) or torque tables (the form of ``sje.csv``, base
-    torques and dithered ones) are told from their columns.
+    Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``, logs of libfranka, ROS bags) or torque tables
+    (the form of ``sje.csv``, base torques and dithered ones) are told from what is in them.
 
     Args:
         data: a file or several of one kind, or logs that were read.
         robot: name, model file or arm.
-        torque: side of the gear on which a log's torque was measured, "motor" or "link".
+        torque: side of the gear on which a log's torque was measured, "motor" or "link"; None for
+            what the log says (those of libfranka, franka_ros, iiwa_ros: link), else motor.
+        joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
+        topic: of ROS bags that have several with joint states.
         nominal: the simulation to judge: "rigid" (of logs the default), "shipped" (of tables the
             default), a TOML (friction, or an earlier ``model.toml``), or parameters.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
@@ -89,15 +93,15 @@ def diagnose(
     check = [check] if isinstance(check, str | Path | JointLog) else list(check)
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses (--poses)")
-    if torque not in SIDES:
-        raise unknown("torque side", torque, SIDES)
+    torque_side(torque, ())  # a side that is none is said first
     if method not in METHODS:
         raise unknown("method", method, METHODS)
     of_tables = _of_tables(given)
     nominal = default_nominal(given) if nominal is None else nominal
     if of_tables:
-        used = {"torque": torque != "motor", "poses": bool(poses), "method": method != "auto"}
+        used = {"torque": torque == "link", "poses": bool(poses), "method": method != "auto"}
         used |= {"cutoff": cutoff_hz is not None, "check": bool(check)}
+        used |= {"joints": bool(joints), "topic": topic is not None}
         for option in (k for k, is_used in used.items() if is_used):
             raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
     for table in (x for x in check if isinstance(x, str | Path) and file_kind(x) == TABLE):
@@ -105,11 +109,18 @@ def diagnose(
     own = override(default_settings(), settings)
     arm, judged = _models(robot, nominal, payload, tilt)
     sources = log_sources([*given, *poses]) | log_sources(check, "check")
+    naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
+    logs = [] if of_tables else _read(given, poses, arm, naming, own.measured)
+    # what is wrong with these is said before the work
+    others = _read(check, (), arm, naming, own.measured) if check else []
+    side = torque_side(torque, [*logs, *others])
     arguments = {
         "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
         "check": [str(x) if isinstance(x, str | Path) else x.source for x in check],
         "robot": arm.name if isinstance(robot, Arm) else robot,
-        "torque": torque,
+        "torque": side,
+        "joints": list(joints),
+        "topic": topic,
         "cutoff": cutoff_hz,
         "poses": list(poses),
         "nominal": nominal if isinstance(nominal, str | Path) else "parameters",
@@ -132,28 +143,24 @@ def diagnose(
     if of_tables:
         files = [x for x in given if isinstance(x, str | Path)]
         return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
-    logs = _read(given, poses, arm, own.measured)
-    others = None
-    if check:  # what is wrong with them is said before the work
-        read = _read(check, (), arm, own.measured)
-        others = check_logs(read, logs, arm, own, cutoff_hz=cutoff_hz)
+    beside = check_logs(others, logs, arm, own, cutoff_hz=cutoff_hz) if others else None
     found = diagnose_logs(
         logs,
         arm,
         nominal=judged,
-        link_side=torque == "link",
+        link_side=side == "link",
         cutoff_hz=cutoff_hz,
         seed=seed,
         progress=progress,
         settings=own,
     )
     held = None
-    if others is not None:
+    if beside is not None:
         if progress is not None:
             progress("check", 0.0)
-        held = hold(found, others)
+        held = hold(found, beside)
     return LogDiagnosis(
-        diagnosis=found, torque=torque, with_lines=method == "lsm", check=held, **shared
+        diagnosis=found, torque=side, with_lines=method == "lsm", check=held, **shared
     )
 
 
@@ -180,14 +187,19 @@ def _of_tables(data: Sequence[Log]) -> bool:
 
 
 def _read(
-    given: Sequence[Log], poses: Sequence[str | Path], arm: Arm, settings: MeasuredSettings
+    given: Sequence[Log],
+    poses: Sequence[str | Path],
+    arm: Arm,
+    naming: Naming,
+    settings: MeasuredSettings,
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
-    n, limits = arm.n, arm.limits
+    n = arm.n
+    how: dict[str, Any] = {"limits": arm.limits, "naming": naming, "settings": settings}
     files = [x for x in given if isinstance(x, str | Path)]
-    from_files = iter(read_logs(files, n, limits=limits, settings=settings) if files else [])
+    from_files = iter(read_logs(files, n, **how) if files else [])
     logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
-    return logs + [read_poses(x, n, limits=limits, settings=settings) for x in poses]
+    return logs + [read_poses(x, n, **how) for x in poses]
 
 
 def _models(

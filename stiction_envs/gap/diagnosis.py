@@ -35,6 +35,7 @@ from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm, load_arm
@@ -191,7 +192,8 @@ def diagnose(
         if isinstance(log, JointLog):
             read.append(log)
         else:
-            read += read_logs([log], arm.n, limits=arm.limits, settings=own.measured)
+            naming = Naming(robot=arm.joint_names)
+            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, settings=own.measured)
         say("reading", len(read) / len(logs))
     causes = registered() if causes is None else causes
     for cause in causes:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -40,8 +40,9 @@ from stiction_envs.identification.base_parameters import (
 )
 from stiction_envs.identification.bodies import consistent_fit
 from stiction_envs.identification.settings import IdentificationSettings, identification_settings
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.measured.logs.sources import log_sources
+from stiction_envs.measured.logs.sources import log_sources, torque_side
 from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
@@ -57,8 +58,6 @@ __all__ = ["Identification", "identify", "identify_data"]
 
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
-SIDES = ("motor", "link")
-"""Of the gear, on which torque can be measured."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
 """Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
 today); unconstrained base parameters with friction; links that can exist with friction."""
@@ -245,7 +244,9 @@ def identify(
     logs: str | Path | JointLog | Sequence[str | Path | JointLog],
     robot: Robot,
     *,
-    torque: str = "motor",
+    torque: str | None = None,
+    joints: Sequence[str] = (),
+    topic: str | None = None,
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: IdentificationSettings | Changes | None = None,
@@ -256,7 +257,9 @@ def identify(
         logs: a file or several, or logs that were read.
         robot: name, model file or arm; its links are the nominal ones.
         torque: side of the gear on which it was measured, "motor" or "link"; behind the gear
-            rotors are not seen.
+            rotors are not seen. None for what the logs say, else motor.
+        joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
+        topic: of ROS bags that have several with joint states.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
@@ -270,25 +273,28 @@ def identify(
     chosen = override(identification_settings(), settings)
     gap = chosen.gap
     arm = arm_of(robot)
-    if torque not in SIDES:
-        raise unknown("torque side", torque, SIDES)
+    torque_side(torque, ())  # a side that is none is said first
     given = [logs] if isinstance(logs, str | Path | JointLog) else list(logs)
     if not given:
         raise StictionError("no logs: expected one or more")
     sources = log_sources(given)
+    naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
     read: list[JointLog] = []
     for log in given:
         if isinstance(log, JointLog):
             read.append(log)
         else:
-            read += read_logs([log], arm.n, limits=arm.limits, settings=gap.measured)
+            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, settings=gap.measured)
         say("reading", len(read) / len(given))
+    side = torque_side(torque, read)
     made = provenance(
         "identify",
         {
             "robot": arm.name,
             "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
-            "torque": torque,
+            "torque": side,
+            "joints": list(joints),
+            "topic": topic,
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
             "settings": fingerprint(chosen),
@@ -299,10 +305,12 @@ def identify(
     most = chosen.validation.most_samples
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=most, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
-    data = assemble(arm, signals, link_side=torque == "link", settings=gap)
+    data = assemble(arm, signals, link_side=side == "link", settings=gap)
     found = identify_data(data, progress=say, settings=chosen)
-    notes = (c.text for log in turned[:1] for c in log.corrections if c.kind == "sign")
-    return dataclasses.replace(found, notes=(*signals.notes, *notes), provenance=made)
+    # torques are turned in all logs or none
+    sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
+    source = [c.text for log in turned for c in log.corrections if c.kind == "source"]
+    return dataclasses.replace(found, notes=(*signals.notes, *source, *sign), provenance=made)
 
 
 def identify_data(

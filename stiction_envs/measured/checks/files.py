@@ -9,18 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from stiction_envs.errors import StictionError, missing_extra
+from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.rules import Defect
 from stiction_envs.measured.checks.tables import check_tables, read_rows
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.measured.kinds import TABLE, file_kind, header_of
-from stiction_envs.measured.logs.columns import joints_of
+from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.files import count_joints, is_log
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import IGNORED, JointLog, read_logs
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
@@ -28,8 +26,9 @@ from stiction_envs.robots import load_arm
 
 REMARK = "remark"
 """Kind of what is true but not wrong."""
-ALLOWED = ("gap", "run", "epoch")
-"""Corrections of a log that only say how it was recorded: segments, recordings, dates as time."""
+ALLOWED = ("gap", "run", "epoch", "source")
+"""Corrections of a log that only say how it was recorded: segments, recordings, dates as time, what
+its columns or messages are."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,12 @@ def describe(findings: Sequence[Mapping[str, str]]) -> str:
     return "\n".join(lines) or "nothing wrong"
 
 
-def check(*files: str | os.PathLike[str], robot: str | Path | None = None) -> Findings:
+def check(
+    *files: str | os.PathLike[str],
+    robot: str | Path | None = None,
+    joints: Sequence[str] = (),
+    topic: str | None = None,
+) -> Findings:
     """Say what is wrong in torque tables and joint logs, told from their columns.
 
     Tables: percentages that do not follow from their torques, amplitudes that are not base × scale,
@@ -94,6 +98,8 @@ def check(*files: str | os.PathLike[str], robot: str | Path | None = None) -> Fi
     Args:
         files: paths.
         robot: whose logs these are; without it fewer wrong units are seen.
+        joints: names of joints 1 to n in ROS bags; () finds them (`logs.joint_names`).
+        topic: of ROS bags that have several with joint states.
 
     Raises:
         StictionError: no file, one that is not there, or that is neither table nor log.
@@ -102,15 +108,19 @@ def check(*files: str | os.PathLike[str], robot: str | Path | None = None) -> Fi
         raise StictionError("no file given: expected one or more torque tables or joint logs")
     paths = [Path(x) for x in files]
     for path in paths:
-        if not path.is_file():
+        if not is_log(path):
             raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
     arm = None if robot is None else load_arm(robot)
     kinds = {path: file_kind(path) for path in paths}
     findings = _of_tables([p for p in kinds if kinds[p] == TABLE])
     for path in (p for p in kinds if kinds[p] != TABLE):
         try:
-            n = count_joints(path) if arm is None else arm.n
-            (log,) = read_logs([path], n, limits=None if arm is None else arm.limits)
+            naming = Naming(
+                robot=() if arm is None else arm.joint_names, joints=tuple(joints), topic=topic
+            )
+            n = count_joints(path, naming) if arm is None else arm.n
+            limits = None if arm is None else arm.limits
+            (log,) = read_logs([path], n, limits=limits, naming=naming)
             findings += _of_log(path, log)
         except StictionError as error:
             findings.append(_unreadable(path, error))
@@ -119,7 +129,12 @@ def check(*files: str | os.PathLike[str], robot: str | Path | None = None) -> Fi
         findings=tuple(findings),
         provenance=provenance(
             "check",
-            {"files": [str(p) for p in paths], "robot": robot},
+            {
+                "files": [str(p) for p in paths],
+                "robot": robot,
+                "joints": list(joints),
+                "topic": topic,
+            },
             seed=0,
             inputs={f"file{k}": p for k, p in enumerate(paths, 1)},
         ),
@@ -156,33 +171,3 @@ def _unreadable(path: Path, error: StictionError) -> Finding:
     """Return an error as a finding; its message begins with the file."""
     text = str(error).removeprefix(str(path)).lstrip(":, ")
     return Finding(str(path), "", "unreadable", text)
-
-
-def count_joints(path: Path) -> int:
-    """Return for how many joints a log has angles.
-
-    Raises:
-        StictionError: a log without a column of angles, or that cannot be read.
-    """
-    name = path.name.lower()
-    try:
-        if name.endswith(".npz"):
-            with np.load(path, allow_pickle=False) as arrays:
-                names = list(arrays)
-                if "q" in names:
-                    return int(arrays["q"].shape[1])
-        elif name.endswith(".parquet"):
-            parquet: Any = import_module("pyarrow.parquet")
-            names = list(parquet.read_schema(path).names)
-        else:
-            names = header_of(path)
-    except ImportError:
-        raise missing_extra(f"{path}: reading .parquet", "pyarrow", "parquet") from None
-    except Exception:
-        # damaged archives raise almost anything
-        raise StictionError(f"{path}: damaged, or no such kind of file") from None
-    if not names:
-        raise StictionError(f"{path}: empty file: expected t,q1..qn,tau1..taun")
-    if not (found := joints_of(names)):
-        raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
-    return found

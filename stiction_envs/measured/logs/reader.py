@@ -33,7 +33,9 @@ from stiction_envs.measured.logs.corrections import (
     drop_repeats,
     fill_missing,
 )
-from stiction_envs.measured.logs.files import RawLog, read_raw
+from stiction_envs.measured.logs.files import read_raw
+from stiction_envs.measured.logs.formats.base import RawLog
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.settings import (
     ClockSettings,
     MeasuredSettings,
@@ -78,6 +80,8 @@ class JointLog:
     """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
     date: float | None = None
     """Date that was taken off ``t``, s; None where times are no dates."""
+    side: str | None = None
+    """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.dq, self.tau, *self.extra.values()):
@@ -106,15 +110,18 @@ def read_logs(
     n_joints: int,
     *,
     limits: Limits | None = None,
+    naming: Naming | None = None,
     settings: MeasuredSettings | None = None,
 ) -> list[JointLog]:
     """Read, check and correct the logs of one robot.
 
     Args:
-        paths: files ``.csv``, ``.csv.gz``, ``.npz`` (columns, or matrices ``q``, ``tau``, … with
-            ``t``) or ``.parquet``, one or more.
+        paths: one or more of the files of `formats.registry`: ``.csv`` and ``.csv.gz`` (our
+            columns, or those of libfranka and franka_ros), ``.npz`` (columns, or matrices ``q``,
+            ``tau``, … with ``t``), ``.parquet``, ROS bags.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
+        naming: names of its joints, for bags.
         settings: constants of reading; None for those of ``settings.toml``.
 
     Raises:
@@ -126,7 +133,7 @@ def read_logs(
     s = settings or measured_settings()
     logs: list[JointLog] = []
     for path in paths:
-        raw = read_raw(path, n_joints, settings=s.files)
+        raw = read_raw(path, n_joints, naming=naming, settings=s.files)
         log = _corrected(raw, limits, s)
         for other in logs:
             if np.array_equal(other.q, log.q) and np.array_equal(other.tau, log.tau):
@@ -140,6 +147,7 @@ def read_poses(
     n_joints: int,
     *,
     limits: Limits | None = None,
+    naming: Naming | None = None,
     settings: MeasuredSettings | None = None,
 ) -> JointLog:
     """Read poses at rest without time: ``q1..qn,tau1..taun``, one pose in a row.
@@ -148,10 +156,11 @@ def read_poses(
         StictionError: as :func:`read_logs`; also for fewer than two poses.
     """
     s = settings or measured_settings()
-    raw = read_raw(path, n_joints, time=False, settings=s.files)
+    raw = read_raw(path, n_joints, time=False, naming=naming, settings=s.files)
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
     check_finite(rows, raw.place, s.log_checks)
     corrections, warnings = fill_missing(rows, raw.place, s.corrections)
+    corrections = raw.notes + corrections
     if len(rows.t) < 2:
         raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
     found = check_units(rows, raw.place, limits, s.log_checks)
@@ -166,6 +175,7 @@ def read_poses(
         corrections=tuple(corrections),
         warnings=tuple(warnings),
         static=True,
+        side=raw.side,
     )
 
 
@@ -176,8 +186,9 @@ def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> Joint
     check_finite(rows, raw.place, s.log_checks)
     check_time(rows, raw.place, s.log_checks)
     warnings = _ignored(raw)
-    date = float(rows.t[0]) if abs(rows.t[0]) > s.reader.epoch else None
-    corrections = _join_runs(rows, s.reader)
+    start = float(raw.origin + rows.t[0])
+    date = start if abs(start) > s.reader.epoch else None
+    corrections = raw.notes + _join_runs(rows, date, s.reader)
     more, missing = fill_missing(rows, raw.place, s.corrections)
     corrections, warnings = corrections + more, warnings + missing
     warnings += check_units(rows, raw.place, limits, s.log_checks)
@@ -215,23 +226,24 @@ def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> Joint
         corrections=tuple(corrections),
         warnings=tuple(warnings),
         date=date,
+        side=raw.side,
     )
 
 
 def _ignored(raw: RawLog) -> list[str]:
     if not raw.ignored:
-        return []
+        return list(raw.warnings)
     shown = ", ".join(repr(name) for name in raw.ignored[:8])
     more = f" and {len(raw.ignored) - 8} more" if len(raw.ignored) > 8 else ""
-    return [f"{IGNORED}: {shown}{more}"]
+    return [*raw.warnings, f"{IGNORED}: {shown}{more}"]
 
 
-def _join_runs(rows: Rows, s: ReaderSettings) -> list[Correction]:
+def _join_runs(rows: Rows, date: float | None, s: ReaderSettings) -> list[Correction]:
     """One rising time for all recordings of a file, and small numbers for dates."""
     corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
-    if abs(rows.t[0]) > s.epoch:
-        text = f"times are dates: counted from the first row, {rows.t[0]:.3f} s"
+    if date is not None:
+        text = f"times are dates: counted from the first row, {date:.3f} s"
         rows.t = rows.t - rows.t[0]
         corrections.append(Correction(kind="epoch", rows=len(rows.t), text=text))
     restarts = 0

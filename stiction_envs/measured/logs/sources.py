@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.logs.files import is_log
 from stiction_envs.measured.logs.reader import JointLog
 
 Log = str | Path | JointLog
+SIDES = ("motor", "link")
+"""Of the gear, on which torque can be measured."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,36 @@ def log_sources(logs: Sequence[Log], word: str = "log") -> LogSources:
         else:
             names[name], files[name] = Path(log).name, Path(log)
     # what is not there is said by its reader
-    return LogSources(names, {k: v for k, v in files.items() if v.is_file()}, in_memory)
+    return LogSources(names, {k: v for k, v in files.items() if is_log(v)}, in_memory)
+
+
+def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:
+    """Return the side of the gear on which the torque of logs was measured.
+
+    Args:
+        asked: "motor" (which warns where a log says link) or "link"; None for what the logs say,
+            and motor where they say nothing.
+        logs: of one robot.
+
+    Raises:
+        StictionError: an unknown side, or None for logs of which only some say link.
+    """
+    if asked is not None and asked not in SIDES:
+        raise unknown("torque side", asked, SIDES)
+    said = {log.side: log.source for log in logs}
+    if asked == "motor" and "link" in said:
+        warnings.warn(
+            f"torque: that of {said['link']} was measured behind the gear: expected --torque link",
+            stacklevel=2,
+        )
+    if asked is not None:
+        return asked
+    if "link" in said and len(said) > 1:
+        raise StictionError(
+            f"torque: that of {said['link']} was measured behind the gear (link), "
+            f"{said.get(None, said.get('motor'))} does not say: expected --torque link or motor"
+        )
+    return "link" if "link" in said else "motor"
 
 
 def _sha256(log: JointLog) -> str:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs import files as log_files
+from stiction_envs.measured.logs.formats import csv_file
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.measured.settings import MeasuredSettings, measured_settings
 from stiction_envs.method_settings import override
@@ -89,7 +89,7 @@ def test_too_many_rows(tmp_path: Path) -> None:
 def test_errors_below_a_block_name_the_right_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(log_files, "_BLOCK", 5000)
+    monkeypatch.setattr(csv_file, "_BLOCK", 5000)
     lines = text_of(good_values()).splitlines()
     lines.insert(40, "")
     lines.insert(41, "  ")

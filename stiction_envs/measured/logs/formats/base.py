@@ -1,0 +1,165 @@
+"""What a kind of log file owns: the ends of its names, its reader, how many joints it has.
+
+Files come from strangers: every size is bounded before memory is taken, and nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.columns import joints_of, sort_columns
+from stiction_envs.measured.logs.corrections import Correction
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.settings import FileSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What to read of a log file."""
+
+    n_joints: int
+    """Joints of the robot."""
+    time: bool
+    """Whether the log must have time; without, rows are numbered."""
+    naming: Naming
+    """Names of the joints, where a log has names."""
+    settings: FileSettings
+    """Sizes that are read."""
+
+
+@dataclass(kw_only=True)
+class RawLog:
+    """A log as it is in the file."""
+
+    source: str
+    """Path as given."""
+    t: NDArray[np.float64]
+    """Logged time, (T,), s; row numbers where the log has none."""
+    data: dict[str, NDArray[np.float64]]
+    """``q``, ``tau`` and the optional channels, (T, n) each."""
+    run: NDArray[np.int64]
+    """Number of the recording of each row, (T,), from 0."""
+    place: Callable[[int], str]
+    """Where a row is, such as ``a.csv, line 17``."""
+    ignored: tuple[str, ...] = ()
+    """Columns that are not used."""
+    side: str | None = None
+    """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
+    origin: float = 0.0
+    """What the clock showed at ``t`` = 0, s, where its reader took that off."""
+    notes: list[Correction] = field(default_factory=list)
+    """What a person should know of how it was read."""
+    warnings: list[str] = field(default_factory=list)
+    """What is odd about it."""
+
+
+class LogFormat(ABC):
+    """One kind of file."""
+
+    ends: ClassVar[tuple[str, ...]]
+    """Of the names of such files, with the dot."""
+    has_names: ClassVar[bool] = False
+    """Whether its joints have names, so that `Naming` applies."""
+
+    def matches_file(self, path: Path) -> bool:
+        """Return whether a file is of this kind, by its name."""
+        return path.name.lower().endswith(self.ends)
+
+    def matches_folder(self, path: Path) -> bool:
+        """Return whether a folder is."""
+        return False
+
+    @abstractmethod
+    def read(self, where: str, wanted: Wanted) -> RawLog:
+        """Read the numbers of a file.
+
+        Raises:
+            StictionError: it cannot be read, is too large, or is not a log of such a robot.
+        """
+
+    @abstractmethod
+    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+        """Return for how many joints there are angles; 0 where there are none.
+
+        Raises:
+            StictionError: it cannot be read.
+        """
+
+
+class ColumnFile(LogFormat):
+    """A kind of file that holds named columns."""
+
+    @abstractmethod
+    def columns(self, where: str, settings: FileSettings) -> dict[str, NDArray[Any]]:
+        """Read columns (T,), or matrices (T, n) by the name of their channel."""
+
+    def read(self, where: str, wanted: Wanted) -> RawLog:
+        """See `LogFormat.read`."""
+        return _from_columns(where, self.columns(where, wanted.settings), wanted)
+
+    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+        """See `LogFormat.count`."""
+        return joints_of(list(_flat(self.columns(where, settings))))
+
+
+def too_many(where: str, rows: int, s: FileSettings) -> StictionError:
+    """Error for a log of more numbers than are read."""
+    return StictionError(
+        f"{where}: {rows} rows or more: expected at most {s.most_values} numbers in one log; "
+        "split it or thin it out"
+    )
+
+
+def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return columns, those of matrices by channel and joint."""
+    flat: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        if array.ndim == 2 and array.shape[1] < 100:
+            flat.update({f"{name}{j + 1}": array[:, j] for j in range(array.shape[1])})
+        elif array.ndim == 1:
+            flat[name] = array
+    return flat
+
+
+def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -> RawLog:
+    flat, time, s = _flat(arrays), wanted.time, wanted.settings
+    names = list(flat)
+    columns = sort_columns(where, names, wanted.n_joints, time=time)
+    used = [c for c in (*columns.numbers, columns.run) if c is not None and c >= 0]
+    length = len(flat[names[used[0]]])
+    for c in used:
+        array = flat[names[c]]
+        if len(array) != length:
+            raise StictionError(
+                f"{where}: column {names[c]!r} has {len(array)} rows, "
+                f"{names[used[0]]!r} has {length}: expected one length for all"
+            )
+        if c != columns.run and array.dtype.kind not in "fiu":
+            raise StictionError(
+                f"{where}: column {names[c]!r} holds {array.dtype}: expected numbers"
+            )
+    if length * len(used) > s.most_values:
+        raise too_many(where, length, s)
+    run = np.zeros(length, np.int64)
+    if columns.run is not None and length:
+        label = flat[names[columns.run]]
+        run[1:] = np.cumsum(label[1:] != label[:-1])
+    return RawLog(
+        source=where,
+        t=np.array(flat["t"], np.float64) if time else np.arange(float(length)),
+        data={
+            channel: np.stack([np.asarray(flat[names[c]], np.float64) for c in group], axis=1)
+            for channel, group in columns.channels.items()
+        },
+        run=run,
+        place=lambda i: f"{where}, row {i + 1}",
+        ignored=columns.ignored,
+    )

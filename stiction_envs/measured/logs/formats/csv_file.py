@@ -1,0 +1,161 @@
+"""CSV text, gzip-compressed or not: our columns, or those of a robot's own log."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import os
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.columns import Columns, joints_of, sort_columns
+from stiction_envs.measured.logs.corrections import Correction
+from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, too_many
+from stiction_envs.measured.logs.formats.franka_ros import FRANKA_ROS
+from stiction_envs.measured.logs.formats.header import OWN, Header
+from stiction_envs.measured.logs.formats.libfranka import LIBFRANKA
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.text import TextRows, decode_header
+from stiction_envs.measured.settings import FileSettings
+
+HEADERS = (LIBFRANKA, FRANKA_ROS)
+"""Of robots' own logs; what is none of these has our columns."""
+FIRST_BYTES = 65_536
+"""Of a file, in which its header must end."""
+
+_BLOCK = 2**22
+_BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
+
+
+class CsvFile(LogFormat):
+    """Comma-separated numbers below a header."""
+
+    ends: ClassVar = (".csv", ".csv.gz")
+
+    def read(self, where: str, wanted: Wanted) -> RawLog:
+        """See `LogFormat.read`."""
+        packed = where.lower().endswith(".gz")
+        return _read_csv(where, wanted, packed=packed)
+
+    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+        """See `LogFormat.count`."""
+        names = header_of(where)
+        if not names:
+            raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
+        return joints_of(known_header(names).ours(names))
+
+
+def known_header(names: Sequence[str]) -> Header:
+    """Return whose columns these are."""
+    return next((h for h in HEADERS if h.mark in names), OWN)
+
+
+def header_of(path: str | os.PathLike[str]) -> list[str]:
+    """Return the columns of a CSV, compressed or not; none if it cannot be read."""
+    path = Path(path)
+    try:
+        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+            text = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
+    except (OSError, EOFError, zlib.error):
+        return []
+    line = next((x for x in text.splitlines() if x.strip()), "")
+    return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
+
+
+def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
+    time, s, whose = wanted.time, wanted.settings, OWN
+    rows: TextRows | None = None
+    columns: Columns | None = None
+    line = 1
+    try:
+        with open(where, "rb") as file:
+            start = file.read(2)
+            file.seek(0)
+            if packed and start and start != b"\x1f\x8b":
+                raise StictionError(
+                    f"{where}: not gzip: expected gzip-compressed CSV, or the name .csv"
+                )
+            if not packed and start == b"\x1f\x8b":
+                raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
+            stream: Any = gzip.GzipFile(fileobj=file) if packed else file
+            for block in _blocks(where, stream, s):
+                if rows is None:
+                    header, block, line = decode_header(where, block, line, s.most_line_bytes)
+                    if header is None:
+                        continue
+                    whose = known_header(header)
+                    names = whose.ours(header)
+                    columns = sort_columns(where, names, wanted.n_joints, time=time)
+                    rows = TextRows(where, header, columns)
+                line = rows.add(block, line)
+                if rows.count * len(columns.numbers if columns else ()) > s.most_values:
+                    raise too_many(where, rows.count, s)
+    except _BROKEN as error:
+        reason = "ends early" if isinstance(error, EOFError) else "is damaged"
+        raise StictionError(
+            f"{where}: the compressed file {reason} after line {line - 1}: "
+            "expected a whole gzip file"
+        ) from None
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise StictionError(f"{where}: {reason}: expected a readable log file") from None
+    if rows is None or columns is None:
+        raise StictionError(f"{where}: empty file: expected a header and one second of rows")
+    values, run, lines = rows.take()
+    start_column, data = int(time), {}
+    for channel, group in columns.channels.items():
+        data[channel] = np.ascontiguousarray(values[:, start_column : start_column + len(group)])
+        start_column += len(group)
+    return RawLog(
+        source=where,
+        t=values[:, 0] / whose.per_second if time else np.arange(float(len(values))),
+        data=data,
+        run=run,
+        place=lambda i: f"{where}, line {lines[i]}",
+        ignored=columns.ignored if whose is OWN else (),
+        side=whose.side,
+        notes=[Correction(kind="source", rows=0, text=whose.note)] if whose.note else [],
+    )
+
+
+def _blocks(where: str, stream: Any, s: FileSettings) -> Iterator[bytes]:
+    """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
+
+    What is before a damage of the file comes first, so that the error can say where it is.
+    """
+    rest, total, broken = bytearray(), 0, None
+    while True:
+        try:
+            chunk = stream.read1(_BLOCK)
+        except _BROKEN as error:
+            broken = error
+            break
+        if not chunk:
+            break
+        total += len(chunk)
+        if total > s.most_bytes:
+            raise StictionError(
+                f"{where}: over {s.most_bytes >> 20} MiB of text: expected a shorter log"
+            )
+        line_start = rest.rfind(b"\n") + 1
+        rest += chunk
+        if len(rest) - line_start > s.most_line_bytes and rest.find(b"\n", line_start) < 0:
+            raise StictionError(
+                f"{where}: a line of over {s.most_line_bytes} bytes: expected comma-separated text"
+            )
+        if len(rest) > _BLOCK:
+            end = rest.rfind(b"\n") + 1
+            yield bytes(rest[:end])
+            del rest[:end]
+    if broken is None and rest and not rest.endswith(b"\n"):
+        rest += b"\n"
+    end = rest.rfind(b"\n") + 1
+    if end:
+        yield bytes(rest[:end])
+    if broken is not None:
+        raise broken

@@ -1,0 +1,125 @@
+"""Messages of ROS with the state of an arm's joints: what each field becomes.
+
+| type | ``q``, ``dq`` | ``tau`` |
+|---|---|---|
+| ``sensor_msgs/JointState`` | ``position``, ``velocity`` | ``effort`` |
+| ``franka_msgs/FrankaState`` | ``q``, ``dq`` | ``tau_J`` (in ROS 2 ``tau_j``) |
+| ``franka_msgs/FrankaRobotState`` | of its ``measured_joint_state`` | ``effort`` there: tau_J |
+| ``lbr_fri_idl/LBRState`` | ``measured_joint_position``, none | ``measured_torque`` |
+
+Time is ``header.stamp``, of an ``LBRState`` that of KUKA's controller.
+tau_J and the measured torque of KUKA's FRI are measured behind the gear and hold gravity; commanded
+torques (``tau_J_d``, ``commanded_torque``) do not, and are not read. franka_ros, franka_ros2,
+iiwa_ros and the LBR-Stack publish the same torques as the efforts of a ``JointState``; those of
+other arms may be currents or motor torques: see their driver.
+
+Sources: common_interfaces, franka_ros, franka_ros2, lbr_fri_ros2_stack (their .msg files);
+iiwa_ros, iiwa_driver/src/iiwa.cpp.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LINK_SIDE = re.compile(r"(panda|fr3|fp3|lbr|iiwa)\d*_?")
+"""How joints of Franka's and KUKA's arms are called, whose torques are measured behind the gear."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """State of some joints at one time."""
+
+    names: tuple[str, ...] | None
+    """Of the joints; None where the message has them in the arm's order."""
+    stamp: int
+    """Time [ns]; 0 where it has none."""
+    q: Array
+    """Angles [rad]."""
+    dq: Array
+    """Speeds [rad/s]; empty where it has none."""
+    tau: Array
+    """Torques [N·m]; empty where it has none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A type of message."""
+
+    types: tuple[str, ...]
+    """Its names."""
+    tau: str
+    """The field that is read as torque."""
+    link_side: bool
+    """Whether that is always measured behind the gear."""
+    read: Callable[[Any], Sample]
+    """Take a message apart."""
+
+
+def side_of(kind: Kind, names: Sequence[str]) -> str | None:
+    """Return the side of the gear on which torque was measured, where type or names say it."""
+    named = bool(names) and all(LINK_SIDE.match(x) for x in names)
+    return "link" if kind.link_side or named else None
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def _array(values: Any) -> Array:
+    return np.asarray(values, np.float64).reshape(-1)
+
+
+def _joint_state(message: Any) -> Sample:
+    return Sample(
+        tuple(message.name),
+        _stamp(message.header),
+        _array(message.position),
+        _array(message.velocity),
+        _array(message.effort),
+    )
+
+
+def _franka_state(message: Any) -> Sample:
+    tau = message.tau_J if hasattr(message, "tau_J") else message.tau_j
+    return Sample(None, _stamp(message.header), _array(message.q), _array(message.dq), _array(tau))
+
+
+def _franka_robot_state(message: Any) -> Sample:
+    of = _joint_state(message.measured_joint_state)
+    return Sample(of.names, _stamp(message.header), of.q, of.dq, of.tau)
+
+
+def _lbr_state(message: Any) -> Sample:
+    tau = message.measured_torque if hasattr(message, "measured_torque") else message.torque
+    stamp = int(message.time_stamp_sec) * 10**9 + int(message.time_stamp_nano_sec)
+    return Sample(None, stamp, _array(message.measured_joint_position), np.zeros(0), _array(tau))
+
+
+KINDS = (
+    Kind(types=("sensor_msgs/msg/JointState",), tau="effort", link_side=False, read=_joint_state),
+    Kind(types=("franka_msgs/msg/FrankaState",), tau="tau_J", link_side=True, read=_franka_state),
+    Kind(
+        types=("franka_msgs/msg/FrankaRobotState",),
+        tau="measured_joint_state.effort",
+        link_side=True,
+        read=_franka_robot_state,
+    ),
+    Kind(
+        types=("lbr_fri_idl/msg/LBRState", "lbr_fri_msgs/msg/LBRState"),
+        tau="measured_torque",
+        link_side=True,
+        read=_lbr_state,
+    ),
+)
+"""Types that are read."""
+
+BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
+"""Each by its name."""

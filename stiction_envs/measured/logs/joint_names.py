@@ -1,0 +1,96 @@
+"""Which of a log's named joints are joints 1 to n of the robot.
+
+As the caller says; else by the names of the robot's own joints; else by number: ``panda_joint1`` to
+``panda_joint7``, ``lbr_joint_0`` to ``lbr_joint_6``, ``A1`` to ``A7`` are joints 1 to 7, whatever
+else is in the log (a gripper's fingers). Never by the order in a message, which
+``joint_state_broadcaster`` of ROS 2 leaves to chance.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stiction_envs.errors import StictionError, unknown
+
+
+@dataclass(frozen=True, kw_only=True)
+class Naming:
+    """What is known of the names in a log."""
+
+    robot: tuple[str, ...] = ()
+    """Of the robot's joints, base to flange."""
+    joints: tuple[str, ...] = ()
+    """Names in the log of joints 1 to n; () to find them."""
+    topic: str | None = None
+    """Of a ROS bag, where it has several; None for the only one."""
+
+
+def find_joints(
+    where: str, names: Sequence[str], n_joints: int | None, naming: Naming
+) -> tuple[str, ...]:
+    """Return the names in a log of joints 1 to n.
+
+    Args:
+        where: the log, the beginning of every message.
+        names: all that are in it.
+        n_joints: joints of the robot; None where no robot is known: those of the longest series.
+        naming: what the caller and the robot say.
+
+    Raises:
+        StictionError: names that were given are not in the log, or none can be found.
+    """
+    if naming.joints:
+        return _given(where, names, n_joints, naming.joints)
+    if naming.robot and set(naming.robot) <= set(names):
+        return naming.robot
+    found = _series(names)
+    if n_joints is None:
+        most = max(map(len, found), default=0)
+        found = [s for s in found if len(s) == most] or [tuple(names)]
+    else:
+        found = [s for s in found if len(s) == n_joints]
+    if len(found) == 1:
+        return found[0]
+    several = [f"{s[0]} to {s[-1]}" for s in found]
+    what = f"both {' and '.join(several)}" if several else _short(sorted(names))
+    wanted = f"names that are numbered 1 to {n_joints or 'n'}"
+    if naming.robot:
+        wanted += f", or the robot's ({_short(naming.robot)})"
+    raise StictionError(f"{where}: its joints are {what}: expected {wanted}; --joints NAME … says")
+
+
+def _given(
+    where: str, names: Sequence[str], n_joints: int | None, joints: tuple[str, ...]
+) -> tuple[str, ...]:
+    if len(set(joints)) != len(joints) or len(joints) != (n_joints or len(joints)):
+        raise StictionError(
+            f"--joints: {len(set(joints))} names: expected {n_joints or 'different ones'}, those "
+            "of all the robot's joints from its base"
+        )
+    for name in joints:
+        if name not in names:
+            raise StictionError(f"{where}: {unknown('joint (--joints)', name, names)}")
+    return joints
+
+
+def _series(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return names that differ only in their last number and count from 0 or 1 without a gap."""
+    groups: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        # the last number of a name counts: robot2_joint1
+        *_, match = [None, *re.finditer(r"\d+", name)]
+        if match is not None:
+            key = name[: match.start()], name[match.end() :]
+            groups.setdefault(key, {})[int(match[0])] = name
+    return [
+        tuple(group[k] for k in sorted(group))
+        for group in groups.values()
+        if sorted(group) in (list(range(len(group))), list(range(1, len(group) + 1)))
+    ]
+
+
+def _short(names: Sequence[str]) -> str:
+    text = ", ".join(names)
+    return text if len(text) <= 120 else f"{text[:120]}…"

@@ -1,0 +1,136 @@
+"""Recordings of ROS with the joint states of a log, written through rosbags, no ROS needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags import rosbag1, rosbag2
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+Array = np.ndarray
+START = 1_700_000_000_123_456_789
+"""Date of the first message [ns]: a float of seconds would round it by 100 ns."""
+PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+STORES = {"ros1": Stores.ROS1_NOETIC, "ros2": Stores.ROS2_HUMBLE}
+KINDS = ("bag", "mcap", "db3", "folder")
+
+FRANKA_STATE_1 = """std_msgs/Header header
+float64[7] q
+float64[7] dq
+float64[7] tau_J
+float64[7] tau_J_d
+"""
+FRANKA_STATE_2 = FRANKA_STATE_1.replace("tau_J", "tau_j")
+FRANKA_ROBOT_STATE = """std_msgs/Header header
+sensor_msgs/JointState measured_joint_state
+sensor_msgs/JointState desired_joint_state
+"""
+LBR_STATE = """float64 sample_time
+uint32 time_stamp_sec
+uint32 time_stamp_nano_sec
+float64[7] measured_joint_position
+float64[7] measured_torque
+float64[7] commanded_torque
+float64[7] external_torque
+"""
+OWN_TYPES = {
+    "ros1": {"franka_msgs/msg/FrankaState": FRANKA_STATE_1},
+    "ros2": {
+        "franka_msgs/msg/FrankaState": FRANKA_STATE_2,
+        "franka_msgs/msg/FrankaRobotState": FRANKA_ROBOT_STATE,
+        "lbr_fri_idl/msg/LBRState": LBR_STATE,
+    },
+}
+"""Fields of these messages that are read, and those beside them that must not be."""
+
+
+@dataclass
+class Message:
+    """One message of a bag."""
+
+    topic: str
+    type: str
+    time: int
+    """Of its recording [ns]."""
+    fields: dict[str, Any]
+
+
+def store(ros: str) -> Typestore:
+    """Return what rosbags knows of a ROS, with the types of robots."""
+    known = get_typestore(STORES[ros])
+    for name, text in OWN_TYPES[ros].items():
+        known.register(get_types_from_msg(text, name))
+    return known
+
+
+def header(known: Typestore, time: int, number: int = 0) -> Any:
+    """Return a header with a stamp [ns]."""
+    stamp = known.types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
+    of = known.types["std_msgs/msg/Header"]
+    if "seq" in of.__dataclass_fields__:
+        return of(seq=number, stamp=stamp, frame_id="")
+    return of(stamp=stamp, frame_id="")
+
+
+def write_bag(path: Path, kind: str, messages: Iterable[Message]) -> Path:
+    """Write a bag of one of `KINDS`; return its file or folder."""
+    ros = "ros1" if kind == "bag" else "ros2"
+    known = store(ros)
+    if kind == "bag":
+        made = path.with_suffix(".bag")
+        writer: Any = rosbag1.Writer(made)
+    else:
+        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        made = path if kind == "folder" else path / f"{path.name}.{kind}"
+    code = known.serialize_ros1 if kind == "bag" else known.serialize_cdr
+    with writer:
+        connections: dict[str, Any] = {}
+        for number, m in enumerate(messages):
+            if m.topic not in connections:
+                connections[m.topic] = writer.add_connection(m.topic, m.type, typestore=known)
+            fields = {
+                k: v(known, m.time, number) if callable(v) else v for k, v in m.fields.items()
+            }
+            writer.write(connections[m.topic], m.time, code(known.types[m.type](**fields), m.type))
+    return made
+
+
+def joint_states(
+    values: Array,
+    names: tuple[str, ...] = PANDA,
+    *,
+    topic: str = "/joint_states",
+    stamp: Callable[..., Any] = header,
+    speeds: bool = True,
+    efforts: bool = True,
+) -> list[Message]:
+    """Return ``t, q, dq, tau`` (T, 1 + 3n) as messages; their joints in another order each time."""
+    n, rng = len(names), np.random.default_rng(0)
+    none = np.zeros(0)
+    out = []
+    for row in values:
+        order = rng.permutation(n)
+        q, dq, tau = (np.ascontiguousarray(x[order]) for x in row[1:].reshape(3, n))
+        fields = {
+            "header": stamp,
+            "name": [names[k] for k in order],
+            "position": q,
+            "velocity": dq if speeds else none,
+            "effort": tau if efforts else none,
+        }
+        time = START + round(row[0] * 1e9)
+        out.append(Message(topic, "sensor_msgs/msg/JointState", time, fields))
+    return out
+
+
+def merged(*streams: list[Message]) -> list[Message]:
+    """Return messages in the order of their times."""
+    return sorted((m for s in streams for m in s), key=lambda m: m.time)

@@ -1,0 +1,380 @@
+"""ROS bags as joint logs: what other files of the same numbers give; hostile ones refused."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.joint_names import Naming, find_joints
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import good_values
+from tests.measured.logs.ros_bags import (
+    FINGERS,
+    KINDS,
+    PANDA,
+    START,
+    Message,
+    header,
+    joint_states,
+    merged,
+    write_bag,
+)
+
+ARM = load_arm("panda")
+VALUES = good_values()
+NAMING = Naming(robot=ARM.joint_names)
+
+
+def read(path: Path, **naming: Any) -> JointLog:
+    made = Naming(robot=ARM.joint_names, **naming)
+    return read_logs([path], 7, limits=ARM.limits, naming=made)[0]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory) -> JointLog:
+    path = tmp_path_factory.mktemp("plain") / "log.npz"
+    np.savez(path, t=VALUES[:, 0], q=VALUES[:, 1:8], dq=VALUES[:, 8:15], tau=VALUES[:, 15:])
+    return read_logs([path], 7, limits=ARM.limits)[0]
+
+
+def assert_same(log: JointLog, other: JointLog, *, speeds: bool = True) -> None:
+    """The same numbers to the bit, and the same corrections but for where they came from."""
+    np.testing.assert_array_equal(log.t, other.t)
+    np.testing.assert_array_equal(log.q, other.q)
+    np.testing.assert_array_equal(log.tau, other.tau)
+    if speeds:
+        np.testing.assert_array_equal(log.dq, other.dq)
+    else:
+        assert log.dq is None
+    assert log.breaks == other.breaks
+    own = [c for c in log.corrections if c.kind not in ("source", "epoch")]
+    assert own == list(other.corrections)
+
+
+def fingers(values: np.ndarray, shift: int = 2_000_000, **how: Any) -> list[Message]:
+    """A gripper that publishes to the same topic between the arm's messages."""
+    rows = np.zeros((len(values), 7))
+    rows[:, 0] = values[:, 0]
+    out = joint_states(rows, FINGERS, **how)
+    for m in out:
+        m.time += shift
+    return out
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: JointLog) -> None:
+    """Names decide, not the order in a message; a gripper's messages are left out."""
+    messages = merged(joint_states(VALUES), fingers(VALUES))
+    log = read(write_bag(tmp_path / "log", kind, messages))
+    assert_same(log, plain)
+    assert log.side == "link"
+    assert log.date == pytest.approx(START / 1e9, abs=1e-6)
+    (source,) = [c.text for c in log.corrections if c.kind == "source"]
+    assert "tau is effort, measured behind the gear" in source
+    assert "joints 1 to 7 are panda_joint1, panda_joint2" in source
+    assert "200 messages of other joints left out" in source
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        tuple(f"lbr_joint_{j}" for j in range(7)),
+        tuple(f"A{j}" for j in range(1, 8)),
+        tuple(f"iiwa_joint_{j}" for j in range(1, 8)),
+        tuple(f"robot2_joint_a{j}_rot" for j in range(1, 8)),
+        ARM.joint_names,
+    ],
+    ids=lambda x: x[0],
+)
+def test_names_by_number(tmp_path: Path, names: tuple[str, ...], plain: JointLog) -> None:
+    log = read(write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names)))
+    assert_same(log, plain)
+    assert log.side == ("link" if names[0].startswith(("lbr", "iiwa")) else None)
+
+
+def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path, plain: JointLog) -> None:
+    """Names without numbers: by the robot's own, else as the caller says, else one line."""
+    names = ("base", "upper", "lower", "wrist_1", "wrist_2", "wrist_3", "tool")
+    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names))
+    own = read_logs([path], 7, limits=ARM.limits, naming=Naming(robot=names))[0]
+    assert_same(own, plain)
+    assert_same(read(path, joints=names), plain)
+    turned = read_logs([path], 7, naming=Naming(joints=names[::-1]))[0]
+    np.testing.assert_array_equal(turned.tau, plain.tau[:, ::-1])
+    with pytest.raises(StictionError, match=r"its joints are base, .*--joints NAME … says"):
+        read(path)
+    with pytest.raises(StictionError, match="unknown joint \\(--joints\\) 'hip': expected one of"):
+        read(path, joints=("hip", *names[1:]))
+    with pytest.raises(StictionError, match="--joints: 6 names: expected 7"):
+        read(path, joints=names[:6])
+
+
+def test_joints_option_is_believed(tmp_path: Path) -> None:
+    """Two arms in one bag: the option says which; without it, one line names both."""
+    left = tuple(f"left_joint{j}" for j in range(1, 8))
+    right = tuple(f"right_joint{j}" for j in range(1, 8))
+    both = np.column_stack(
+        [VALUES[:, :1], *(VALUES[:, a : a + 7] * s for a in (1, 8, 15) for s in (1, -1))]
+    )
+    path = write_bag(tmp_path / "log", "mcap", joint_states(both, left + right))
+    np.testing.assert_array_equal(
+        read_logs([path], 7, naming=Naming(joints=right))[0].q, -VALUES[:, 1:8]
+    )
+    with pytest.raises(StictionError, match="both left_joint1 to left_joint7 and right_joint1"):
+        read(path)
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_franka_states(tmp_path: Path, kind: str, plain: JointLog) -> None:
+    """tau_J, not the command beside it."""
+    tau = "tau_J" if kind == "bag" else "tau_j"
+    messages = [
+        Message(
+            "/franka_state_controller/franka_states",
+            "franka_msgs/msg/FrankaState",
+            START + round(row[0] * 1e9),
+            {
+                "header": header,
+                "q": row[1:8],
+                "dq": row[8:15],
+                tau: row[15:],
+                f"{tau}_d": 0 * row[15:],
+            },
+        )
+        for row in VALUES
+    ]
+    log = read(write_bag(tmp_path / "log", kind, messages))
+    assert_same(log, plain)
+    assert log.side == "link"
+
+
+def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
+    def state(row: np.ndarray) -> Any:
+        def make(known: Any, time: int, number: int) -> Any:
+            q, dq, tau = row[1:].reshape(3, 7)
+            names = [f"fr3_joint{j}" for j in range(1, 8)]
+            empty = header(known, 0)
+            return known.types["sensor_msgs/msg/JointState"](empty, names, q, dq, tau)
+
+        return make
+
+    messages = [
+        Message(
+            "/franka_robot_state_broadcaster/robot_state",
+            "franka_msgs/msg/FrankaRobotState",
+            START + round(row[0] * 1e9),
+            {
+                "header": header,
+                "measured_joint_state": state(row),
+                "desired_joint_state": state(0 * row),
+            },
+        )
+        for row in VALUES
+    ]
+    log = read(write_bag(tmp_path / "log", "mcap", messages))
+    assert_same(log, plain)
+    assert log.side == "link"
+
+
+def test_lbr_states_have_the_controllers_clock(tmp_path: Path, plain: JointLog) -> None:
+    messages = []
+    for row in VALUES:
+        time = START + round(row[0] * 1e9)
+        seconds, nanoseconds = divmod(time, 10**9)
+        fields = {
+            "sample_time": 0.01,
+            "time_stamp_sec": seconds,
+            "time_stamp_nano_sec": nanoseconds,
+            "measured_joint_position": row[1:8],
+            "measured_torque": row[15:],
+            "commanded_torque": 0 * row[15:],
+            "external_torque": 0 * row[15:],
+        }
+        # recorded late, by a different time each: the stamps count
+        late = int(time + 1e6 * (1 + np.sin(row[0])))
+        messages.append(Message("/lbr/state", "lbr_fri_idl/msg/LBRState", late, fields))
+    log = read(write_bag(tmp_path / "log", "mcap", messages))
+    assert_same(log, plain, speeds=False)
+    assert log.side == "link"
+
+
+def test_without_speeds_and_stamps(tmp_path: Path, plain: JointLog) -> None:
+    """No speed is none, and the recorder's time takes the place of a stamp, with a warning."""
+    messages = joint_states(VALUES, stamp=lambda known, *_: header(known, 0), speeds=False)
+    log = read(write_bag(tmp_path / "log", "bag", messages))
+    assert_same(log, plain, speeds=False)
+    assert any("no stamp" in x for x in log.warnings)
+
+
+def test_simulated_time_is_no_date(tmp_path: Path, plain: JointLog) -> None:
+    messages = joint_states(VALUES, stamp=lambda known, time, *_: header(known, time - START + 5))
+    log = read(write_bag(tmp_path / "log", "mcap", messages))
+    assert_same(log, plain)
+    assert log.date is None
+
+
+def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
+    """Commands beside measurements: nobody guesses. A gripper's own topic asks nothing."""
+    wanted = VALUES.copy()
+    wanted[:, 15:] = 1.0
+    states = joint_states(VALUES, topic="/franka/joint_states")
+    gripper = fingers(VALUES, topic="/gripper/joint_states")
+    assert_same(read(write_bag(tmp_path / "one", "mcap", merged(states, gripper))), plain)
+    path = write_bag(
+        tmp_path / "two", "mcap", merged(states, joint_states(wanted, topic="/desired"), gripper)
+    )
+    with pytest.raises(
+        StictionError, match=r"several topics .*: /franka/joint_states, /desired: .*--topic NAME"
+    ):
+        read(path)
+    assert_same(read(path, topic="/franka/joint_states"), plain)
+    with pytest.raises(StictionError, match="unknown topic '/none': expected one of /franka"):
+        read(path, topic="/none")
+
+
+def text_bag(folder: Path, kind: str = "mcap") -> Path:
+    messages = [Message("/chat", "std_msgs/msg/String", START + k, {"data": "x"}) for k in range(3)]
+    return write_bag(folder / "chat", kind, messages)
+
+
+def changed(folder: Path, column: int, value: float, rows: slice = slice(None)) -> Path:
+    values = VALUES.copy()
+    values[rows, column] = value
+    return write_bag(folder / "log", "mcap", joint_states(values))
+
+
+def shortened(folder: Path, kind: str) -> Path:
+    path = write_bag(folder / "log", kind, joint_states(VALUES))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(0.6 * len(data))])
+    return path
+
+
+def two_publishers(folder: Path) -> Path:
+    three, four = (
+        joint_states(
+            np.column_stack([VALUES[:, 0], *(VALUES[:, 7 * c + 1 :][:, a:b] for c in range(3))]),
+            PANDA[a:b],
+        )
+        for a, b in ((0, 3), (3, 7))
+    )
+    return write_bag(folder / "log", "mcap", merged(three, four))
+
+
+def short_efforts(folder: Path) -> Path:
+    messages = joint_states(VALUES)
+    messages[20].fields["effort"] = np.ones(3)
+    return write_bag(folder / "log", "mcap", messages)
+
+
+def empty_metadata(folder: Path) -> Path:
+    (folder / "metadata.yaml").write_text("{}")
+    return folder
+
+
+BAD = {
+    "garbage": (
+        lambda f: _put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
+        "damaged or no ROS bag",
+    ),
+    "empty": (lambda f: _put(f / "log.bag", b""), "damaged or no ROS bag"),
+    "no database": (lambda f: _put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
+    "cut bag": (lambda f: shortened(f, "bag"), "damaged or no ROS bag.*rosbag reindex"),
+    "cut mcap": (lambda f: shortened(f, "mcap"), "damaged or no ROS bag.*mcap recover"),
+    "cut db3": (lambda f: shortened(f, "db3"), "damaged or no ROS bag"),
+    "folder that is none": (empty_metadata, "damaged or no ROS bag"),
+    "other messages": (
+        text_bag,
+        r"no states of joints, its topics are /chat \(std_msgs/msg/String\): expected one of "
+        "sensor_msgs/msg/JointState",
+    ),
+    "no efforts": (
+        lambda f: write_bag(f / "log", "mcap", joint_states(VALUES, efforts=False)),
+        "/joint_states, message 1: effort is empty: expected the torques",
+    ),
+    "efforts of NaN": (
+        lambda f: changed(f, 17, np.nan),
+        "/joint_states, message 1: tau3 has no value, in 200 of 200 rows",
+    ),
+    "infinite effort": (
+        lambda f: changed(f, 17, np.inf, slice(60, 61)),
+        "/joint_states, message 61: tau3 is inf",
+    ),
+    "efforts of zero": (lambda f: changed(f, slice(15, 22), 0.0), "never change"),
+    "too few efforts": (short_efforts, "message 21: 3 values of effort: expected 7, one a joint"),
+    "two publishers": (
+        two_publishers,
+        "without panda_joint4, .*expected all 7 joints in one message; two publishers",
+    ),
+    "too short": (
+        lambda f: write_bag(f / "log", "mcap", joint_states(VALUES[:30])),
+        "0.29 s of samples",
+    ),
+    "another arm": (
+        lambda f: write_bag(f / "log", "bag", joint_states(good_values(joints=6), PANDA[:6])),
+        "its joints are panda_joint1, .*expected names that are numbered 1 to 7",
+    ),
+}
+
+
+def _put(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_bag_is_one_clear_line(tmp_path: Path, name: str) -> None:
+    make, says = BAD[name]
+    path = make(tmp_path)
+    with pytest.raises(StictionError, match=says) as error:
+        read(path)
+    message = str(error.value)
+    assert "\n" not in message
+    assert "expected" in message
+    assert str(path) in message
+    assert len(message.replace(str(tmp_path), "")) < 400
+
+
+def test_a_wrong_topic_says_what_it_holds(tmp_path: Path) -> None:
+    with pytest.raises(StictionError, match="/chat: holds std_msgs/msg/String: expected one of"):
+        read(text_bag(tmp_path), topic="/chat")
+
+
+def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line says what to install."""
+    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(StictionError, match=r"rosbags: pip install 'stiction-envs\[ros\]'"):
+        read(path)
+
+
+def test_names_mean_nothing_to_a_csv(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1\n0,0\n")
+    with pytest.raises(StictionError, match=r"--topic: .*log\.csv have numbers"):
+        read(path, topic="/joint_states")
+
+
+def test_joints_are_counted_without_a_robot(tmp_path: Path) -> None:
+    messages = merged(joint_states(VALUES), fingers(VALUES))
+    path = write_bag(tmp_path / "log", "folder", messages)
+    assert count_joints(path) == 7
+    found = check(path, joints=PANDA)
+    assert found.defects == ()
+    assert any("tau is effort" in x.message for x in found.findings)
+    assert len(found.provenance["inputs"]["file1"]["sha256"]) == 64
+
+
+def test_series_with_a_gap_are_none() -> None:
+    names = ("j1", "j2", "j4")
+    with pytest.raises(StictionError, match="its joints are j1, j2, j4"):
+        find_joints("x", names, 3, Naming())
+    assert find_joints("x", ("j2", "j0", "j1"), 3, Naming()) == ("j0", "j1", "j2")

@@ -1,0 +1,92 @@
+"""Logs of libfranka and franka_ros as CSV: what our own columns give."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.kinds import LOG, file_kind
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.sources import torque_side
+from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import good_values, text_of
+from tests.measured.logs.robot_csv import libfranka, rostopic
+
+LIMITS = load_arm("panda").limits
+VALUES = good_values()
+
+
+def read(path: Path, text: str) -> JointLog:
+    path.write_text(text)
+    return read_logs([path], 7, limits=LIMITS)[0]
+
+
+@pytest.mark.parametrize("between", [", ", ","])
+def test_libfranka(tmp_path: Path, between: str) -> None:
+    """Milliseconds become seconds, tau_J the torque; all to the digits that are printed."""
+    log = read(tmp_path / "log.csv", libfranka(VALUES, between=between))
+    np.testing.assert_array_equal(log.t, VALUES[:, 0])
+    for got, columns in ((log.q, slice(1, 8)), (log.dq, slice(8, 15)), (log.tau, slice(15, 22))):
+        np.testing.assert_allclose(got, VALUES[:, columns], rtol=5e-6)
+    assert log.side == "link"
+    assert log.warnings == ()
+    assert [c.text for c in log.corrections] == [
+        "a log of libfranka: tau is state.tau_J, measured behind the gear, with gravity"
+    ]
+
+
+def test_libfranka_with_all_digits_is_our_own_log(tmp_path: Path) -> None:
+    own = read(tmp_path / "own.csv", text_of(VALUES))
+    # the header of libfranka over the cells of ours, which have nine digits
+    log = read(tmp_path / "log.csv", libfranka(VALUES, digits=9))
+    for a, b in ((log.q, own.q), (log.dq, own.dq), (log.tau, own.tau), (log.t, own.t)):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_franka_ros(tmp_path: Path) -> None:
+    """Dates of 19 digits: a float of them is good to 0.3 µs."""
+    log = read(tmp_path / "log.csv", rostopic(VALUES))
+    np.testing.assert_allclose(log.t, VALUES[:, 0], rtol=0, atol=5e-7)
+    np.testing.assert_array_equal(log.q, VALUES[:, 1:8])
+    np.testing.assert_array_equal(log.dq, VALUES[:, 8:15])
+    np.testing.assert_array_equal(log.tau, VALUES[:, 15:])
+    assert log.side == "link"
+    assert log.date == pytest.approx(1.7e9)
+
+
+@pytest.mark.parametrize("text", [libfranka(VALUES), rostopic(VALUES)], ids=["libfranka", "ros"])
+def test_they_are_told_and_checked_without_a_robot(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    assert file_kind(path) == LOG
+    assert check(path).defects == ()
+    assert check(path, robot="panda").defects == ()
+
+
+def test_a_log_of_libfranka_without_torques(tmp_path: Path) -> None:
+    text = libfranka(VALUES).replace("state.tau_J[", "state.effort[")
+    with pytest.raises(StictionError, match=r"missing columns 'tau1', .*: expected t,q1"):
+        read(tmp_path / "log.csv", text)
+
+
+def test_side_of_the_torque(tmp_path: Path) -> None:
+    """What the logs say where nobody else does; a contradiction is told."""
+    theirs = read(tmp_path / "theirs.csv", libfranka(VALUES))
+    ours = read(tmp_path / "ours.csv", text_of(VALUES))
+    assert torque_side(None, [theirs]) == "link"
+    assert torque_side(None, [ours]) == "motor"
+    assert torque_side("link", [ours, theirs]) == "link"
+    with pytest.raises(StictionError, match=r"ours\.csv does not say: expected --torque"):
+        torque_side(None, [ours, theirs])
+    with pytest.raises(StictionError, match="unknown torque side 'gear': expected one of motor"):
+        torque_side("gear", [ours])
+    with pytest.warns(UserWarning, match=r"theirs\.csv was measured behind the gear"):
+        assert torque_side("motor", [theirs]) == "motor"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert torque_side("motor", [ours]) == "motor"
