@@ -31,7 +31,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
 )
 from stiction_envs.experiments.sje.rows import sje_rows
-from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_sje
+from stiction_envs.measured import AmplitudeRow, write_final, write_sje
 from tuning.measurements import as_data, from_data
 from tuning.record import Outcome, Parameters, Record, Search
 from tuning.rules import Choice, final_amplitude
@@ -297,9 +297,9 @@ class ThesisTuner:
         write_sje(self.out / name, [r for r in rows if r.is_base == wanted])
 
     def write_final(self, choices: list[Choice]) -> None:
-        """Write final.csv."""
+        """Write final.csv and final.yaml."""
         rows = [AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices]
-        write_amplitudes(self.out / "final.csv", rows)
+        write_final(self.out, rows, self.experiment.sticking.arm.joint_names)
 
 
 def study_of(

@@ -149,8 +149,8 @@ def tune(
         table: measured base torques, or their file; the friction is calibrated to them first.
             None tunes with the friction as it is.
         out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
-            verification.csv, report.md, plots, friction.toml, optuna.db. None for
-            ``runs/tune-ROBOT``.
+            final.yaml (the same for ROS 2), verification.csv, report.md, plots, friction.toml,
+            optuna.db. None for ``runs/tune-ROBOT``.
         force: whether the files of another run in it are replaced.
         frequencies: [Hz]; None for the thesis's of that robot.
         scales: amplitude over base torque [-]; None for 0.8, 1.0, 1.2.

@@ -23,6 +23,7 @@ from stiction_envs.measured.tables import (
     read_base,
     read_sje,
     write_amplitudes,
+    write_final,
     write_sje,
 )
 from stiction_envs.measured.thesis_robots import ThesisRobot, thesis_robots
@@ -66,5 +67,6 @@ __all__ = [
     "thesis_robots",
     "thesis_table",
     "write_amplitudes",
+    "write_final",
     "write_sje",
 ]

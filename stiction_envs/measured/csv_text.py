@@ -94,7 +94,7 @@ def read_lines(
                 continue
             if header is None:
                 header = row
-                _check_header(path, header, required, optional)
+                check_columns(path, header, required, optional)
                 continue
             where = f"{path}, line {reader.line_num}"
             if len(row) != len(header):
@@ -133,12 +133,13 @@ def write_lines(
     write_text_atomic(path, out.getvalue())
 
 
-def _check_header(
+def check_columns(
     path: str | os.PathLike[str],
     header: Sequence[str],
     required: Sequence[str],
     optional: Sequence[str],
 ) -> None:
+    """Raise if a ``header`` lacks a required column, or has one twice or that nobody knows."""
     expected = f"expected {','.join(required)}"
     if optional:
         expected += f" with optional {','.join(optional)}"

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, astuple, dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
+from stiction_envs.measured.ros_parameters import is_parameters, read_parameters, write_parameters
 from stiction_envs.measured.thesis_robots import our_name
 
 Path = str | os.PathLike[str]
@@ -137,6 +138,19 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     write_lines(path, header, [astuple(row)[: len(header)] for row in rows])
 
 
+def write_final(folder: Path, rows: Iterable[AmplitudeRow], joint_names: Sequence[str]) -> None:
+    """Write ``final.csv``, and the same as ``final.yaml`` for a controller of ROS 2.
+
+    Args:
+        folder: where they go.
+        rows: dither of the joints that have some.
+        joint_names: of all the arm's joints.
+    """
+    rows = list(rows)
+    write_amplitudes(os.path.join(folder, "final.csv"), rows)
+    write_parameters(os.path.join(folder, "final.yaml"), [asdict(row) for row in rows], joint_names)
+
+
 def read_amplitudes(
     path: Path,
     *,
@@ -147,7 +161,7 @@ def read_amplitudes(
     """Read an amplitude table, in the order of the file.
 
     Args:
-        path: the file.
+        path: the file, CSV or a ``.yaml`` of `ros_parameters`.
         n_joints: number of joints of the arm.
         torque_limit: N·m, one number or one per joint; A + abs(offset) must not exceed it.
         controller_rate_hz: rate at which the arm's controller holds its command; a frequency from
@@ -156,7 +170,8 @@ def read_amplitudes(
     limit = np.broadcast_to(np.inf if torque_limit is None else torque_limit, (n_joints,))
     rows: list[AmplitudeRow] = []
     seen: set[int] = set()
-    for line in read_lines(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL):
+    read = read_parameters if is_parameters(path) else read_lines
+    for line in read(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL):
         row = AmplitudeRow(
             joint=line.whole("joint", 1, n_joints),
             frequency_hz=line.number("frequency_hz"),

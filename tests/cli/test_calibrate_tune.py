@@ -72,9 +72,10 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
     result = json.loads(ran.out)
     final = read_amplitudes(work / "t" / "final.csv", n_joints=2)
     assert [r["amplitude_nm"] for r in result["final"]] == [r.amplitude_nm for r in final]
+    assert read_amplitudes(work / "t" / "final.yaml", n_joints=2) == final
     found = json.loads((work / "t" / "provenance.json").read_text())
     assert found["finished"]
-    assert "final.csv" in found["files"]
+    assert {"final.csv", "final.yaml"} <= set(found["files"])
     assert cli("tune", two, *TUNE, "--out", "t").code == 0
     other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
     assert other.code == 2

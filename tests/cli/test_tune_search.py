@@ -24,5 +24,8 @@ def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
         assert len(list(csv.DictReader(file))) == 6
     assert cli(*argv).code == 0  # it goes on where it was: at its end
     assert before == {name: (work / "found" / name).read_bytes() for name in names}
-    ran = cli("sje", "two.xml", "--dither", "found/final.csv", "--iterations", 1)
+    ran = cli("sje", "two.xml", "--dither", "found/final.yaml", "--iterations", 1, "--out", "ros")
+    assert ran.code == 0
+    ran = cli("sje", "two.xml", "--dither", "found/final.csv", "--iterations", 1, "--out", "csv")
+    assert (work / "ros/sje.csv").read_bytes() == (work / "csv/sje.csv").read_bytes()
     assert ran.code == 0

@@ -16,7 +16,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_final
 from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.explore.bounds import Bounds
 from tuning.explore.breakaway import BreakawayObjective
@@ -91,7 +91,7 @@ class Stages:
         if self.options.pareto:
             write_pareto(folder.path / "pareto.csv", searched)
         if final:
-            write_amplitudes(folder.path / "final.csv", final)
+            write_final(folder.path, final, self.sje.sticking.arm.joint_names)
         if len(tables) > 1:
             write_amplitudes(folder.path / "sje_table.csv", tables["search sje"])
         if self.compensation is not None:

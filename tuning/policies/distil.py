@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 
 from stiction_envs.envs.agents import GatedTable
 from stiction_envs.envs.evaluation import write_rows
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured import AmplitudeRow, write_final
 from tuning.policies.evaluation import Evaluated, evaluate_all
 from tuning.policies.settings import DistilSettings, policy_settings
 from tuning.policies.task import Task
@@ -83,6 +83,8 @@ class Distilled:
     """Of every joint."""
     table: tuple[AmplitudeRow, ...]
     """The table: joints that are dithered."""
+    joint_names: tuple[str, ...]
+    """Of all the arm's joints."""
     evaluated: Evaluated
     """Of none, policy, table and rule, on the same episodes, other than those of the fit."""
 
@@ -100,13 +102,13 @@ class Distilled:
         }
 
     def save(self, folder: str | Path) -> None:
-        """Write ``final.csv`` (the table), ``rule.csv`` and ``distilled.csv`` (its evaluation).
+        """Write the table (``final.csv`` and ``.yaml``), ``rule.csv`` and its ``distilled.csv``.
 
-        ``final.csv`` is not written where no joint is dithered.
+        The table is not written where no joint is dithered.
         """
         folder = Path(folder)
         if self.table:
-            write_amplitudes(folder / "final.csv", self.table)
+            write_final(folder, self.table, self.joint_names)
         write_rows(folder / "rule.csv", [asdict(f) for f in self.fits])
         write_rows(folder / "distilled.csv", self.evaluated.rows)
 
@@ -139,6 +141,7 @@ def distil(
     settings = policy_settings().distil if settings is None else settings
     episodes = settings.episodes if episodes is None else episodes
     env = task.make(episodes)
+    names = env.core.arm.joint_names
     top = env.core.action_space.high[: env.core.n]
     fits = fit(*watch(env, policy, seed), top=top, settings=settings)
     found = [_row(f.joint, f.frequency_hz, f.table_nm, f.table_gate_rad_s, top) for f in fits]
@@ -150,7 +153,7 @@ def distil(
     ]
     env.close()
     evaluated = evaluate_all(task, ["none", *agents], episodes=episodes, seed=seed + episodes)
-    return Distilled(fits=tuple(fits), table=table, evaluated=evaluated)
+    return Distilled(fits=tuple(fits), table=table, joint_names=names, evaluated=evaluated)
 
 
 def watch(env: Any, policy: Any, seed: int) -> tuple[Array, Array, Array, Array]:

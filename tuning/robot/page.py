@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
 from stiction_envs.reporting.markdown import number, table_text
@@ -82,6 +82,8 @@ class State:
     """What is known of a robot."""
 
     robot: str
+    joint_names: tuple[str, ...]
+    """Of all the arm's joints."""
     joints: tuple[JointState, ...]
     missing: tuple[tuple[int, str, str], ...]
     """Cells whose base torque was not measured: (joint, pose, direction)."""
@@ -153,6 +155,7 @@ def state_of(
     cells = [(j, *cell) for j in sorted(predicted.candidates) for cell in CONFIGURATIONS]
     return State(
         robot=experiment.sticking.arm.name,
+        joint_names=experiment.sticking.arm.joint_names,
         joints=tuple(joints),
         missing=tuple(cell for cell in cells if not base.measured(cell)),
         settings=settings,
@@ -177,8 +180,8 @@ def ask_text(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def write_state(folder: Path, state: State, *, asked: bool) -> None:
-    """Write final.csv, report.md and belief.png; with ``asked`` ask.csv and measure.csv too."""
-    write_amplitudes(folder / "final.csv", [j.final for j in state.joints])
+    """Write final.csv, final.yaml, report.md, belief.png; if ``asked``, ask.csv and measure.csv."""
+    write_final(folder, [j.final for j in state.joints], state.joint_names)
     if asked:
         _write_asked(folder, state)
     draw(state, folder / "belief.png")

@@ -3,7 +3,7 @@
     ask("panda", 2, out="runs/robot")       # runs/robot/ask.csv, measure.csv to fill in
     tell("panda", "measured.csv", out="runs/robot")
 
-Both write report.md, belief.png and final.csv. All that lasts is in the study.
+Both write report.md, belief.png, final.csv and final.yaml. All that lasts is in the study.
 """
 
 from __future__ import annotations

@@ -83,7 +83,8 @@ def test_a_table_is_distilled_into_itself(tmp_path):
     assert distilled.lost["rule"] == pytest.approx(0.0, abs=0.01)
     distilled.save(tmp_path)
     assert read_amplitudes(tmp_path / "final.csv", n_joints=7) == list(distilled.table)
-    assert {p.name for p in tmp_path.iterdir()} == {"final.csv", "rule.csv", "distilled.csv"}
+    written = {"final.csv", "final.yaml", "rule.csv", "distilled.csv"}
+    assert {p.name for p in tmp_path.iterdir()} == written
 
 
 @pytest.mark.slow

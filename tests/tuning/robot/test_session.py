@@ -56,7 +56,7 @@ def write(path, rows):
 
 
 def contents(out):
-    names = ("ask.csv", "measure.csv", "final.csv", "report.md", "belief.png")
+    names = ("ask.csv", "measure.csv", "final.csv", "final.yaml", "report.md", "belief.png")
     return {name: (out / name).read_bytes() for name in names if (out / name).exists()}
 
 

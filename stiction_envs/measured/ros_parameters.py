@@ -1,0 +1,112 @@
+"""Amplitude tables as parameter files of ROS 2: ``final.yaml`` beside ``final.csv``.
+
+    /**:                        # any node; name yours instead where several listen
+      ros__parameters:
+        dither:
+          joints: [joint7]      # those that follow, in the order of final.csv
+          joint7:               # the joint's name in the robot's model
+            joint: 7            # its number, from 1: where your driver has other names
+            frequency_hz: 15.0
+            amplitude_nm: 0.8
+            waveform: sine
+            offset_nm: 0.0
+            gate_rad_s: 0.0     # 0: never gated
+
+Every joint has every key, each always of one type (``joint`` an integer, ``waveform`` a string, the
+others doubles), as ROS 2 asks of a parameter; doubles read back bit for bit. A controller whose
+parameters come from generate_parameter_library declares them as
+
+    dither:
+      __map_joints:
+        frequency_hz: {type: double, default_value: 0.0}
+        amplitude_nm: {type: double, default_value: 0.0}
+
+and so on, ``joints`` being its own parameter with the joints it commands; defaults of 0 leave those
+without a row undithered. Loaded by ``--ros-args --params-file final.yaml``, or as `param_file` of
+a controller's spawner.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import Line, check_columns, read_text
+from stiction_envs.reporting.atomic import write_text_atomic
+
+ENDS = (".yaml", ".yml")
+NODE, PARAMETERS, GROUP, JOINTS = "/**", "ros__parameters", "dither", "joints"
+HEAD = """\
+# Dither torque A*w(2*pi*f*t) * exp(-(dq/gate)^2) + offset [N m, Hz, rad/s]; gate 0: never gated.
+"""
+_EXPECTED = f"expected a parameter file of ROS 2 with {PARAMETERS}: {GROUP}: {JOINTS}: [names]"
+
+
+def write_parameters(
+    path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], names: Sequence[str]
+) -> None:
+    """Write rows of an amplitude table at once.
+
+    Args:
+        path: the file.
+        rows: cells by column, ``joint`` among them.
+        names: of joints 1 to n.
+    """
+    dither: dict[str, Any] = {JOINTS: [names[row["joint"] - 1] for row in rows]}
+    for name, row in zip(dither[JOINTS], rows, strict=True):
+        dither[name] = {k: v if isinstance(v, int | str) else float(v) for k, v in row.items()}
+    tree = {NODE: {PARAMETERS: {GROUP: dither}}}
+    text = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+    write_text_atomic(path, HEAD + text)
+
+
+def read_parameters(
+    path: str | os.PathLike[str], required: Sequence[str], optional: Sequence[str]
+) -> list[Line]:
+    """Read such a file as lines of a table, one a joint.
+
+    Raises:
+        StictionError: the file cannot be read, or is no such file.
+    """
+    try:
+        tree = yaml.safe_load(read_text(path))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        raise StictionError(f"{path}{where}: no YAML: {_EXPECTED}") from None
+    nodes = [_get(node, PARAMETERS, GROUP) for node in _values(tree)]
+    found = [x for x in nodes if x is not None]
+    if len(found) != 1:
+        raise StictionError(f"{path}: {len(found)} nodes with dither: {_EXPECTED}")
+    names = _get(found[0], JOINTS)
+    if not isinstance(names, list) or not names:
+        raise StictionError(f"{path}: {GROUP}: no list of {JOINTS}: {_EXPECTED}")
+    lines = []
+    for name in names:
+        where = f"{path}, {GROUP}.{name}"
+        row = _get(found[0], name) if isinstance(name, str) else None
+        if not isinstance(row, dict):
+            raise StictionError(f"{where}: missing: expected {', '.join(required)}")
+        check_columns(where, [str(k) for k in row], required, optional)
+        lines.append(Line(where, {str(k): str(v) for k, v in row.items()}))
+    return lines
+
+
+def is_parameters(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is one of YAML, by its name."""
+    return Path(path).suffix.lower() in ENDS
+
+
+def _values(tree: Any) -> list[Any]:
+    return list(tree.values()) if isinstance(tree, dict) else []
+
+
+def _get(tree: Any, *keys: str) -> Any:
+    for key in keys:
+        tree = tree.get(key) if isinstance(tree, dict) else None
+    return tree
