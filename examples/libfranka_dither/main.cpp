@@ -1,0 +1,110 @@
+// Holds a Franka arm where it stands and shakes its joints by a table of stiction-envs (final.csv).
+//
+//   dither_hold ROBOT-IP final.csv [SECONDS]
+//
+// NOT COMPILED AGAINST LIBFRANKA IN THIS PROJECT'S CI, AND NEVER RUN ON A ROBOT BY IT. Tests compile
+// and run it against a stand-in of the few calls below. Written for libfranka 0.9 and later:
+//
+//   g++ -std=c++17 -O2 main.cpp -o dither_hold -lfranka -lpthread
+//
+// BEFORE YOU RUN IT, check and be sure that
+//  - nobody and nothing is within reach of the arm, and the stop button is in your hand;
+//  - mass, centre of mass and inertia of tool and load are set (Desk, or Robot::setLoad): the robot
+//    compensates gravity with them, and an arm with a wrong load sinks or rises when this starts;
+//  - the arm is still, away from its joints' limits, and touches nothing: here it is held by weak
+//    springs, not by its position controller;
+//  - the table was tuned for THIS robot and this load. Begin with its amplitudes divided by ten
+//    (kShare below) and 3 s, listen, and raise it step by step;
+//  - frequencies are not those of the table or cell on which the robot stands;
+//  - the limits below suit you: what is beyond them is refused before anything moves.
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <iostream>
+#include <stdexcept>
+#include <string>
+
+#include <franka/exception.h>
+#include <franka/robot.h>
+
+#include "dither.hpp"
+
+using Joints = std::array<double, 7>;
+
+constexpr double kShare = 0.1;         // of the table's amplitudes and offsets: raise it to 1 by hand
+constexpr double kSoft = 1.0;          // s in which dither fades in, and out before the end
+constexpr double kMostSeconds = 60.0;  // longest run
+constexpr double kMostDrift = 0.1;     // rad from where the arm stood: stop
+constexpr double kMostSpeed = 0.5;     // rad/s: stop
+constexpr double kMostRate = 1000.0;   // N m/s, the robot's own limit
+// Largest dither: a tenth of what each joint can do [N m].
+constexpr Joints kMostTorque = {8.7, 8.7, 8.7, 8.7, 1.2, 1.2, 1.2};
+// Springs and dampers that hold the arm: libfranka's joint_impedance_control.cpp.
+constexpr Joints kStiffness = {600, 600, 600, 600, 250, 150, 50};  // N m/rad
+constexpr Joints kDamping = {50, 50, 50, 50, 30, 25, 15};          // N m s/rad
+
+int main(int argc, char** argv) {
+  try {
+    if (argc < 3 || argc > 4) throw std::runtime_error("usage: dither_hold IP final.csv [SECONDS]");
+    const double seconds = argc == 4 ? stiction::detail::number(argv[3], "SECONDS") : 5.0;
+    if (!(seconds > 2 * kSoft && seconds <= kMostSeconds)) {
+      throw std::runtime_error("SECONDS: expected more than 2 and at most 60");
+    }
+    std::ifstream file(argv[2]);
+    if (!file) throw std::runtime_error(std::string(argv[2]) + ": cannot be read");
+    const auto dither = stiction::read_table<7>(file);
+    for (std::size_t j = 0; j < 7; ++j) {
+      const auto& d = dither.joints[j];
+      std::cout << "joint " << j + 1 << ": " << kShare * d.amplitude_nm << " N m at "
+                << d.frequency_hz << " Hz, offset " << kShare * d.offset_nm << " N m\n";
+      if (dither.most(j) > kMostTorque[j]) {
+        throw std::runtime_error("joint " + std::to_string(j + 1) + ": more than " +
+                                 std::to_string(kMostTorque[j]) + " N m: lower it or kMostTorque");
+      }
+      if (d.frequency_hz >= 500.0) throw std::runtime_error("expected less than 500 Hz");
+    }
+
+    franka::Robot robot(argv[1]);
+    // Stops on contact; a little above what holding and dither need.
+    const Joints torques = {20, 20, 20, 20, 10, 10, 10};
+    const std::array<double, 6> forces = {20, 20, 20, 20, 20, 20};
+    robot.setCollisionBehavior(torques, torques, forces, forces);
+
+    std::cout << "The arm will shake for " << seconds << " s. Stop button in hand? Press Enter.\n";
+    if (std::cin.get() != '\n') throw std::runtime_error("not confirmed: nothing moved");
+
+    double time = 0.0;
+    Joints start{};
+    bool started = false;
+    const auto callback = [&](const franka::RobotState& state,
+                              franka::Duration period) -> franka::Torques {
+      time += period.toSec();  // 0 at first; more than 1 ms after a lost packet
+      if (!started) start = state.q;
+      started = true;
+      const double fade = kShare * stiction::soft(time / kSoft) *
+                          stiction::soft((seconds - time) / kSoft);
+      Joints wanted{};
+      for (std::size_t j = 0; j < 7; ++j) {
+        const double off = start[j] - state.q[j];
+        // An exception ends the control loop; libfranka tells the robot to stop.
+        if (!(std::abs(off) <= kMostDrift)) throw std::runtime_error("the arm drifts: stopped");
+        if (!(std::abs(state.dq[j]) <= kMostSpeed)) throw std::runtime_error("too fast: stopped");
+        // Gravity is not in here: the robot adds it.
+        wanted[j] = kStiffness[j] * off - kDamping[j] * state.dq[j] +
+                    fade * dither.torque(j, time, state.dq[j]);
+      }
+      franka::Torques command(stiction::limit_rate(wanted, state.tau_J_d, kMostRate));
+      return time >= seconds ? franka::MotionFinished(command) : command;
+    };
+    // The robot's rate limiter as a second guard, and libfranka's low-pass of 100 Hz, through which
+    // stiction-envs simulates its Panda; without it the upper frequencies shake harder than tuned.
+    robot.control(callback, true, 100.0);
+    std::cout << "done\n";
+    return 0;
+  } catch (const franka::Exception& error) {
+    std::cerr << "robot: " << error.what() << "\n";
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << "\n";
+  }
+  return 1;
+}

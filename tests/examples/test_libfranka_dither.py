@@ -1,0 +1,211 @@
+"""The C++ example: its torques are Python's, its table reader refuses what ours does, and its main
+program is safe against a stand-in of libfranka."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.dither.dither import Dither
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_amplitudes
+
+HERE = Path(__file__).parent
+EXAMPLE = HERE.parents[1] / "examples" / "libfranka_dither"
+TUNED = HERE.parents[1] / "tuning" / "tables"
+COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
+STRICT = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: g++ or clang++")
+
+TABLES = {
+    "sine": [AmplitudeRow(7, 15.0, 0.8009660772725983), AmplitudeRow(4, 50.0, 2.0)],
+    "square": [AmplitudeRow(j, 50.0 / j, 0.3 * j, "square") for j in range(1, 8)],
+    "triangle": [AmplitudeRow(2, 33.3, 1.7, "triangle", 0.25)],
+    "chirp": [AmplitudeRow(1, 20.0, 1.0, "chirp"), AmplitudeRow(6, 80.0, 0.5, "chirp", -0.1, 0.2)],
+    "gated": [
+        AmplitudeRow(1, 15.0, 1.0, "sine", 0.3, 0.05),
+        AmplitudeRow(3, 30.0, 2.0, "triangle", -0.2, 1.5),
+        AmplitudeRow(5, 80.0, 0.5, "square", 0.0, 0.4),
+        AmplitudeRow(6, 0.0, 0.0, "sine", 0.4, 0.1),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """Folder with both programs."""
+    folder = tmp_path_factory.mktemp("built")
+    for source, name in ((HERE / "torques.cpp", "torques"), (EXAMPLE / "main.cpp", "main")):
+        include = [f"-I{EXAMPLE}", f"-I{HERE / 'stand_in'}"]
+        subprocess.run([COMPILER, *STRICT, *include, source, "-o", folder / name], check=True)
+    return folder
+
+
+def table(path: Path, rows: list[AmplitudeRow]) -> Path:
+    write_amplitudes(path, rows)
+    return path
+
+
+def compare(program: Path, path: Path, rows: list[AmplitudeRow]) -> None:
+    """Torques of two minutes at the controller's rate, thinned out, and at any time and speed."""
+    rng = np.random.default_rng(0)
+    t = np.r_[np.arange(0, 120, 0.037), rng.uniform(0, 100, 2000)]
+    dq = rng.normal(size=(len(t), 7)) * np.exp(rng.uniform(-5, 0.5, (len(t), 1)))
+    text = "\n".join(" ".join(map(repr, map(float, [x, *v]))) for x, v in zip(t, dq, strict=True))
+    ran = subprocess.run([program, path], input=text, capture_output=True, text=True, check=True)
+    got = np.fromstring(ran.stdout, sep=" ").reshape(-1, 7)
+    expected = Dither.from_table(rows, len(t), 7).torque(t, dq)
+    assert np.abs(expected).max() > 0.1
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_torques_are_those_of_python(built: Path, tmp_path: Path, name: str) -> None:
+    compare(built / "torques", table(tmp_path / "final.csv", TABLES[name]), TABLES[name])
+
+
+@pytest.mark.parametrize("path", sorted(TUNED.glob("*.csv")), ids=lambda p: p.stem)
+def test_torques_of_tuned_tables(built: Path, path: Path) -> None:
+    compare(built / "torques", path, read_amplitudes(path, n_joints=7))
+
+
+HEADER = "joint,frequency_hz,amplitude_nm"
+BAD = {
+    "empty": ("", "empty table"),
+    "no amplitude": ("joint,frequency_hz\n7,15\n", "one column amplitude_nm"),
+    "twice a column": (f"{HEADER},joint\n7,15,1,7\n", "one column joint"),
+    "unknown column": (f"{HEADER},phase\n7,15,1,0\n", "line 2: phase: unknown column"),
+    "random": (
+        f"{HEADER},waveform\n7,15,1,random\n",
+        "waveform is 'random': expected sine, square",
+    ),
+    "text": (f"{HEADER}\n7,fast,1\n", "line 2: frequency_hz is 'fast'"),
+    "trailing": (f"{HEADER}\n7,15,1.0x\n", "amplitude_nm is '1.0x'"),
+    "decimal comma": (f'{HEADER}\n7,15,"1,0"\n', "one value a column"),
+    "nan": (f"{HEADER}\n7,15,nan\n", "amplitude_nm is 'nan'"),
+    "infinite": (f"{HEADER}\n7,15,1e999\n", "amplitude_nm is '1e999'"),
+    "nothing": (f"{HEADER}\n7,15,\n", "amplitude_nm is ''"),
+    "negative": (f"{HEADER}\n7,15,-1\n", "no negative number"),
+    "standing": (f"{HEADER}\n7,0,1\n", "and a frequency"),
+    "joint 8": (f"{HEADER}\n8,15,1\n", "joint: expected 1 to 7"),
+    "joint 0": (f"{HEADER}\n0,15,1\n", "joint: expected 1 to 7"),
+    "half a joint": (f"{HEADER}\n1.5,15,1\n", "joint: expected 1 to 7"),
+    "joint twice": (f"{HEADER}\n7,15,1\n7,15,1\n", "line 3: joint occurs twice"),
+    "short row": (f"{HEADER}\n7,15\n", "line 2: expected one value a column"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_tables_are_refused(built: Path, tmp_path: Path, name: str) -> None:
+    text, says = BAD[name]
+    path = tmp_path / "final.csv"
+    path.write_text(text)
+    ran = subprocess.run([built / "torques", path], input="0", capture_output=True, text=True)
+    assert ran.returncode == 1
+    assert says in ran.stderr
+    assert ran.stdout == ""
+
+
+def test_other_line_ends_and_orders_are_read(built: Path, tmp_path: Path) -> None:
+    path = tmp_path / "final.csv"
+    path.write_text("\r\namplitude_nm, joint ,gate_rad_s,frequency_hz\r\n 1.5 ,3,,20.0\r\n\r\n")
+    compare(built / "torques", path, [AmplitudeRow(3, 20.0, 1.5)])
+
+
+# ---- the main program ------------------------------------------------------------------------
+
+
+def run_main(
+    built: Path, *argv: object, enter: str = "\n", **robot: float
+) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
+    """Run it; return what it said, and the commanded t and torques (T, 8)."""
+    ran = subprocess.run(
+        [built / "main", *map(str, argv)],
+        input=enter,
+        capture_output=True,
+        text=True,
+        env={**os.environ, **{k: str(v) for k, v in robot.items()}},
+    )
+    rows = [x.split()[1:] for x in ran.stderr.splitlines() if x.startswith("tau")]
+    return ran, np.array(rows, float).reshape(-1, 8)
+
+
+def test_main_shakes_softly_by_the_table(built: Path, tmp_path: Path) -> None:
+    """A tenth of the table's dither, faded in and out; a packet may be lost."""
+    rows = TABLES["gated"][:2] + TABLES["sine"][:1]
+    ran, told = run_main(built, "fr3", table(tmp_path / "final.csv", rows), 4)
+    assert ran.returncode == 0, ran.stderr
+    t, tau = told[:, 0] / 1000, told[:, 1:]
+    assert t[-1] == pytest.approx(4.0, abs=1.1e-3)  # milliseconds are summed up
+    fade = 0.5 - 0.5 * np.cos(np.pi * np.clip(np.minimum(t, 4 - t), 0, 1))
+    pure = Dither.from_table(rows, len(t), 7).torque(t, np.zeros((len(t), 7)))
+    np.testing.assert_allclose(tau, 0.1 * fade[:, None] * pure, atol=1e-9)
+    assert not tau[0].any()
+    assert np.abs(tau[-1]).max() < 1e-12
+
+
+def test_main_keeps_the_rate(built: Path, tmp_path: Path) -> None:
+    """A square jumps by twice 0.1 · 8 N·m: the command may change by 1 N·m a millisecond."""
+    rows = [AmplitudeRow(2, 10.0, 8.0, "square")]
+    ran, told = run_main(built, "fr3", table(tmp_path / "final.csv", rows), 4)
+    assert ran.returncode == 0, ran.stderr
+    steps = np.abs(np.diff(told[:, 1:], axis=0))
+    assert steps.max() == pytest.approx(1.0, abs=1e-9)
+    assert np.abs(told[:, 2]).max() == pytest.approx(0.8, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("robot", "says"),
+    [({"DRIFT": 0.1}, "the arm drifts: stopped"), ({"SPEED": 0.6}, "too fast: stopped")],
+)
+def test_main_stops(built: Path, tmp_path: Path, robot: dict[str, float], says: str) -> None:
+    ran, told = run_main(built, "fr3", table(tmp_path / "final.csv", TABLES["sine"]), 4, **robot)
+    assert ran.returncode == 1
+    assert says in ran.stderr
+    assert len(told) < 1100
+
+
+def test_main_holds_against_a_push(built: Path, tmp_path: Path) -> None:
+    """The arm creeps off: springs pull it back, dampers brake, both within the rate."""
+    ran, told = run_main(
+        built, "fr3", table(tmp_path / "final.csv", TABLES["sine"]), 4, DRIFT=0.01, SPEED=0.01
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert told[-1, 3] == pytest.approx(-600 * 0.04, rel=0.01)
+    assert told[-1, 5] == pytest.approx(-30 * 0.01)
+    assert np.abs(np.diff(told[:, 1:], axis=0)).max() <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("rows", "argv", "says"),
+    [
+        ([AmplitudeRow(7, 15.0, 1.3)], [3], "joint 7: more than 1.2"),
+        ([AmplitudeRow(1, 15.0, 8.0, "sine", -0.8)], [3], "joint 1: more than 8.7"),
+        ([AmplitudeRow(1, 500.0, 1.0)], [3], "less than 500 Hz"),
+        (TABLES["sine"], [1000], "more than 2 and at most 60"),
+        (TABLES["sine"], ["nan"], "SECONDS is 'nan'"),
+        (TABLES["sine"], [3, 3], "usage"),
+    ],
+)
+def test_main_refuses(built: Path, tmp_path: Path, rows, argv, says: str) -> None:
+    ran, told = run_main(built, "fr3", table(tmp_path / "final.csv", rows), *argv)
+    assert ran.returncode == 1
+    assert says in ran.stderr
+    assert not len(told)
+
+
+def test_main_moves_nothing_unasked(built: Path, tmp_path: Path) -> None:
+    path = table(tmp_path / "final.csv", TABLES["sine"])
+    for enter in ("", "q\n"):
+        ran, told = run_main(built, "fr3", path, enter=enter)
+        assert (ran.returncode, len(told)) == (1, 0)
+        assert "not confirmed" in ran.stderr
+    ran, told = run_main(built, "nowhere", path)
+    assert (ran.returncode, ran.stderr) == (1, "robot: no connection\n")
+    ran, told = run_main(built, "fr3", tmp_path / "none.csv")
+    assert "none.csv: cannot be read" in ran.stderr
