@@ -1,0 +1,27 @@
+"""The documentation site: ``make docs``. Offline: nothing is asked of the network."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
+
+from stiction_envs.version import __version__  # noqa: E402
+
+project = "stiction-envs"
+author = "the stiction-envs developers"
+copyright = author
+version = release = __version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated_pages"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+# benchmarks' pages are written for a repository: their first heading is not always of level one
+suppress_warnings = ["myst.header"]
+math_renderer = "mathml"
+extensions.append("mathml")
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "stiction-envs"
+html_copy_source = False
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
