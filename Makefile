@@ -8,7 +8,7 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet -c constraints.txt
 BENCHMARKS := $(filter-out %/freeze.py %/mutation.py %/reference_loop.py,$(wildcard benchmarks/[a-z]*.py))
 
 .NOTPARALLEL:
-.PHONY: help tune test test-slow test-all env bench clean
+.PHONY: help tune test test-slow test-all env bench docs clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -33,8 +33,11 @@ env: .venv/.stamp-dev ## .venv with everything: rl, video and dev extras
 bench: .venv/.stamp-dev ## every benchmark; each writes its result beside itself
 	@set -e; for script in $(BENCHMARKS); do echo "$$script"; $(BIN)/python "$$script"; done
 
+docs: .venv/.stamp-dev ## the documentation site: docs/_build/html/index.html
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
 clean: ## remove .venv, builds and caches; runs/ stays
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf .venv build dist docs/_build docs/generated *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # What a user runs needs no PyTorch, so `make tune` installs without the extras.

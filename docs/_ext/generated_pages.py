@@ -54,8 +54,7 @@ def environment_pages() -> dict[str, str]:
         single = load_env_creator(gymnasium.registry[name].entry_point)
         robot = gymnasium.registry[name].kwargs["robot"]
         pages[f"environments/{name}.md"] = (
-            f"# {name}\n\n`{single.__name__}` with `robot=\"{robot}\"`.\n\n"
-            f"{inspect.getdoc(single)}\n"
+            f'# {name}\n\n`{single.__name__}` with `robot="{robot}"`.\n\n{inspect.getdoc(single)}\n'
         )
     return pages
 
