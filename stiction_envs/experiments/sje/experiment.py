@@ -155,7 +155,7 @@ class SingleJointExperiment:
         )
 
     def expected(self, job: Job) -> float:
-        """Return the approximate size [N·m] of the torque of a job from its parameters, to plan the work."""
+        """Return the approximate size of a job's torque [N·m], to plan the work."""
         j, load, direction = job.configuration.index
         p = self.sticking.parameters
         stiction = p.stiction_at(self.poses.load[:, load])[j, direction]
