@@ -12,16 +12,24 @@ project = "stiction-envs"
 author = "the stiction-envs developers"
 copyright = author
 version = release = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated_pages"]
-myst_enable_extensions = ["dollarmath"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "generated_pages",
+    "mathml",
+]
+myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 4
 # benchmarks' pages are written for a repository: their first heading is not always of level one
 suppress_warnings = ["myst.header"]
 math_renderer = "mathml"
-extensions.append("mathml")
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "stiction-envs"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"
+napoleon_google_docstring = True

@@ -1,22 +1,68 @@
-"""Draw the README's picture: `python docs/make_pictures.py`."""
+"""Make the pictures of README and site: `python docs/make_pictures.py [README panda log policies]`.
 
+The first picture of each way in is what the commands of its page wrote.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
-experiment = SingleJointExperiment("panda", scatter=False)
-where = Configuration(7, "load", "+")
-measured = {
-    m.job.amplitude_nm: m
-    for m in experiment.run([Job(where), Job(where, 15.0, 0.8041)], iterations=1)
+HERE = Path(__file__).parent
+WRITTEN_BY = {
+    "panda": {
+        "panda.png": "runs/panda/verification.png",
+        "panda_frequency.png": "runs/panda/frequency.png",
+    },
+    "log": {
+        "log.png": "runs/why/plots/summary.png",
+        "log_payload.png": "runs/why/plots/cause_payload.png",
+    },
+    "policies": {"policies.png": "frame.png"},
 }
-plots.plot_with_and_without(
-    measured[0.0],
-    measured[0.8041],
-    Path(__file__).parent / "sje.png",
-    robot="panda",
-    threshold=experiment.protocol.threshold,
-    ramp_rate=experiment.protocol.ramp_rate,
-)
+"""By page: its pictures, and the file of the page's run that each one is."""
+
+
+def draw_readme() -> None:
+    """Draw one experiment with and without dither."""
+    experiment = SingleJointExperiment("panda", scatter=False)
+    where = Configuration(7, "load", "+")
+    measured = {
+        m.job.amplitude_nm: m
+        for m in experiment.run([Job(where), Job(where, 15.0, 0.8041)], iterations=1)
+    }
+    plots.plot_with_and_without(
+        measured[0.0],
+        measured[0.8041],
+        HERE / "sje.png",
+        robot="panda",
+        threshold=experiment.protocol.threshold,
+        ramp_rate=experiment.protocol.ramp_rate,
+    )
+
+
+def run(page: str) -> None:
+    """Run a page's commands and keep its pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        script = [sys.executable, HERE / "run_page.py", HERE / f"{page}.md", folder]
+        done = subprocess.run(script, env={"MUJOCO_GL": "egl", **os.environ}, check=False)
+        for name, source in WRITTEN_BY[page].items():
+            shutil.copyfile(Path(folder) / source, HERE / name)
+    if done.returncode:
+        sys.exit(f"{page}.md does not show what its commands print")
+
+
+if __name__ == "__main__":
+    makers: dict[str, Callable[[], None]] = {"README": draw_readme}
+    makers |= {page: lambda page=page: run(page) for page in WRITTEN_BY}
+    for wanted in sys.argv[1:] or makers:
+        makers[wanted]()
