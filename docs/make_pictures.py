@@ -13,23 +13,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import run_page
+
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
 HERE = Path(__file__).parent
-WRITTEN_BY = {
-    "panda": {
-        "panda.png": "runs/panda/verification.png",
-        "panda_frequency.png": "runs/panda/frequency.png",
-    },
-    "log": {
-        "log.png": "runs/why/plots/summary.png",
-        "log_payload.png": "runs/why/plots/cause_payload.png",
-    },
-    "policies": {"policies.png": "frame.png"},
-}
-"""By page: its pictures, and the file of the page's run that each one is."""
 
 
 def draw_readme() -> None:
@@ -55,7 +45,7 @@ def run(page: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         script = [sys.executable, HERE / "run_page.py", HERE / f"{page}.md", folder]
         done = subprocess.run(script, env={"MUJOCO_GL": "egl", **os.environ}, check=False)
-        for name, source in WRITTEN_BY[page].items():
+        for name, source in run_page.PICTURES[page].items():
             shutil.copyfile(Path(folder) / source, HERE / name)
     if done.returncode:
         sys.exit(f"{page}.md does not show what its commands print")
@@ -63,6 +53,6 @@ def run(page: str) -> None:
 
 if __name__ == "__main__":
     makers: dict[str, Callable[[], None]] = {"README": draw_readme}
-    makers |= {page: lambda page=page: run(page) for page in WRITTEN_BY}
+    makers |= {page: lambda page=page: run(page) for page in run_page.PICTURES}
     for wanted in sys.argv[1:] or makers:
         makers[wanted]()

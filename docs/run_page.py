@@ -17,6 +17,18 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+PICTURES = {
+    "panda": {
+        "panda.png": "runs/panda/verification.png",
+        "panda_frequency.png": "runs/panda/frequency.png",
+    },
+    "log": {
+        "log.png": "runs/why/plots/summary.png",
+        "log_payload.png": "runs/why/plots/cause_payload.png",
+    },
+    "policies": {"policies.png": "frame.png"},
+}
+"""Of each way in: its pictures, and the file of the page's run that each one is."""
 STICTION = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -28,8 +40,13 @@ def blocks(page: Path) -> list[tuple[str, str]]:
 
 def commands(page: Path) -> list[str]:
     """Return every command of a page."""
-    lines = [line for kind, text in blocks(page) if kind == "console" for line in text.splitlines()]
+    lines = [line for kind, text in blocks(page) if kind == "console" for line in joined(text)]
     return [line[2:] for line in lines if line.startswith("$ ")]
+
+
+def joined(text: str) -> list[str]:
+    """Return the lines of a block, those that end with a backslash with the next."""
+    return re.sub(r" *\\\n *", " ", text).splitlines()
 
 
 def run_command(command: str) -> str:
@@ -78,7 +95,7 @@ def main(page: Path, folder: Path) -> int:
                 exec(compile(text, f"{page.name}, python", "exec"), names)
             keep(text.splitlines()[0], output.getvalue(), began)
             continue
-        for line in text.splitlines():
+        for line in joined(text):
             if kind == "console" and line.startswith("$ "):
                 began = time.perf_counter()
                 keep(line, run_command(line[2:]), began)

@@ -13,13 +13,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
-import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from sphinx.application import Sphinx
 
 import stiction_envs
 from stiction_envs.cli.dispatch import build_parser
-from stiction_envs.gap.causes import registered
+from stiction_envs.gap.causes import Cause, registered
 
 DOCS = Path(__file__).parents[1]
 OUT = DOCS / "generated"
@@ -143,12 +142,10 @@ def cause_pages() -> dict[str, str]:
     return {"causes.md": f"# Causes\n\n{text}\n\n{table(header, rows)}\n"}
 
 
-def parameters(cause: object) -> Iterator[str]:
-    """Return name, unit and bounds of each parameter of a cause."""
-    for x in cause.parameters:  # type: ignore[attr-defined]
-        bounds = [f"≥ {x.low:g}"] * bool(np.isfinite(x.low))
-        bounds += [f"≤ {x.high:g}"] * bool(np.isfinite(x.high))
-        yield f"`{x.name}` [{x.unit if x.unit != '1' else '–'}] {', '.join(bounds)}".rstrip()
+def parameters(cause: Cause) -> Iterator[str]:
+    """Return name and unit of each parameter of a cause."""
+    for x in cause.parameters:
+        yield f"`{x.name}` [{'–' if x.unit == '1' else x.unit}]"
 
 
 def benchmark_pages() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The three ways in: a picture first, few lines to type, and every block runs and prints as shown."""
+"""The three ways in: a picture, three lines to type, and every block prints what is shown."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
+
+from stiction_envs.measured.logs.reader import read_logs
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
 
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-run_page, make_pictures = load("run_page"), load("make_pictures")
-PAGES = sorted(make_pictures.WRITTEN_BY)
+SPEC = importlib.util.spec_from_file_location("run_page", DOCS / "run_page.py")
+run_page = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(run_page)
+PAGES = sorted(run_page.PICTURES)
 
 
 def run(page, folder):
@@ -42,8 +40,9 @@ def test_a_page_begins_with_a_picture_and_three_lines_to_type(page):
     assert lines[0].startswith("# ")
     assert lines[2].startswith("![")
     first = next(k for k, line in enumerate(lines) if line.startswith("```"))
-    assert first < 8
-    assert lines[first + 4] == "```"
+    assert first == 4
+    (_, block), *_ = run_page.blocks(DOCS / f"{page}.md")
+    assert len([line for line in run_page.joined(block) if line]) == 3
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -54,12 +53,30 @@ def test_a_page_ends_with_what_can_go_wrong_and_when_not_to_use_it(page):
     assert heads[-2:] == ["What can go wrong", "When not to use it"]
 
 
+def test_the_theory_of_creeping_runs(tmp_path):
+    done = run(DOCS / "theory.md", tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_reader_of_logs_writes_a_log_that_is_read(tmp_path):
+    seconds = np.arange(2000) / 1000
+    angles = np.sin(seconds[:, None] * np.arange(1, 8))
+    torques = np.random.default_rng(0).normal(size=angles.shape)
+    micro = 1e6 * seconds
+    np.savez(tmp_path / "robot.npz", time_us=micro, angles=angles, torques=torques)
+    done = run(DOCS / "extending.md", tmp_path)
+    assert done.returncode == 0, done.stderr
+    (log,) = read_logs([tmp_path / "log.csv"], 7)
+    np.testing.assert_allclose(log.tau, torques)
+    np.testing.assert_allclose(log.t, seconds, atol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_runs_and_prints_what_it_shows(page, tmp_path):
     done = run(DOCS / f"{page}.md", tmp_path)
     assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr}"
-    for name, source in make_pictures.WRITTEN_BY[page].items():
+    for name, source in run_page.PICTURES[page].items():
         made, shown = (Image.open(x).size for x in (tmp_path / source, DOCS / name))
         assert made == shown, f"{name} is not what the page makes: python docs/make_pictures.py"
 
