@@ -25,7 +25,6 @@ myst_heading_anchors = 4
 # benchmarks' pages are written for a repository: their first heading is not always of level one
 suppress_warnings = ["myst.header"]
 math_renderer = "mathml"
-smartquotes = False  # `--out` stays what is typed
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "stiction-envs"

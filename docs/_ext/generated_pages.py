@@ -124,7 +124,8 @@ def argument(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return help text as Markdown: braces, stars and brackets of it mean themselves."""
+    """Return help text as Markdown: options are code, stars and brackets mean themselves."""
+    text = re.sub(r"(?<![\w`-])(--[a-z][\w-]*)(?![^`]*`(?:[^`]*`[^`]*`)*[^`]*$)", r"`\1`", text)
     parts = re.split(r"(`[^`]*`)", text)
     return "".join(x if x.startswith("`") else re.sub(r"([*_<>\[\]$|])", r"\\\1", x) for x in parts)
 

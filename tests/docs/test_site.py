@@ -114,7 +114,7 @@ def test_everything_has_a_page(site):
 @pytest.mark.slow
 def test_an_option_is_written_as_it_is_typed(site):
     page = (site / "generated" / "commands" / "sje.html").read_text(encoding="utf-8")
-    assert "replace the files of another run in --out" in page
+    assert '<span class="pre">--out</span>' in page
     assert "joint,frequency_hz,amplitude_nm[,waveform,offset_nm]" in page
 
 
