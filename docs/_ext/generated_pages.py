@@ -101,12 +101,13 @@ def command_pages() -> dict[str, str]:
 def command_page(name: str, parser: argparse.ArgumentParser) -> str:
     """Return usage, every argument with its help, and the example of a command."""
     parts = [f"# stiction {name}", parser.description or ""]
-    parts.append(f"```text\n{parser.format_usage().removeprefix('usage: ').rstrip()}\n```")
+    usage = parser.format_usage().rstrip().replace("\n" + " " * len("usage: "), "\n")
+    parts.append(f"```text\n{usage.removeprefix('usage: ')}\n```")
     for group in parser._action_groups:
         shown = [x for x in group._group_actions if x.help != argparse.SUPPRESS]
         if shown:
             title = (group.title or "").removesuffix(":")
-            parts.append(f"## {title[:1].upper()}{title[1:]}")
+            parts.append(f"## {escaped(title[:1].upper() + title[1:])}")
             parts.extend(argument(parser, x) for x in shown)
     if parser.epilog:
         example, *after = re.split(r"\n(?=\S)", parser.epilog.strip().removeprefix("example:"))
