@@ -98,6 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{(error.strerror or str(error)).lower()}", FAILED)
     except Exception as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):  # numba's way to pass it on
+            return _say(f"interrupted: {interrupted}", FAILED)
         name = type(error).__name__
         return _say(f"{name}: {error} (STICTION_DEBUG=1 shows the traceback)", FAILED)
 

@@ -92,3 +92,11 @@ def test_interrupt_says_how_to_go_on(cli, work, monkeypatch):
     ran = cli("sje", "panda")
     assert ran.code == 1
     assert ran.lines == ["error: interrupted: nothing was written; run the same command again"]
+
+
+def test_an_interrupt_that_compiled_code_passes_on(cli, work, monkeypatch):
+    def interrupt(args):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(sje.common, "read_arm", interrupt)
+    assert cli("sje", "panda").lines[-1].startswith("error: interrupted: nothing was written")
