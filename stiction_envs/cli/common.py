@@ -11,13 +11,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
+
+
+IN_FOLDER = Path("in --out")
+"""What ``--video`` is without a file."""
 
 
 class Failed(RuntimeError):
@@ -217,11 +221,31 @@ def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> Non
     )
 
 
+def add_video_option(parser: Parser, what: str) -> None:
+    """Add ``--video [FILE.mp4]``; ``what`` says what it shows."""
+    parser.add_argument(
+        "--video",
+        nargs="?",
+        const=IN_FOLDER,
+        type=Path,
+        metavar="FILE.mp4",
+        help=f"{what} as an mp4 (default: COMMAND.mp4 in --out; needs OpenGL and the extra video)",
+    )
+
+
 # ---- input ---------------------------------------------------------------------------------------
 
 NOT_RECORDED = {
     *("command", "run", "show", "interrupted"),  # the program's own
-    *("out", "force", "json", "threads", "slots", "seed"),  # seed stands alone; no result has these
+    *(
+        "out",
+        "force",
+        "json",
+        "threads",
+        "slots",
+        "seed",
+        "video",
+    ),  # seed stands alone; no result has these
 }
 
 
@@ -262,6 +286,37 @@ def output_folder(
         force=args.force,
         resumable=resumable,
     )
+
+
+def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
+    """Return where the video goes, None for no video; nothing is written yet.
+
+    Raises:
+        StictionError: no video can be made here, or not at this place.
+    """
+    if args.video is None:
+        return None
+    from stiction_envs.envs.render.mp4 import check_film
+    from stiction_envs.reporting.output_folder import check_file
+
+    path: Path = args.video
+    if path == IN_FOLDER:
+        path = folder.path / f"{args.command}.mp4"
+    else:
+        check_file(path, ".mp4", force=args.force)
+        if not path.parent.is_dir():
+            raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
+    check_film()
+    return path
+
+
+def unless_it_fails(write_video: Callable[[], None]) -> str | None:
+    """Write a video after all else has been written; return why there is none, if so."""
+    try:
+        write_video()
+    except (StictionError, ExperimentError, OSError) as error:
+        return f"no video: {one_line(str(error))}; all else is written"
+    return None
 
 
 def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> dict[str, Any]:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from stiction_envs.experiments.sje.results import BreakawayTorques
 
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
@@ -66,6 +70,10 @@ def add_parser(subparsers: Any) -> None:
         metavar="N",
         help="most simulations at once (default: %(default)s)",
     )
+    common.add_video_option(
+        parser,
+        "show the first iteration of the first configuration that is dithered, or of the first,",
+    )
     common.add_shared_options(parser, out="output folder (default: runs/sje-ROBOT)")
 
 
@@ -79,6 +87,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     folder = common.output_folder(
         args, arm.name, {**common.model_files(args), "dither": args.dither}
     )
+
+    video = common.video_file(args, folder)
 
     from stiction_envs.control.torque_path import TorqueInterface
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -114,13 +124,29 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise common.Failed(f"{stuck}: nothing was written")
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
+        no_video = None if video is None else _write_video(video, experiment, result, progress)
+    failed = [f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None, no_video]
     return {
         "command": "sje",
         "seed": args.seed,
         "out": str(folder.path),
         **result.to_json(),
-        "failed": f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None,
+        **({} if video is None else {"video": None if no_video else str(video)}),
+        "failed": "; ".join(filter(None, failed)) or None,
     }
+
+
+def _write_video(
+    path: Path, experiment: SingleJointExperiment, result: BreakawayTorques, progress: Progress
+) -> str | None:
+    """Write the video; return why there is none, if so: all else is there."""
+    from stiction_envs.envs.render.mp4 import write_film
+    from stiction_envs.envs.render.ramp_video import RampVideo, shown
+
+    film = RampVideo(experiment, shown(result.measurements))
+    return common.unless_it_fails(
+        lambda: write_film(film, path, progress=lambda *k: progress.set("video", *k, "frames"))
+    )
 
 
 def show(result: dict[str, Any]) -> str:

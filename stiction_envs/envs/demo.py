@@ -18,8 +18,9 @@ import numpy as np
 
 from stiction_envs.envs.agents import AGENTS
 from stiction_envs.envs.registration import KINDS
-from stiction_envs.envs.render.frames import has_display
-from stiction_envs.errors import ExperimentError, StictionError, missing_extra, unknown
+from stiction_envs.envs.render.mp4 import check_film, write_frames
+from stiction_envs.envs.render.window import has_display
+from stiction_envs.errors import ExperimentError, StictionError, unknown
 
 SPEED = 2.0
 """Of the video: an episode of the SJE takes half a minute."""
@@ -62,8 +63,8 @@ def show(
             is no display.
 
     Raises:
-        StictionError: no such environment, an option or a seed that is none, no moviepy, or a file
-            that is there already.
+        StictionError: no such environment, an option or a seed that is none, no encoder or no
+            OpenGL for a video, or a file that is there already.
     """
     known = sorted(x for x in gym.registry if x.endswith(tuple(KINDS)))
     if name not in known:
@@ -72,14 +73,13 @@ def show(
         raise StictionError(f"seed {seed}: expected a whole number from 0")
     if out is None and not has_display():
         out = Path(f"{name}-{agent}.mp4")
-    clip: Any = None
     if out is not None:
-        clip = _writer()
+        check_film()
         if out.exists():
             raise StictionError(f"{out} is there already: expected a new file (--out)")
         if not out.parent.is_dir():
             raise StictionError(f"{out.parent}: no such folder: expected one that is there (--out)")
-    env = gym.make(name, render_mode="human" if clip is None else "rgb_array")
+    env = gym.make(name, render_mode="human" if out is None else "rgb_array")
     try:
         acting = AGENTS[agent](env)
         options = {} if path is None else {"path": path}
@@ -89,11 +89,11 @@ def show(
             action, _ = acting.predict(observation)
             observation, reward, terminated, truncated, info = env.step(action)
             total, over = total + float(reward), terminated or truncated
-            if clip is not None:
+            if out is not None:
                 frames.append(np.asarray(env.render()))
-        if clip is not None:
-            fps = SPEED * env.metadata["render_fps"]
-            clip(frames, fps=fps).write_videofile(str(out), codec="libx264", logger=None)
+        if out is not None:
+            fps, (height, width) = SPEED * env.metadata["render_fps"], frames[0].shape[:2]
+            write_frames(frames, out, size=(width, height), fps=fps)
             print(f"{out}: {len(frames)} frames")
     finally:
         env.close()
@@ -102,15 +102,6 @@ def show(
         if key in info:
             print(f"  {key}: {info[key]:.3f}")
     return info
-
-
-def _writer() -> Any:
-    """Return moviepy's clip of frames."""
-    try:
-        from moviepy import ImageSequenceClip
-    except ImportError:
-        raise missing_extra("a video", "moviepy", "video") from None
-    return ImageSequenceClip
 
 
 if __name__ == "__main__":

@@ -111,6 +111,23 @@ class OscillationSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PushSettings:
+    """How a person pushes a joint, and when it has stopped."""
+
+    step: float
+    """By which a push grows at a time, over what the joint holds [-]."""
+    rise_time: float
+    """In which the torque grows by what the joint holds [s]."""
+    watched_time: float
+    """A joint has stopped that is in the mean where it was this much earlier [s]."""
+    still: float
+    """How far apart those two places may be [rad]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, shares=("step",))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
     """All of this room."""
 
@@ -122,6 +139,8 @@ class ExperimentSettings:
     """Friction from base torques."""
     oscillation: OscillationSettings
     """Displacement by dither."""
+    push: PushSettings
+    """A joint that a person pushes."""
 
 
 @cache

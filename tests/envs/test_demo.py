@@ -17,7 +17,7 @@ def no_display(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_an_episode_becomes_a_video(tmp_path, capsys):
-    pytest.importorskip("moviepy")
+    pytest.importorskip("imageio_ffmpeg")
     assert demo.main(["PandaSJE-v0", "--agent", "rule", "--seed", "3"]) == 0
     said = capsys.readouterr().out
     assert "agent rule, seed 3: return" in said
@@ -38,7 +38,7 @@ def test_an_episode_becomes_a_video(tmp_path, capsys):
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(arguments, words, capsys, tmp_path):
-    pytest.importorskip("moviepy")
+    pytest.importorskip("imageio_ffmpeg")
     assert demo.main(arguments) == 2
     error = capsys.readouterr().err
     assert words in error
@@ -53,8 +53,8 @@ def test_an_unknown_agent_is_bad_usage(capsys):
     assert "clever" in capsys.readouterr().err
 
 
-def test_without_moviepy_one_line_says_what_to_install(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "moviepy", None)
+def test_without_an_encoder_one_line_says_what_to_install(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert demo.main(["PandaSJE-v0"]) == 2
     assert "stiction-envs[video]" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

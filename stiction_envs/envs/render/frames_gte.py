@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.rotation import to_matrix
-from stiction_envs.envs.render.frames import HEIGHT, MARK, PANEL_WIDTH, Renderer, ball, connect
+from stiction_envs.envs.render.frames import HEIGHT, PANEL_WIDTH, Renderer
 from stiction_envs.envs.render.panel_gte import draw_gte_panel
+from stiction_envs.envs.render.scene import MARK, PATH, ball, connect
 from stiction_envs.plant import CONTROL_DT
 
 if TYPE_CHECKING:
     from stiction_envs.envs.gte_core import GTECore
 
 Array = NDArray[np.float64]
-PATH = np.array([0.1, 0.35, 0.75, 1.0], dtype=np.float32)
-"""Colour of the path and its goals."""
 _AXES = np.array(
     [[0.85, 0.15, 0.15, 1.0], [0.1, 0.6, 0.2, 1.0], [0.15, 0.3, 0.9, 1.0]], dtype=np.float32
 )
@@ -58,7 +57,7 @@ class PathRenderer(Renderer):
     def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
         core = self._core
         capsule, arrow = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ARROW
-        self._draw_chain(scene, 0.03)
+        self._arm.draw_chain(scene, 0.03)
         path, reached = core.path_points(i), int(core.rig.sequencer.index[i])
         for a, b in pairwise(path):
             connect(scene, capsule, _LINE, a, b, PATH)

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.render.frames import HEIGHT, PANEL_WIDTH, Renderer, connect
+from stiction_envs.envs.render.frames import HEIGHT, PANEL_WIDTH, Renderer
 from stiction_envs.envs.render.panel_sje import draw_sje_panel
+from stiction_envs.envs.render.scene import connect
 
 if TYPE_CHECKING:
     from stiction_envs.envs.sje_core import SJECore
@@ -48,4 +49,4 @@ class JointRenderer(Renderer):
         connect(scene, mujoco.mjtGeom.mjGEOM_ARROW, 0.12 * radius, ring[-1], tip)
         ends = centre - 1.3 * radius * axis, centre + 1.3 * radius * axis
         connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.03 * radius, *ends)
-        self._draw_chain(scene, 0.3 * radius)
+        self._arm.draw_chain(scene, 0.3 * radius)

@@ -25,6 +25,11 @@ def font(size: int, bold: bool = False) -> Any:
     return ImageFont.truetype(str(Path(get_data_path()) / "fonts" / "ttf" / name), size)
 
 
+def signed(value: float, digits: int = 2) -> str:
+    """Return a number with its sign."""
+    return f"{value:+.{digits}f}".replace("-", "−")
+
+
 def new_panel(
     width: int, height: int, lines: list[str], state: str
 ) -> tuple[Image.Image, ImageDraw.ImageDraw]:

@@ -10,6 +10,7 @@ import pytest
 
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.render import frames as render
+from stiction_envs.envs.render import window
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
 from stiction_envs.errors import StictionError
 from tests.envs.helpers import IIWA_GTE, PANDA, QUICK, TRIANGLE, make, make_gte, mild, sprint
@@ -202,7 +203,7 @@ def test_rendering_does_not_touch_the_physics():
 
 
 def test_without_display_a_window_is_one_clear_line(monkeypatch):
-    monkeypatch.setattr(render, "has_display", lambda: False)
+    monkeypatch.setattr(window, "has_display", lambda: False)
     env = SJEEnv(render_mode="human")
     with pytest.raises(StictionError, match="no display found"):
         env.reset(seed=0, options=QUICK)

@@ -1,0 +1,233 @@
+"""A joint that a person pushes: how hard it is, what holds, what lets go, and what dither changes.
+
+    push = Push(sticking_model("panda"), dither=rows)
+    push.choose(7)
+    push.harder(9)  # 90 % of what the joint holds
+    push.advance(5.0)
+
+The other joints are held where they are, as in the Single Joint Experiment. When the joint has
+moved by that experiment's threshold it has let go: the push ends, and friction brings it to rest.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
+from stiction_envs.errors import unknown
+from stiction_envs.experiments.rig import Rig
+from stiction_envs.experiments.settings import PushSettings, experiment_settings
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
+
+Array = NDArray[np.float64]
+_ME = np.array([0])
+
+
+class Push(Rig):
+    """One arm with one joint under somebody's hand."""
+
+    def __init__(
+        self,
+        sticking: StickingModel,
+        *,
+        dither: Sequence[AmplitudeRow] = (),
+        settings: PushSettings | None = None,
+    ) -> None:
+        """Put the arm at its rest pose, joint 1 free, nothing pushed, dither off.
+
+        Args:
+            sticking: the model.
+            dither: of each dithered joint, when it is the one that is pushed and dither is on.
+            settings: None for those of ``settings.toml``.
+
+        Raises:
+            StictionError: dither of a joint that the arm lacks.
+        """
+        super().__init__(
+            sticking,
+            1,
+            approach=load_protocol(sticking.arm.name),
+            interface=TorqueInterface.of(sticking.arm),
+            scatter=False,
+            seed=0,
+            parameters=None,
+            nthread=1,
+        )
+        for row in dither:
+            if not 1 <= row.joint <= self.n:
+                raise unknown("joint", row.joint, range(1, self.n + 1))
+        self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
+        """Dither of each joint that has one."""
+        self.settings = settings or experiment_settings().push
+        self.threshold = self.approach_protocol.threshold
+        """Distance after which the joint has let go [rad]."""
+        # whole controller cycles, none longer than the plant leaves its friction alone
+        self.block = max(1, SLOW_STEPS // self.interface.hold_steps) * self.interface.hold_steps
+        """Control steps that `advance` counts in."""
+        self.joint = 1
+        """The one that is pushed, from 1."""
+        self.dithered = False
+        """Whether dither is on."""
+        self.slips = False
+        """Whether the joint has let go and still moves."""
+        self.start = 0.0
+        """Where the joint last rested [rad]."""
+        self.torque = self.target = 0.0
+        """The push now, dither excluded, and where it is going [N·m]."""
+        self.let_go: float | None = None
+        """Torque at which the joint last let go [N·m]; None since the last choice."""
+        self.reset()
+
+    # ---- what a person does ------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Bring the arm back to its rest pose; joint and dither stay as they are."""
+        self.plant.reset(_ME, self.plant.sticking.arm.rest[None])
+        self.step[:] = 0
+        self.choose(self.joint)
+
+    def choose(self, joint: int) -> None:
+        """Push another joint (from 1); all are held where they are, with no push on any.
+
+        Raises:
+            StictionError: a joint that the arm lacks.
+        """
+        if not 1 <= joint <= self.n:
+            raise unknown("joint", joint, range(1, self.n + 1))
+        self.joint = joint
+        held = self.plant.position
+        stiffness, damping = np.tile(self._hold, (1, 1)), self._hold_damping_at(held)
+        stiffness[0, joint - 1] = damping[0, joint - 1] = 0.0
+        self.plant.set_servo(_ME, stiffness, damping, self.plant.motor_position)
+        self._path.reset(_ME)
+        self.torque = self.target = 0.0
+        self.let_go = None
+        self._rest_here()
+        self._set_dither()
+
+    def harder(self, steps: float) -> None:
+        """Push harder in the positive direction by steps of the settings; the torque follows."""
+        self.target += steps * self.settings.step * self.holds_up_to(1.0)
+        limit = float(self.interface.torque_limit[self.joint - 1])
+        self.target = float(np.clip(self.target, -limit, limit))
+        if abs(self.target) < 1e-9:
+            self.target = 0.0
+
+    def switch_dither(self) -> None:
+        """Switch the dither of the joint on or off."""
+        self.dithered = not self.dithered
+        self._set_dither()
+
+    # ---- what the joint does -----------------------------------------------------------------
+
+    @property
+    def angle(self) -> float:
+        """Angle of the joint since it last rested [rad]."""
+        return float(self.plant.position[0, self.joint - 1]) - self.start
+
+    @property
+    def row(self) -> AmplitudeRow | None:
+        """Dither of the joint while it is on."""
+        return self.rows.get(self.joint) if self.dithered else None
+
+    def holds_up_to(self, direction: float) -> float:
+        """Return the torque's magnitude up to which the joint holds without dither [N·m].
+
+        Stiction at the present load, and the torque that balances the arm beyond its gravity
+        compensation.
+
+        Args:
+            direction: of the push: from 0 positive, else negative.
+        """
+        j, side, sign = self.joint - 1, int(direction < 0), -1.0 if direction < 0 else 1.0
+        plant = self.plant
+        levels = plant.sticking.parameters.stiction_at(plant.load[1][0])[j]
+        # the plant's own mean: it knows of warm-up
+        stiction = float(plant.stiction[0, j] * levels[side] / levels.mean())
+        return stiction + sign * float(plant.offset[0, j])
+
+    # ---- stepping ----------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, in blocks of `block` control steps.
+
+        Raises:
+            ExperimentError: a simulation that the engine stopped.
+        """
+        blocks = max(1, round(seconds / (self.block * CONTROL_DT)))
+        for _ in range(blocks):
+            self._advance_block()
+
+    def _advance_block(self) -> None:
+        hold, j = self.interface.hold_steps, self.joint - 1
+        stride = hold if self.dither.gated else self.block
+        ramp = self._ramp()
+        for k in range(0, self.block, stride):
+            command = np.zeros((1, stride, self.n))
+            command[0, :, j] = ramp[k : k + stride]
+            speed = self._gate_speed()
+            for cycle in range(0, stride, hold):
+                shaken = self.dither.torque(self._command_time(cycle), speed)
+                command[:, cycle : cycle + hold] += shaken[:, None]
+            angle = self.plant.run(self._path.run(command, _ME), joint=np.array([j]))[0]
+            self.step += stride
+            gone = np.abs(angle - self.start) >= self.threshold
+            if gone.any() and not self.slips:
+                self.let_go, self.slips = float(ramp[k + int(gone.argmax())]), True
+                self.torque = self.target = 0.0
+                ramp[k:] = 0.0
+            self._seen.append(float(angle.mean()))
+        self.torque = float(ramp[-1])
+        if self.slips and self._is_still():
+            self._rest_here()
+
+    def _ramp(self) -> Array:
+        """Return the commanded torque (block,) of the next control steps [N·m]."""
+        rate = self.holds_up_to(self.target) / self.settings.rise_time
+        step = np.arange(1, self.block + 1)
+        # held for a controller cycle, as the robot holds it
+        cycle = -(-step // self.interface.hold_steps) * self.interface.hold_steps
+        away = self.target - self.torque
+        grown = np.minimum(rate * CONTROL_DT * cycle, abs(away))
+        out: Array = self.torque + np.sign(away) * grown
+        return out
+
+    def _is_still(self) -> bool:
+        """Whether the joint has stopped, however it is shaken."""
+        half = len(self._seen) // 2
+        if len(self._seen) < (self._seen.maxlen or 0):
+            return False
+        seen = list(self._seen)
+        return abs(float(np.mean(seen[half:]) - np.mean(seen[:half]))) < self.settings.still
+
+    def _rest_here(self) -> None:
+        """Count the joint's angle from here."""
+        self.start, self.slips = float(self.plant.position[0, self.joint - 1]), False
+        stride = self.interface.hold_steps if self.dither.gated else self.block
+        watched = round(2 * self.settings.watched_time / CONTROL_DT / stride)
+        self._seen: deque[float] = deque(maxlen=max(2, watched))
+
+    def _set_dither(self) -> None:
+        row = self.row
+        amplitude, frequency, offset = np.zeros((3, 1, self.n))
+        gate = np.full((1, self.n), np.inf)
+        if row is not None:
+            j = self.joint - 1
+            amplitude[0, j], frequency[0, j] = row.amplitude_nm, row.frequency_hz
+            offset[0, j], gate[0, j] = row.offset_nm, row.gate_velocity
+        self.set_dither(
+            _ME,
+            amplitude=amplitude,
+            frequency=frequency,
+            offset=offset,
+            gate_velocity=gate,
+            waveform=DEFAULT_WAVEFORM if row is None else row.waveform,
+        )
