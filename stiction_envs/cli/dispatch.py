@@ -23,6 +23,7 @@ from stiction_envs.cli import (
     sje,
     train,
     tune,
+    view,
 )
 from stiction_envs.cli.common import Failed, Parser, one_line
 from stiction_envs.errors import ExperimentError, StictionError
@@ -32,7 +33,7 @@ from stiction_envs.version import __version__
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 COMMANDS = (
     *(sje, gte, tune, train, evaluate, calibrate, excite, identify, check, diagnose, export),
-    *(conformance, reproduce),
+    *(view, conformance, reproduce),
 )
 """Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
 

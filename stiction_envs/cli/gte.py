@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,8 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
+    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.experiments.gte.protocol import Case
     from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load the engine
@@ -131,6 +134,7 @@ def add_parser(subparsers: Any) -> None:
         help="inclination in the controller's model [rad] (default: the true one)",
     )
     common.add_experiment_options(parser)
+    common.add_video_option(parser, "show the first iteration of every case")
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
 
 
@@ -177,6 +181,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         factor = 1.0 if args.compensation_factor is None else args.compensation_factor
         compensation = bench.compensation(args.compensation, factor, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
+    video = common.video_file(args, folder)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),
@@ -192,18 +197,34 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             iterations=args.iterations,
             progress=lambda seconds: progress.add("gte", seconds, total),
         )
-    with common.working(), folder:
+    with common.working(), Progress() as progress, folder:
         result.write(folder.path)
+        no_video = None if video is None else _write_video(video, bench, cases, progress)
     lost = result.unfinished
+    unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
     return {
         "command": "gte",
         "seed": args.seed,
         "out": str(folder.path),
         **result.to_json(),
-        "failed": f"{lost} iterations never reached their last goal: their numbers are NaN"
-        if lost
-        else None,
+        **({} if video is None else {"video": None if no_video else str(video)}),
+        "failed": "; ".join(filter(None, [unfinished if lost else None, no_video])) or None,
     }
+
+
+def _write_video(
+    path: Path, bench: GeneratedTrajectoryExperiment, cases: Sequence[Case], progress: Progress
+) -> str | None:
+    """Write the video; return why there is none, if so: all else is there."""
+    from stiction_envs.envs.render.mp4 import write_film
+    from stiction_envs.envs.render.path_video import PathVideo
+
+    def show_frames(done: int, total: int) -> None:
+        progress.set("video", done, total, "frames")
+
+    return common.unless_it_fails(
+        lambda: write_film(PathVideo(bench, cases), path, progress=show_frames)
+    )
 
 
 def _read_controller_model(args: argparse.Namespace) -> Arm | None:

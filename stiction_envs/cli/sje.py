@@ -143,10 +143,11 @@ def _write_video(
     from stiction_envs.envs.render.mp4 import write_film
     from stiction_envs.envs.render.ramp_video import RampVideo, shown
 
+    def show_frames(done: int, total: int) -> None:
+        progress.set("video", done, total, "frames")
+
     film = RampVideo(experiment, shown(result.measurements))
-    return common.unless_it_fails(
-        lambda: write_film(film, path, progress=lambda *k: progress.set("video", *k, "frames"))
-    )
+    return common.unless_it_fails(lambda: write_film(film, path, progress=show_frames))
 
 
 def show(result: dict[str, Any]) -> str:

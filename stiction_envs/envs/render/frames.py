@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.envs.render.scene import ArmScene
-from stiction_envs.envs.render.window import check_display, open_viewer
+from stiction_envs.envs.render.window import check_display, look_beside_panel, open_viewer
 from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel next to it [pixel]."""
-_FARTHER, _ASIDE = 1.3, 0.2  # of the window: its panel is drawn over the scene
 
 
 def check_render_mode(mode: str | None, *, batch: bool = False) -> None:
@@ -87,19 +86,7 @@ class Renderer(ABC):
             before = set(threading.enumerate())
             self._viewer = open_viewer("render_mode human", self._model, self._data)
             self._threads = [t for t in threading.enumerate() if t not in before]
-            camera = self._camera(i)
-            heading = np.deg2rad(camera.azimuth)
-            right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-            # room for the panel on the left
-            camera.distance *= _FARTHER
-            camera.lookat -= _ASIDE * camera.distance * right
-            with self._viewer.lock():
-                self._viewer.cam.lookat[:] = camera.lookat
-                self._viewer.cam.distance = camera.distance
-                self._viewer.cam.azimuth, self._viewer.cam.elevation = (
-                    camera.azimuth,
-                    camera.elevation,
-                )
+            look_beside_panel(self._viewer, self._camera(i))
         if not self._viewer.is_running():
             raise StictionError("the window was closed")
         with self._viewer.lock():

@@ -37,6 +37,7 @@ WIDTH, HEADER, SCENE, BELOW = 480, 62, 320, 178
 _SAMPLE = 0.05  # between two arms that are kept [s]
 _LINE, _GOAL = 0.0022, 0.007  # radius of lines and goals [m]
 _TRAIL = 300  # segments at most
+_ALPHA = 0.25  # of the arm, which is above its path
 _ELEVATION, _ASIDE = -48.0, 35.0  # of the camera, from the side to which the arm points [°]
 
 
@@ -95,6 +96,7 @@ class PathVideo:
         scene = ArmScene(self._arm, WIDTH, SCENE)
         try:
             scene.pose(self._start)
+            scene.fade(_ALPHA)
             camera = self._camera(scene)
             for t in self.timing.times():
                 columns = [self._column(scene, camera, i, t) for i in range(len(self._runs))]
@@ -107,7 +109,7 @@ class PathVideo:
         camera = scene.camera(scene.points)
         low, high = self._path.min(axis=0), self._path.max(axis=0)
         camera.lookat = (low + high) / 2
-        camera.distance = scene.distance(0.62 * float(np.linalg.norm(high - low)) + 0.05)
+        camera.distance = scene.distance(0.55 * float(np.linalg.norm(high - low)) + 0.05)
         camera.azimuth += 60.0 + _ASIDE  # `scene.camera` has turned by 120 already
         camera.elevation = _ELEVATION
         return camera

@@ -8,8 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from stiction_envs.errors import StictionError
+
+_FARTHER, _ASIDE = 1.3, 0.2  # of the camera: a panel is drawn over the scene
 
 
 def has_display() -> bool:
@@ -59,3 +62,14 @@ def open_viewer(
 def one_line(error: BaseException) -> str:
     """Return what an error says, or its name, as one line."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def look_beside_panel(viewer: Any, camera: mujoco.MjvCamera) -> None:
+    """Let a viewer look as a camera does, with room for a panel on the left."""
+    heading = np.deg2rad(camera.azimuth)
+    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+    distance = _FARTHER * camera.distance
+    with viewer.lock():
+        viewer.cam.lookat[:] = camera.lookat - _ASIDE * distance * right
+        viewer.cam.distance = distance
+        viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation

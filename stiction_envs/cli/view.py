@@ -1,0 +1,98 @@
+"""``stiction view``: push the joints of an arm that sticks, in MuJoCo's viewer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stiction_envs.cli import common
+
+if TYPE_CHECKING:
+    from stiction_envs.friction.model import StickingModel
+    from stiction_envs.measured import AmplitudeRow
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "view",
+        summary="Push a joint of an arm that sticks, see it hold, and switch its dither on, in "
+        "MuJoCo's viewer.",
+        example="stiction view panda --joint 7",
+        interrupted="the window was closed",
+        run=run,
+        show=show,
+    )
+    common.add_robot_options(parser)
+    parser.add_argument(
+        "--joint",
+        type=common.whole(1),
+        default=1,
+        metavar="N",
+        help="that is pushed at first (default: 1); keys: 1-9 joint, up and down push harder and "
+        "softer, space or D dither, R reset",
+    )
+    parser.add_argument(
+        "--dither",
+        type=Path,
+        metavar="TABLE.csv",
+        help="amplitude table (default: the robot's of the thesis, else the one that is shipped, "
+        "else one in proportion to the stiction)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Show the window until it is closed."""
+    arm = common.read_arm(args)
+
+    from stiction_envs.envs.render.push_window import KEYS, PushControls, PushWindow
+    from stiction_envs.experiments.gte.cases import read_dither
+    from stiction_envs.experiments.sje.push import Push
+    from stiction_envs.friction.sticking import sticking_model
+
+    sticking = sticking_model(arm, args.friction)
+    rows = usual_dither(sticking) if args.dither is None else read_dither(args.dither, arm)
+    push = Push(sticking, dither=rows)
+    push.choose(args.joint)
+    controls = PushControls(push)
+    window = PushWindow(controls)
+    print(f"keys: {KEYS}", file=sys.stderr)
+    try:
+        window.run(lambda line: print(line, file=sys.stderr))
+    finally:
+        window.close()
+    return {"command": "view", "robot": arm.name, "simulated_s": controls.time}
+
+
+def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
+    """Return the dither of an arm that is not given any.
+
+    Table 4.9 of the thesis where it has the arm, else what ``stiction tune`` found for it, else
+    `envs.agents`' proportions of the stiction at rest.
+    """
+    import numpy as np
+
+    from stiction_envs.envs.agents import agent_settings
+    from stiction_envs.experiments.gte.rows import thesis_final_dither
+    from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+    from tuning.explore.tables import HERE
+
+    arm, usual = sticking.arm, agent_settings().usual
+    if arm.name in thesis_robots("4.9"):
+        return list(thesis_final_dither())
+    shipped = HERE / f"{arm.name}.csv"
+    if shipped.is_file() and arm.registered:
+        return read_amplitudes(shipped, n_joints=arm.n)
+    p = sticking.parameters
+    stiction = p.stiction_at(p.load_low).mean(axis=-1)
+    amplitude = np.minimum(usual.amplitude * stiction, 0.5 * arm.limits.torque)
+    return [AmplitudeRow(j + 1, usual.frequency, float(a)) for j, a in enumerate(amplitude)]
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return what there is to say afterwards."""
+    return f"{result['robot']}: {result['simulated_s']:.0f} s simulated"

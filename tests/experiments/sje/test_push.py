@@ -1,0 +1,141 @@
+"""What a person finds who pushes a joint: it holds, it lets go, dither lets it go earlier."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.experiments.sje.push import Push
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.measured import AmplitudeRow
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return sticking_model("panda")
+
+
+@pytest.fixture
+def push(panda):
+    return Push(panda, dither=thesis_final_dither())
+
+
+def share_of_stiction(push: Push, sign: float, share: float) -> float:
+    """Return the push [N·m] that loads the friction with a share of its stiction."""
+    offset = float(push.plant.offset[0, push.joint - 1])
+    return offset + share * (sign * push.holds_up_to(sign) - offset)
+
+
+QUICK = {(1, 1), (4, -1), (7, 1)}
+BOTH_WAYS = [
+    pytest.param(j, sign, marks=[] if (j, sign) in QUICK else pytest.mark.slow)
+    for j in range(1, 8)
+    for sign in (1, -1)
+]
+
+
+@pytest.mark.parametrize(("joint", "sign"), BOTH_WAYS)
+def test_a_joint_holds_at_90_percent_and_goes_at_115(push, joint, sign):
+    push.choose(joint)
+    push.target = share_of_stiction(push, sign, 0.9)
+    push.advance(24.0)
+    assert push.let_go is None
+    assert push.torque == push.target
+    assert abs(push.angle) < 0.004, "it gives way by its bristle, and stands"
+    held = push.angle
+    push.advance(2.0)
+    assert abs(push.angle - held) < 1e-4
+    push.target = share_of_stiction(push, sign, 1.15)
+    push.advance(24.0)
+    assert push.let_go is not None
+    assert sign * (push.let_go - share_of_stiction(push, sign, 0.9)) > 0
+    assert push.torque == push.target == 0.0, "the push is over"
+
+
+@pytest.mark.parametrize(
+    "joint", [pytest.param(j, marks=[] if j in (2, 7) else pytest.mark.slow) for j in range(1, 8)]
+)
+def test_dither_lets_go_what_holds_at_90_percent(push, joint):
+    push.choose(joint)
+    push.harder(9)
+    push.advance(20.0)
+    assert push.let_go is None
+    held = push.torque
+    push.switch_dither()
+    push.advance(8.0)
+    assert push.let_go == held
+    assert not push.slips, "friction has stopped it"
+
+
+def test_dither_that_is_switched_off_again_does_nothing(push):
+    push.choose(7)
+    push.switch_dither()
+    push.switch_dither()
+    push.harder(9)
+    push.advance(24.0)
+    assert push.let_go is None
+
+
+def test_only_the_pushed_joint_moves(push):
+    before = push.plant.position.copy()
+    push.choose(7)
+    push.harder(12)
+    push.advance(28.0)
+    moved = np.abs(push.plant.position - before)[0]
+    assert moved[6] > push.threshold
+    assert moved[:6].max() < 2e-3
+
+
+def test_it_is_pushed_from_where_it_came_to_rest_and_reset_brings_it_back(push):
+    rest = push.plant.position.copy()
+    push.choose(7)
+    push.harder(12)
+    push.advance(30.0)
+    assert push.let_go is not None
+    assert abs(push.angle) < 1e-3
+    push.reset()
+    assert np.array_equal(push.plant.position, rest)
+    assert (push.joint, push.torque, push.let_go) == (7, 0.0, None)
+
+
+def test_a_gated_dither_frees_too_and_fades_with_speed(panda):
+    gated = Push(panda, dither=[AmplitudeRow(7, 15.0, 0.8, gate_rad_s=0.5)])
+    shut = Push(panda, dither=[AmplitudeRow(7, 15.0, 0.8, gate_rad_s=1e-6)])
+    for one in (gated, shut):
+        one.choose(7)
+        one.harder(9)
+        one.advance(20.0)
+        assert one.let_go is None
+        one.switch_dither()
+        one.advance(4.0)
+    assert gated.let_go is not None
+    assert shut.let_go is None
+
+
+def test_a_torque_is_never_asked_past_the_limit(push):
+    push.choose(7)
+    push.harder(-1000)
+    assert push.target == -push.interface.torque_limit[6]
+
+
+def test_a_slow_controller_holds_its_torque():
+    iiwa = Push(sticking_model("iiwa7"), dither=[AmplitudeRow(7, 20.0, 1.0)])
+    assert iiwa.interface.hold_steps > 1
+    assert iiwa.block % iiwa.interface.hold_steps == 0
+    iiwa.choose(7)
+    iiwa.harder(9)
+    iiwa.advance(24.0)
+    held = iiwa.angle
+    assert abs(held) < 0.02
+    iiwa.switch_dither()
+    iiwa.advance(8.0)
+    assert iiwa.angle - held > 0.05, "its viscous friction lets it go slowly"
+
+
+def test_joints_that_are_not_there(panda):
+    with pytest.raises(StictionError, match="unknown joint 8: expected one of 1, 2"):
+        Push(panda, dither=[AmplitudeRow(8, 15.0, 0.8)])
+    with pytest.raises(StictionError, match="unknown joint 0"):
+        Push(panda).choose(0)
