@@ -1,0 +1,130 @@
+"""``--video`` of ``sje`` and ``gte``: an mp4 more, and nothing else changes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import partial
+
+import pytest
+
+from stiction_envs.envs.render import mp4, path_video, ramp_video, screen
+from stiction_envs.experiments.gte import experiment
+from tests.envs.helpers import sprint
+
+SJE = ["sje", "panda", "--joint", 7, "--load", "load", "--direction", "+", "--iterations", 1]
+GTE = ["gte", "panda", "--trajectory", "triangle", "--stiffness", 400, 40, 0, "--iterations", 1]
+
+
+@pytest.fixture(autouse=True)
+def few_frames(monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+    for module, name in ((ramp_video, "RampVideo"), (path_video, "PathVideo")):
+        monkeypatch.setattr(module, name, partial(getattr(module, name), fps=0.2))
+    monkeypatch.setattr(experiment, "MotionLimits", sprint)
+
+
+@pytest.fixture
+def film(monkeypatch):
+    """Films without OpenGL: what is asked of the encoder."""
+    written = []
+
+    def write_film(what, path, progress=None):
+        written.append(what)
+        path.write_bytes(b"mp4")
+        progress(1, 1)
+
+    monkeypatch.setattr(mp4, "write_film", write_film)
+    monkeypatch.setattr(mp4, "check_film", lambda: None)
+    return written
+
+
+@pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
+def test_results_are_the_same_bytes_with_and_without(cli, work, film, dither, command):
+    command = [*command, "--dither", dither, "--seed", 3]
+    assert cli(*command, "--out", "a").code == 0
+    ran = cli(*command, "--out", "b", "--video", "--json")
+    assert ran.code == 0
+    name = f"{command[0]}.mp4"
+    result = json.loads(ran.out)
+    assert result["video"] == f"b/{name}"
+    assert len(film) == 1
+    a, b = ({p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab")
+    assert b.keys() - a.keys() == {name}
+    assert all(a[k] == b[k] for k in a.keys() - {"provenance.json"})
+    before, after = (json.loads(x["provenance.json"]) for x in (a, b))
+    assert name in after["files"]
+    assert before["arguments_sha256"] == after["arguments_sha256"]
+
+
+def test_the_film_of_sje_is_of_the_measurement(cli, film, dither):
+    ran = cli(*SJE, "--dither", dither, "--out", "a", "--video", "--json")
+    measured = [row["iterations_tau_nm"][0] for row in json.loads(ran.out)["rows"]]
+    assert [r.tau for r in film[0]._ramps] == measured
+    assert [r.title for r in film[0]._ramps] == ["no dither", "dither 15 Hz, 0.6 N·m"]
+
+
+def test_a_file_of_its_own(cli, work, film):
+    assert cli(*SJE, "--out", "a", "--video", "mine.mp4").code == 0
+    assert (work / "mine.mp4").read_bytes() == b"mp4"
+    assert not (work / "a" / "sje.mp4").exists()
+
+
+@pytest.mark.parametrize(
+    ("video", "says"),
+    [
+        ("film.gif", "expected a path to a .mp4"),
+        ("there.mp4", "exists"),
+        ("nowhere/a.mp4", "expected a folder that is there"),
+    ],
+)
+def test_bad_places_are_said_before_the_work(cli, work, film, video, says):
+    (work / "there.mp4").write_text("mine")
+    ran = cli(*SJE, "--out", "a", "--video", video)
+    assert ran.code == 2
+    assert len(ran.lines) == 1
+    assert says in ran.lines[0]
+    assert [p.name for p in work.iterdir()] == ["there.mp4"]
+
+
+def test_no_encoder_is_said_before_the_work(cli, work, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    ran = cli(*SJE, "--out", "a", "--video")
+    assert ran.code == 2
+    assert "pip install 'stiction-envs[video]'" in ran.lines[0]
+    assert len(ran.lines) == 1
+    assert not list(work.iterdir())
+
+
+def test_no_opengl_is_said_before_the_work(cli, work, monkeypatch):
+    def none(name):
+        raise RuntimeError("no libEGL")
+
+    monkeypatch.setattr(screen, "_context_class", none)
+    ran = cli(*GTE, "--out", "a", "--video")
+    assert ran.code == 2
+    assert "rendering needs OpenGL" in ran.lines[0]
+    assert len(ran.lines) == 1
+    assert not list(work.iterdir())
+
+
+def test_a_film_that_fails_leaves_the_results(cli, work, film, monkeypatch):
+    def write_film(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mp4, "write_film", write_film)
+    ran = cli(*SJE, "--out", "a", "--video")
+    assert ran.code == 1
+    assert ran.lines[-1].startswith("error: no video: ")
+    assert ran.lines[-1].endswith("all else is written")
+    assert {"sje.csv", "provenance.json"} <= {p.name for p in (work / "a").iterdir()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
+def test_it_is_an_mp4(cli, work, dither, command):
+    ran = cli(*command, "--dither", dither, "--out", "a", "--video")
+    if ran.code == 2:
+        pytest.skip(ran.lines[0])
+    assert ran.code == 0
+    assert (work / "a" / f"{command[0]}.mp4").read_bytes()[4:8] == b"ftyp"

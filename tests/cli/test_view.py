@@ -1,0 +1,89 @@
+"""``stiction view`` where there is no window, and which dither it takes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from stiction_envs.cli import view
+from stiction_envs.envs.render import push_window, window
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.measured import thesis_table
+from tuning.explore.tables import HERE
+
+
+def test_without_a_display_it_is_one_clear_line(cli, work, monkeypatch):
+    monkeypatch.setattr(window, "has_display", lambda: False)
+    ran = cli("view", "panda", "--joint", 7)
+    assert ran.code == 2
+    assert ran.lines == [
+        "error: view: no display found: `stiction sje panda --joint 7 --dither TABLE.csv --video` "
+        "writes an mp4 without one"
+    ]
+    assert ran.out == ""
+    assert not list(work.iterdir())
+
+
+class Face:
+    """A window that is closed after a tenth of a second."""
+
+    def __init__(self, controls):
+        self.controls = controls
+        Face.last = controls
+
+    def run(self, say):
+        self.controls.advance(0.1)
+        say("a line")
+
+    def close(self):
+        Face.closed = True
+
+
+def test_what_was_asked_for_reaches_the_window(cli, dither, monkeypatch):
+    monkeypatch.setattr(push_window, "PushWindow", Face)
+    options = ["--joint", 7, "--dither", dither, "--payload", 2, 0, 0, 0.1, "--json"]
+    ran = cli("view", "panda", *options)
+    assert ran.code == 0
+    assert json.loads(ran.out) == {"command": "view", "robot": "panda", "simulated_s": 0.1}
+    assert ran.lines[-1] == "a line"
+    push = Face.last.push
+    assert push.joint == 7
+    assert {j: (r.frequency_hz, r.amplitude_nm) for j, r in push.rows.items()} == {7: (15.0, 0.6)}
+    assert Face.closed
+    loaded = push.plant.load[1]
+    cli("view", "panda")
+    assert Face.last.push.plant.load[1][0, 1] < loaded[0, 1]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--joint", 8], "unknown joint 8: expected one of 1, 2"),
+        (["--joint", 0], "whole numbers from 1"),
+        (["--dither", "nowhere.csv"], "nowhere.csv"),
+        (["--friction", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_input_is_one_line(cli, options, says, monkeypatch):
+    monkeypatch.setattr(push_window, "PushWindow", Face)
+    ran = cli("view", "panda", *options)
+    assert ran.code == 2
+    assert len(ran.lines) == 1
+    assert says in ran.lines[0]
+
+
+def test_an_arm_without_a_table_gets_what_is_known_of_it(two):
+    panda = {r.joint: r.amplitude_nm for r in view.usual_dither(sticking_model("panda"))}
+    assert panda[2] == {r["joint"]: r["tau_final_Nm"] for r in thesis_table("4.9")}[2]
+    lines = (HERE / "iiwa7.csv").read_text().splitlines()[1:]
+    iiwa = view.usual_dither(sticking_model("iiwa7"))
+    assert [r.amplitude_nm for r in iiwa] == [float(x.split(",")[2]) for x in lines]
+    own = sticking_model(str(two))
+    rows = view.usual_dither(own)
+    assert [r.joint for r in rows] == [1, 2]
+    amplitudes = np.array([r.amplitude_nm for r in rows])
+    stiction = own.parameters.stiction_at(own.parameters.load_low).mean(axis=-1)
+    assert (amplitudes > 0).all()
+    assert (amplitudes <= 1.5 * stiction + 1e-12).all()
