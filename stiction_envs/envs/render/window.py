@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +31,22 @@ def check_display(what: str, instead: str) -> None:
     """
     if not has_display():
         raise StictionError(f"{what}: no display found: {instead}")
+    if not _opens():
+        raise StictionError(f"{what}: the display cannot be opened: {instead}")
+
+
+def _opens() -> bool:
+    """Return whether the display is really there: where it is not, the viewer ends the process."""
+    if not sys.platform.startswith("linux"):
+        return True
+    try:
+        import glfw
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what we say is enough
+            return bool(glfw.init())
+    except Exception:  # not installed, or without its library
+        return False
 
 
 def open_viewer(

@@ -94,8 +94,17 @@ def test_without_a_display_one_line_names_what_needs_none(controls, monkeypatch)
         PushWindow(controls)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="DISPLAY is of X11")
+def test_a_display_that_is_not_there_is_one_line_too(controls, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(StictionError, match="view: the display cannot be opened: `stiction sje"):
+        PushWindow(controls)
+
+
 def test_on_a_mac_one_line_says_mjpython(controls, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: True)
+    monkeypatch.setattr(window, "_opens", lambda: True)
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(StictionError, match="mjpython"):
         PushWindow(controls)
@@ -145,6 +154,7 @@ def test_the_window_runs_keys_and_draws(controls, monkeypatch):
         return viewers[0]
 
     monkeypatch.setattr(window, "has_display", lambda: True)
+    monkeypatch.setattr(window, "_opens", lambda: True)
     monkeypatch.setattr(push_window, "open_viewer", open_viewer)
     said: list[str] = []
     face = PushWindow(controls)
