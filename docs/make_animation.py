@@ -19,6 +19,7 @@ OUT = Path(__file__).with_name("push.gif")
 
 
 def main() -> None:
+    """Measure, draw, write."""
     experiment = SingleJointExperiment("panda", scatter=False)
     where = Configuration(7, "load", "+")
     jobs = [Job(where), Job(where, 15.0, 0.801)]
