@@ -40,6 +40,19 @@ def measured():
     return experiment, sorted(found, key=lambda m: m.job.amplitude_nm)
 
 
+@pytest.fixture
+def posed(monkeypatch):
+    """Joint angles of every arm that is drawn."""
+    seen, pose = [], ArmScene.pose
+
+    def noted(self, q):
+        seen.append(np.array(q))
+        pose(self, q)
+
+    monkeypatch.setattr(ArmScene, "pose", noted)
+    return seen
+
+
 def orange(picture: np.ndarray) -> int:
     r, g, b = (picture[..., k].astype(int) for k in range(3))
     return int(((r > 150) & (r - g > 50) & (g - b > 30)).sum())
@@ -88,10 +101,14 @@ def test_what_is_shown_is_the_first_with_dither(measured):
 
 
 @pytest.mark.usefixtures("gl")
-def test_frames_of_a_ramp(measured):
+def test_frames_of_a_ramp(measured, posed):
     experiment, both = measured
     film = RampVideo(experiment, both, fps=0.3)
     frames = list(film.frames())
+    for drawn, m in zip(posed[-2:], both, strict=True):
+        moved = drawn - experiment.poses.q[6, 0]
+        assert moved[6] == pytest.approx(m.traces[0][-1] - m.start[0])
+        assert not moved[:6].any()
     assert len(frames) == film.timing.count
     assert film.size == (2 * WIDTH, frames[0].shape[0])
     assert all(f.shape == frames[0].shape and f.dtype == np.uint8 for f in frames)
@@ -161,9 +178,12 @@ def test_the_arm_is_where_its_tool_point_was(path_film):
 
 
 @pytest.mark.usefixtures("gl")
-def test_frames_of_a_path(path_film):
+def test_frames_of_a_path(path_film, posed):
     film = path_film[2]
     frames = list(film.frames())
+    assert np.array_equal(posed[1:3], film._q[:, 0])
+    assert np.array_equal(posed[-2:], film._q[:, -1])
+    assert not np.array_equal(posed[1], posed[3])
     assert len(frames) == film.timing.count
     assert film.size == (frames[0].shape[1], frames[0].shape[0])
     first, last = (f[62 : 62 + 320, :480] for f in (frames[0], frames[-1]))
