@@ -242,7 +242,7 @@ def excite(
     for k in range(max(s.randoms, s.starts)):
         points.append(problem.random(rng))
         state = problem.series(points[-1]).state(problem.fine)
-        conditions.append(problem.condition(state)[0])
+        conditions.append(problem.condition(state))
         say("random motions", (k + 1) / max(s.randoms, s.starts))
     order = np.argsort(conditions)
     done, best = 0, (points[order[0]], conditions[order[0]])
@@ -284,13 +284,13 @@ def _finished(
     """Return the motion with its sweeps, checked as a whole."""
     arm, s = problem.arm, problem.settings
     slow = _sweeps(problem, series.state(np.zeros(1))[0][0]) if sweeps else None
-    condition, plain = problem.condition(series.state(problem.fine))
+    fine = series.state(problem.fine)
     notes = list(problem.clearance.notes)
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:
         notes.append(f"no acceleration limits are known: {s.acceleration_free:g} rad/s² assumed")
-    check = series.state(problem.fine)
+    check = fine
     if slow is not None:
         check = _joined(check, slow.state(_times(slow, problem)))
     return Excitation(
@@ -298,8 +298,8 @@ def _finished(
         series=series,
         periods=s.periods,
         sweeps=slow,
-        condition=condition,
-        condition_si=plain,
+        condition=problem.condition(fine),
+        condition_si=problem.condition_si(fine),
         random_condition=conditions,
         columns=problem.base.expressions(),
         used=used(check, problem.torque(check), problem.bounds),

@@ -2,12 +2,13 @@
 
 Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0.
 Pairs that touch at rest (a foot on the floor, neighbours) are left out; from those that are near at
-rest half of the distance that they have there is asked.
+rest half of the distance that they have there is asked. A link may be many shapes (a URDF writes a
+capsule as a cylinder and two balls), so hundreds of pairs: MuJoCo is asked only for those whose
+bounding spheres are near.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -20,6 +21,9 @@ from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.tables import lookup, per_joint
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-3
+"""Distances between bounding spheres count as smaller by this [m]: far above what MuJoCo rounds, so
+that a pair left out could not have changed a bit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,6 +98,7 @@ class Clearance:
         self._place(arm.rest)
         at_rest = {p: self._distance(*p, 1.0) for p in pairs}
         self.pairs = [p for p, d in at_rest.items() if d > 1e-3]
+        self._one, self._two = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         # neighbours, whose shapes are next to each other, keep half of what they have at rest
         near = [p for p in self.pairs if at_rest[p] < min(s.near, s.clearance)]
         self._allowed = {p: s.clearance - at_rest[p] / 2 for p in near}
@@ -124,29 +129,49 @@ class Clearance:
     def _place(self, q: Array) -> None:
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
 
     def _distance(self, i: int, j: int, most: float, ends: Array | None = None) -> float:
         return float(mujoco.mj_geomDistance(self.model, self.data, i, j, most, ends))
+
+    def _bounds(self, q: Array) -> Array:
+        """Return (T, P) distances of bounding spheres at poses (T, n) [m]: no pair is nearer."""
+        m, centre = self.model, np.empty((len(q), self.model.ngeom, 3))
+        for k, pose in enumerate(q):
+            self._place(pose)
+            centre[k] = self.data.geom_xpos
+        apart = centre[:, self._two] - centre[:, self._one]
+        out = np.sqrt(np.einsum("tpx,tpx->tp", apart, apart))
+        flat = m.geom_type[self._one] == mujoco.mjtGeom.mjGEOM_PLANE  # the floor comes first
+        out[:, flat] = apart[:, flat, 2]
+        return np.asarray(out - m.geom_rbound[self._one] - m.geom_rbound[self._two] - ROUNDING)
 
     def _link(self, geometry: int) -> str:
         return str(self.model.body(int(self.model.geom_bodyid[geometry])).name)
 
     def least(self, q: Array, most: float = 0.5) -> Array:
         """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
-        return self._least(q, most, {})
+        out = np.full(len(q), most)
+        near = self._bounds(q) < most
+        for k in np.flatnonzero(near.any(axis=1)):
+            self._place(q[k])
+            for p in np.flatnonzero(near[k]):
+                out[k] = min(out[k], self._distance(*self.pairs[p], most))
+        return out
 
     def keeps(self, q: Array, wanted: float) -> bool:
         """Whether all links keep a distance [m] at poses (T, n), near ones what they have."""
-        return bool(self._least(q, 2 * wanted, self._allowed).min() >= wanted)
-
-    def _least(self, q: Array, most: float, allowed: Mapping[tuple[int, int], float]) -> Array:
-        out = np.full(len(q), most)
-        for k, pose in enumerate(q):
-            self._place(pose)
-            for i, j in self.pairs:
-                out[k] = min(out[k], self._distance(i, j, most) + allowed.get((i, j), 0.0))
-        return out
+        bounds = self._bounds(q)
+        near = bounds < wanted
+        # the nearest first: one that is too near ends it
+        for k in np.argsort(bounds.min(axis=1, initial=wanted)):
+            if not near[k].any():
+                break
+            self._place(q[k])
+            for p in np.flatnonzero(near[k]):
+                d = self._distance(*self.pairs[p], 2 * wanted)
+                if d + self._allowed.get(self.pairs[p], 0.0) < wanted:
+                    return False
+        return True
 
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
         """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
@@ -161,9 +186,11 @@ class Clearance:
         total, gradient = 0.0, np.zeros_like(q)
         ends = np.zeros((6, 1))
         one, two = np.zeros((2, 3, self.model.nv))
-        for k, pose in enumerate(q):
-            self._place(pose)
-            for i, j in self.pairs:
+        close = self._bounds(q) < wanted
+        for k in np.flatnonzero(close.any(axis=1)):
+            self._place(q[k])
+            mujoco.mj_comPos(self.model, self.data)  # the Jacobians need it
+            for i, j in (self.pairs[p] for p in np.flatnonzero(close[k])):
                 d = self._distance(i, j, wanted, ends)
                 near = self._allowed.get((i, j), 0.0)
                 if d + near >= wanted:

@@ -86,13 +86,13 @@ class Problem:
         whole = self._whole(*state)[:, :, self.base.kept]
         return np.asarray(whole / self.arm.limits.torque[:, None] / self.size)
 
-    def condition(self, state: State) -> tuple[float, float]:
-        """Return the condition number of the regressor, scaled and as it is in SI units."""
-        whole = self._whole(*state)[:, :, self.base.kept]
-        plain = np.linalg.svd(whole.reshape(-1, self.base.size), compute_uv=False)
-        scaled = self.columns(state).reshape(-1, self.base.size)
-        s = np.linalg.svd(scaled, compute_uv=False)
-        return float(s[0] / max(s[-1], 1e-300)), float(plain[0] / max(plain[-1], 1e-300))
+    def condition(self, state: State) -> float:
+        """Return the condition number of the scaled regressor."""
+        return _condition(self.columns(state))
+
+    def condition_si(self, state: State) -> float:
+        """Return the condition number of the regressor as it is in SI units."""
+        return _condition(self._whole(*state)[:, :, self.base.kept])
 
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the rigid arm [N·m]."""
@@ -227,6 +227,11 @@ class Problem:
         return value, (out[0], out[1], out[2])
 
 
+def _condition(columns: Array) -> float:
+    s = np.linalg.svd(columns.reshape(-1, columns.shape[-1]), compute_uv=False)
+    return float(s[0] / max(s[-1], 1e-300))
+
+
 def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
     """Return log κ_p of a matrix (R, r), and its gradient (R, r)."""
     values, vectors = np.linalg.eigh(w.T @ w)
@@ -261,7 +266,7 @@ def search(
         x = found.x
         inside = problem.fitted(x)
         if inside is not None:
-            condition = problem.condition(problem.series(inside).state(problem.fine))[0]
+            condition = problem.condition(problem.series(inside).state(problem.fine))
             if best is None or condition < best[1]:
                 best = inside, condition
     return best
