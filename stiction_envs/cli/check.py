@@ -39,6 +39,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="ROBOT",
         help=f"whose logs these are, for units and limits: {common.robot_help()}",
     )
+    common.add_chain_option(parser)
     common.add_bag_options(parser)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
@@ -51,7 +52,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.out is not None:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
         folder = common.output_folder(args, "", inputs)
-    result = check(*args.files, robot=args.robot, joints=args.joints, topic=args.topic)
+    result = check(
+        *args.files, robot=args.robot, chain=args.chain, joints=args.joints, topic=args.topic
+    )
     if folder is not None:
         with common.working(), folder:
             result.write(folder.path)

@@ -122,6 +122,17 @@ def robot_help() -> str:
     return f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
 
 
+def add_chain_option(parser: Any) -> None:
+    """Add what takes one arm out of a bigger robot."""
+    parser.add_argument(
+        "--chain",
+        nargs=2,
+        metavar=("BASE", "TIP"),
+        help="one serial arm of a bigger robot's file: the links at its base and its tip; all "
+        "other joints are locked where the robot rests",
+    )
+
+
 def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str = "LOG") -> None:
     """Add the joint logs, the robot they are of and how to read them; ``logs`` is nargs."""
     parser.add_argument(
@@ -133,6 +144,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); one robot",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=robot_help())
+    add_chain_option(parser)
     parser.add_argument(
         "--torque",
         choices=("motor", "link"),
@@ -165,6 +177,7 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add what says which arm is simulated."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())
+    add_chain_option(parser)
     parser.add_argument(
         "--payload",
         nargs=4,
@@ -253,10 +266,17 @@ def read_arm(args: argparse.Namespace) -> Arm:
     """Load the arm of `add_robot_options`; say on standard error how a user's was read."""
     from stiction_envs.robots import load_arm
 
-    arm = load_arm(args.robot, payload=args.payload, tilt=args.tilt)
+    arm = load_arm(args.robot, payload=args.payload, tilt=args.tilt, chain=args.chain)
     for note in arm.notes:
         print(f"note: {note}", file=sys.stderr)
     return arm
+
+
+def arm_name(args: argparse.Namespace) -> str:
+    """Return what output folders are called after."""
+    from stiction_envs.robots.chain import title
+
+    return str(args.robot) if args.chain is None else title(Path(args.robot).stem, args.chain)
 
 
 def output_folder(

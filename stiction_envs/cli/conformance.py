@@ -27,6 +27,7 @@ def add_parser(subparsers: Any) -> None:
         help="one of ours, or a path to an MJCF whose joints carry friction (`stiction export` "
         "writes one)",
     )
+    common.add_chain_option(parser)
     parser.add_argument(
         "--stiction",
         nargs="+",
@@ -42,11 +43,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.experiments.conformance import conformance
     from stiction_envs.robots.files import robot_files
 
-    folder = common.output_folder(args, args.robot, robot_files(args.robot))
+    folder = common.output_folder(args, common.arm_name(args), robot_files(args.robot))
     with Progress("tests") as progress:
         result = conformance(
             args.robot,
             args.stiction,
+            chain=args.chain,
             nthread=args.threads,
             progress=lambda k, n: progress.set("conformance", k, n),
         )

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     inputs = {f"log{k}": log for k, log in enumerate(files, 1)}
     inputs |= {f"check{k}": log for k, log in enumerate(args.check, 1)}
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
-    folder = common.output_folder(args, args.robot, inputs)
+    folder = common.output_folder(args, common.arm_name(args), inputs)
     with Progress() as progress:
         say = Stages(progress.whole, without=() if args.check else ("check",))
         # an error up to here is one of the data: bad input
@@ -102,6 +102,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             check=args.check,
             payload=args.payload,
             tilt=args.tilt,
+            chain=args.chain,
             cutoff_hz=args.cutoff,
             method=args.method,
             seed=args.seed,

@@ -100,7 +100,7 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
 
     common.read_arm(args)
     arguments = dict(_named(text) for text in args.env)
-    for name in ("payload", "friction", "friction_factor"):
+    for name in ("payload", "chain", "friction", "friction_factor"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if any(args.tilt):

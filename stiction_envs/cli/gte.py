@@ -238,6 +238,7 @@ def _read_controller_model(args: argparse.Namespace) -> Arm | None:
         args.robot,
         payload=args.payload if payload is None else payload,
         tilt=args.tilt if tilt is None else tilt,
+        chain=args.chain,
     )
 
 

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.robots import load_arm
     from stiction_envs.robots.files import robot_files
 
-    arm = load_arm(args.robot)
+    arm = load_arm(args.robot, chain=args.chain)
     for log in args.logs:
         if not is_log(log):
             raise StictionError(f"{log}: no such file")

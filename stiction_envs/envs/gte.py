@@ -144,6 +144,7 @@ class GTEEnv(ArmEnv):
       path to an own MJCF or URDF with 2 to 9 joints.
     * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
     * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
+    * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
     * `scatter`: whether episodes of a configuration differ by more than the side they start from.
       Default True.
     * `scatter_seed`: of numbered iterations and of the undithered runs. Default 0.

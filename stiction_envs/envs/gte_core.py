@@ -119,6 +119,7 @@ class GTECore(BatchCore):
         robot: str | Path = "panda",
         payload: Sequence[float] | None = None,
         tilt: Sequence[float] = (0.0, 0.0),
+        chain: Sequence[str] | None = None,
         scatter: bool = True,
         scatter_seed: int = 0,
         friction: str | Path | FrictionParameters | None = None,
@@ -142,7 +143,7 @@ class GTECore(BatchCore):
         record: bool = False,
     ) -> None:
         """Make them; `GTEEnv` explains the arguments. ``record`` keeps traces to draw."""
-        arm = load_arm(robot, payload=payload, tilt=tilt)
+        arm = load_arm(robot, payload=payload, tilt=tilt, chain=chain)
         own = gte_settings()
         self.random_paths = own.random.paths if random_paths is None else random_paths
         if not isinstance(self.random_paths, (int, np.integer)) or self.random_paths < 1:

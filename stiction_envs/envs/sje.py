@@ -106,6 +106,7 @@ class SJEEnv(ArmEnv):
       path to an own MJCF or URDF with 2 to 9 joints.
     * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
     * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
+    * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
     * `scatter`: whether episodes of a configuration differ. Default True.
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `control_interval_s`: time of a step, a multiple of 0.05 s. Default 0.1 s.

@@ -80,6 +80,7 @@ class SJECore(BatchCore):
         robot: str | Path = "panda",
         payload: Sequence[float] | None = None,
         tilt: Sequence[float] = (0.0, 0.0),
+        chain: Sequence[str] | None = None,
         scatter: bool = True,
         friction: str | Path | FrictionParameters | None = None,
         control_interval_s: float = 0.1,
@@ -94,7 +95,7 @@ class SJECore(BatchCore):
         record: bool = False,
     ) -> None:
         """Make them; `SJEEnv` explains the arguments. ``record`` keeps traces to draw."""
-        arm = load_arm(robot, payload=payload, tilt=tilt)
+        arm = load_arm(robot, payload=payload, tilt=tilt, chain=chain)
         check_steps(max_episode_steps)
         reward = sje_settings().reward
         weights = weights_of(

@@ -36,6 +36,7 @@ from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingMo
 from stiction_envs.plant import rollout
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
+from stiction_envs.robots.arm import check_chain
 from stiction_envs.robots.files import robot_files
 from stiction_envs.robots.own import as_it_is
 
@@ -50,6 +51,7 @@ def conformance(
     *,
     qpos: ArrayLike | None = None,
     rates: Sequence[float] | None = None,
+    chain: Sequence[str] | None = None,
     nthread: int = 0,
     settings: ConformanceSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -66,6 +68,8 @@ def conformance(
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
         qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
         rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings.
+        chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
+            other joints are locked; None for all hinges.
         nthread: threads, 0 for all processors.
         settings: constants of the test; None for those of ``settings.toml``.
         progress: called with the tests done and their number.
@@ -79,7 +83,7 @@ def conformance(
     rates = s.ramp_rates if rates is None else rates
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
-    bare = _bare(_compiled(model))
+    bare = _bare(_compiled(model, chain))
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     read, stiffness = _friction(bare, hinges)
     level = read if stiction is None else np.asarray(stiction, dtype=float)
@@ -123,6 +127,7 @@ def conformance(
             "stiction": stiction,
             "qpos": qpos,
             "rates": list(rates),
+            **({} if chain is None else {"chain": list(chain)}),
             "settings": dataclasses.asdict(s),
         },
         seed=0,
@@ -247,12 +252,17 @@ def _rise(x: Array) -> Array:
     return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
-def _compiled(model: str | Path | mujoco.MjModel | StickingModel) -> mujoco.MjModel:
+def _compiled(
+    model: str | Path | mujoco.MjModel | StickingModel, chain: Sequence[str] | None
+) -> mujoco.MjModel:
+    text = str(model)
+    if chain is not None and (not isinstance(model, str | Path) or "<" in text):
+        raise StictionError("chain: expected with the path of a model")
     if isinstance(model, StickingModel):
         return model.model
     if isinstance(model, mujoco.MjModel):
         return model
-    text = str(model)
+    ends = check_chain(text, chain)
     if text in ARMS:
         return build(load_arm(text)).model
     if "<" not in text:
@@ -261,7 +271,7 @@ def _compiled(model: str | Path | mujoco.MjModel | StickingModel) -> mujoco.MjMo
                 f"{text}: no such file, and no robot of that name: expected one of "
                 f"{', '.join(ARMS)}, or a path"
             )
-        return as_it_is(Path(text))
+        return as_it_is(Path(text), ends)
     try:
         return mujoco.MjModel.from_xml_string(text)
     except ValueError as error:

@@ -48,6 +48,7 @@ def diagnose(
     check: Sequence[Log] = (),
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] | None = None,
+    chain: Sequence[str] | None = None,
     cutoff_hz: float | None = None,
     method: str = "auto",
     seed: int = 0,
@@ -74,6 +75,7 @@ def diagnose(
         payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
             that of an earlier diagnosis, or none.
         tilt: known roll and pitch of the base [rad]; None likewise.
+        chain: links at the base and the tip of the arm in a file of a bigger robot.
         cutoff_hz: bandwidth of a log's zero-phase filter; None chooses it from the data.
         method: "lsm" adds the thesis's least squares to a log's result.
         seed: of the bootstrap.
@@ -107,7 +109,7 @@ def diagnose(
     for table in (x for x in check if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"check: {table} is a torque table: expected joint logs")
     own = override(default_settings(), settings)
-    arm, judged = _models(robot, nominal, payload, tilt)
+    arm, judged = _models(robot, nominal, payload, tilt, chain)
     sources = log_sources([*given, *poses]) | log_sources(check, "check")
     naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
     logs = [] if of_tables else _read(given, poses, arm, naming, own.measured)
@@ -129,6 +131,8 @@ def diagnose(
         "method": method,
         **sources.in_memory,
     }
+    if chain is not None:
+        arguments["chain"] = list(chain)
     if settings is not None:
         arguments["settings"] = fingerprint(own)
     inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
@@ -207,18 +211,19 @@ def _models(
     nominal: str | Path | FrictionParameters | Nominal,
     payload: Sequence[float] | None,
     tilt: Sequence[float] | None,
+    chain: Sequence[str] | None,
 ) -> tuple[Arm, Nominal]:
     """Return the arm and what is judged; an earlier diagnosis knows its payload and tilt."""
     if isinstance(robot, Arm):
-        if payload is not None or tilt is not None:
-            raise StictionError("payload and tilt: expected in the arm, where an arm is given")
+        if payload is not None or tilt is not None or chain is not None:
+            raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
         return robot, resolve(nominal, robot)
     if isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml":
         before = read(Path(nominal))
         if before.robot is not None:
             payload = before.payload if payload is None else payload
             tilt = before.tilt if tilt is None else tilt
-    arm = load_arm(robot, payload=payload, tilt=tilt or (0.0, 0.0))
+    arm = load_arm(robot, payload=payload, tilt=tilt or (0.0, 0.0), chain=chain)
     return arm, resolve(nominal, arm)
 
 

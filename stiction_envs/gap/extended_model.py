@@ -6,6 +6,7 @@ compensated there. What MuJoCo cannot express is said in words, and as torque al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -115,7 +116,9 @@ def extended_nominal(path: str | Path, data: Data) -> Array:
     return nominal.extend(data).nominal
 
 
-def load_model(path: str | Path, robot: str | Path | None = None) -> StickingModel:
+def load_model(
+    path: str | Path, robot: str | Path | None = None, *, chain: Sequence[str] | None = None
+) -> StickingModel:
     """Return the arm of a ``model.toml``: payload and tilt that were found, and its friction.
 
     Every experiment takes it where it takes an arm: ``SingleJointExperiment(load_model(path))``.
@@ -125,6 +128,7 @@ def load_model(path: str | Path, robot: str | Path | None = None) -> StickingMod
     Args:
         path: the file; with ``robot`` also a friction TOML, as `stiction calibrate` writes it.
         robot: name or model file; of an arm that is none of ours its file must be given.
+        chain: links at the base and the tip of the arm in a file of a bigger robot.
 
     Raises:
         StictionError: a file that is no model, or an arm that cannot be loaded.
@@ -136,8 +140,8 @@ def load_model(path: str | Path, robot: str | Path | None = None) -> StickingMod
         of = "holds no [arm]" if nominal.robot is None else f"is of robot {nominal.robot!r}"
         raise StictionError(f"{path}: {of}: expected robot=, its name or the path of its model")
     if nominal.robot is None:
-        return sticking_model(robot, path)
-    arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt)
+        return sticking_model(load_arm(robot, chain=chain), path)
+    arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt, chain=chain)
     nominal.check(arm, path)
     friction = with_rotors(load_friction(path, arm.n), arm)
     return sticking_model(changed_arm(arm, nominal.parts), friction)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.robots import mjcf
+from stiction_envs.robots.chain import Chain
 from stiction_envs.robots.own import read_own
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles
 from stiction_envs.robots.tables import (
@@ -40,7 +41,7 @@ class Arm:
     """
 
     name: str
-    """Registered name, or the stem of the user's file."""
+    """Registered name, or the stem of the user's file; of a chain its base and tip too."""
     xml: str
     """MJCF of the rigid arm with tilt and payload; asset paths, if any, are absolute."""
     joint_names: tuple[str, ...]
@@ -143,6 +144,7 @@ def load_arm(
     *,
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] = (0.0, 0.0),
+    chain: Sequence[str] | None = None,
 ) -> Arm:
     """Load an arm by its name, or a user's MJCF or URDF.
 
@@ -155,15 +157,19 @@ def load_arm(
             of a solid sphere of 0.03 m radius (assumed). Mass 0 adds nothing.
         tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
             about its own origin. Gravity stays along the world's -z.
+        chain: names of two links (the second may be a site), base and tip of the arm in a file of
+            a bigger robot, whose other joints are locked where it rests; None where the file is
+            one arm.
 
     Raises:
         StictionError: unknown name, unreadable file, not a serial arm of 2 to 9 hinges, a moving
-            link without mass, or a payload or tilt that is not a finite number.
+            link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
     load = _payload(payload)
     lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
     known = ARMS.get(str(robot))
-    fields = _own(robot) if known is None else _registered(known)
+    ends = check_chain(robot, chain)
+    fields = _own(robot, ends) if known is None else _registered(known)
 
     root = ET.fromstring(fields["xml"])
     if any(lean):
@@ -232,11 +238,28 @@ def _shipped(files: ArmFiles) -> dict[str, Any]:
     }
 
 
-def _own(robot: str | Path) -> dict[str, Any]:
+def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
+    """Return the chain of a robot's file.
+
+    Raises:
+        StictionError: not two names, or of a robot that is known by its name.
+    """
+    if chain is None:
+        return None
+    if str(robot) in ARMS:
+        raise StictionError(
+            f"chain: {robot} is one arm: expected the path of a bigger robot's file"
+        )
+    if isinstance(chain, str) or len(chain) != 2 or not all(isinstance(x, str) for x in chain):
+        raise StictionError(f"chain {chain!r}: expected two links, base and tip")
+    return chain[0], chain[1]
+
+
+def _own(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
     """Everything of an :class:`Arm` but payload and tilt, from a user's file."""
     path = Path(robot).expanduser()
     if path.suffix.lower() not in MODEL_FILES:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")
-    return {**read_own(path), "registered": False}
+    return {**read_own(path, chain), "registered": False}

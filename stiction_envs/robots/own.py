@@ -3,6 +3,7 @@
 Everything that is not the rigid arm goes: actuators, sensors, tendons, equalities, keyframes, joint
 damping, armature, springs and dry friction, gravity compensation, and slides behind the last hinge
 (fingers), whose links stay as rigid mass. What is kept of them first are limits and a rest pose.
+Of a bigger robot the joints beside one arm are locked first (`chain`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
+from stiction_envs.robots.chain import Chain, hint, round_off, take_out, title
 from stiction_envs.robots.tables import (
     Limits,
     generic,
@@ -40,22 +42,31 @@ _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def read_own(path: Path) -> dict[str, Any]:
+def read_own(path: Path, chain: Chain | None = None) -> dict[str, Any]:
     """Fields of an ``Arm`` (all but payload, tilt and registered) from a user's file.
 
     Args:
         path: an existing MJCF or URDF. A TOML of the same stem beside it may give
             limits, rest pose and interface.
+        chain: links at the base and the tip of the arm, in a file of a bigger robot.
 
     Raises:
         StictionError: not readable, or not one serial chain of 2 to 9 hinges with massive links.
     """
-    spec, speeds = _parse(path)
-    _name_everything(spec)
-    model = _compile(spec, path)
-    chain = _chain(model, path)
-    joints = tuple(model.joint(int(j)).name for j in chain)
-    links = tuple(model.body(int(model.jnt_bodyid[j])).name for j in chain)
+    spec, speeds = _named(path)
+    if chain is not None:
+        end: str | None = take_out(spec, chain, path, _compile)
+        model = _compile(spec, path)
+        hinges = _hinges(model, path)
+    else:
+        end = None
+        try:
+            spec, model = _built(spec, path)
+            hinges = _hinges(model, path)
+        except StictionError as error:
+            raise StictionError(f"{error}{hint(_named(path)[0], JOINTS)}") from None
+    joints = tuple(model.joint(int(j)).name for j in hinges)
+    links = tuple(model.body(int(model.jnt_bodyid[j])).name for j in hinges)
     n = len(joints)
 
     table_file = path.with_suffix(".toml")
@@ -68,20 +79,20 @@ def read_own(path: Path) -> dict[str, Any]:
         return per_joint(carried.get(key, own), shape, f"{path}, {key}")
 
     limits = Limits(
-        position=pick("limits.position", _positions(model, chain), (n, 2)),
+        position=pick("limits.position", _positions(model, hinges), (n, 2)),
         velocity=pick("limits.velocity", _or_generic(speeds, joints, "limits.velocity"), (n,)),
-        torque=pick("limits.torque", _torques(model, chain), (n,)),
+        torque=pick("limits.torque", _torques(model, hinges), (n,)),
         torque_rate=pick("limits.torque_rate", lookup(generic(), "limits.torque_rate"), (n,)),
     )
     interface = {
         key: float(pick(f"interface.{key}", lookup(generic(), f"interface.{key}"), ()))
         for key in ("controller_rate_hz", "lowpass_hz")
     }
-    rest = pick("rest", _rest(model, chain, limits.position), (n,))
-    root, end_effector = _rigid_xml(spec, model, chain, path)
+    rest = pick("rest", _rest(model, hinges, limits.position), (n,))
+    root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     leave_out_touching(root, limits.position)
     return {
-        "name": path.stem,
+        "name": title(path.stem, chain),
         "xml": ET.tostring(root, encoding="unicode"),
         "joint_names": joints,
         "link_names": links,
@@ -109,13 +120,19 @@ def _parse(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
         raise StictionError(f"{path}: not a readable MJCF or URDF: {_one_line(error)}") from None
 
 
-def as_it_is(path: Path) -> mujoco.MjModel:
+def as_it_is(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
     """Return the compiled model of a user's MJCF or URDF, friction and actuators included.
 
+    Args:
+        path: an existing file.
+        chain: links at the base and the tip of the arm whose joints are not locked; None for all.
+
     Raises:
-        StictionError: not readable.
+        StictionError: not readable, or no such chain.
     """
-    spec, _ = _parse(path)
+    spec, _ = _named(path)
+    if chain is not None:
+        take_out(spec, chain, path, _compile)
     return _compile(spec, path)
 
 
@@ -129,6 +146,23 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
             link = found.group(1) if found else "?"
             raise StictionError(f"{path}: moving link {link!r} has no mass or inertia") from None
         raise StictionError(f"{path}: MuJoCo cannot build it: {text}") from None
+
+
+def _built(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Compile a robot; if need be with round inertias of what stands still."""
+    try:
+        return spec, _compile(spec, path)
+    except StictionError:
+        spec, _ = _named(path)  # one that does not compile is of no more use
+        round_off(spec)
+        return spec, _compile(spec, path)
+
+
+def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
+    """Spec of the file with a name for every body and joint, and speeds as `_parse`."""
+    spec, speeds = _parse(path)
+    _name_everything(spec)
+    return spec, speeds
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:
@@ -153,7 +187,7 @@ def _above(model: mujoco.MjModel, body: int) -> list[int]:
     return out
 
 
-def _chain(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
+def _hinges(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
     """Ids of the hinges from base to tip.
 
     Raises:
@@ -305,12 +339,19 @@ def _flange(
 
 
 def _rigid_xml(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: NDArray[np.int64], path: Path
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    chain: NDArray[np.int64],
+    path: Path,
+    end: str | None,
 ) -> tuple[ET.Element, str]:
-    """MJCF of the bare rigid arm with all digits, and the name of its flange site."""
+    """MJCF of the bare rigid arm with all digits, and the name of its flange site.
+
+    ``end`` is that site where it is known.
+    """
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}
     tip = int(model.jnt_bodyid[chain[-1]])
-    end_effector, add_to = _flange(spec, model, tip, fingers)
+    end_effector, add_to = (end, None) if end else _flange(spec, model, tip, fingers)
     if add_to is not None:
         spec.body(add_to).add_site(name=end_effector)
     for kind in ("actuators", "sensors", "tendons", "equalities", "keys", "tuples", "skins"):

@@ -15,6 +15,7 @@ from stiction_envs.envs.registration import KINDS
 from stiction_envs.envs.sje import SJEVectorEnv
 from stiction_envs.envs.sje_core import SJECore
 from stiction_envs.errors import unknown
+from stiction_envs.robots.chain import title
 from stiction_envs.robots.registry import ARMS
 
 EXPERIMENTS = ("sje", "gte")
@@ -58,7 +59,9 @@ class Task:
     @property
     def arm_name(self) -> str:
         """Name of the arm, or of its file."""
-        return self.robot if self.robot in ARMS else Path(self.robot).stem
+        if self.robot in ARMS:
+            return self.robot
+        return title(Path(self.robot).stem, self.arguments.get("chain"))
 
     def make(self, num_envs: int) -> ArmVectorEnv:
         """Return a native batch whose episodes start anew in the step in which they end.

@@ -86,6 +86,7 @@ def describe(findings: Sequence[Mapping[str, str]]) -> str:
 def check(
     *files: str | os.PathLike[str],
     robot: str | Path | None = None,
+    chain: Sequence[str] | None = None,
     joints: Sequence[str] = (),
     topic: str | None = None,
 ) -> Findings:
@@ -98,6 +99,7 @@ def check(
     Args:
         files: paths.
         robot: whose logs these are; without it fewer wrong units are seen.
+        chain: links at the base and the tip of the arm in a file of a bigger robot.
         joints: names of joints 1 to n in ROS bags; () finds them (`logs.joint_names`).
         topic: of ROS bags that have several with joint states.
 
@@ -110,7 +112,7 @@ def check(
     for path in paths:
         if not is_log(path):
             raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
-    arm = None if robot is None else load_arm(robot)
+    arm = None if robot is None else load_arm(robot, chain=chain)
     kinds = {path: file_kind(path) for path in paths}
     findings = _of_tables([p for p in kinds if kinds[p] == TABLE])
     for path in (p for p in kinds if kinds[p] != TABLE):

@@ -1,0 +1,232 @@
+"""One serial arm out of a bigger robot: the joints on the way from a base to a tip stay.
+
+All other joints are locked where the robot rests: at the keyframe ``home`` (else the first), else
+at zero, or at the end of a range that does not hold zero; a floating base where it is drawn. Their
+links stay as they hang, with mass and shape: a gripper weighs, a torso is in the way. Other trees
+of the world that can move go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+Chain = tuple[str, str]
+"""Link at the base, which does not move, and link or site at the tip, which is the flange."""
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_MOST = 6
+"""Arms of a bigger robot that are named."""
+
+
+def title(stem: str, chain: Chain | None) -> str:
+    """Return what an arm is called: the stem of its file, and of which links it is."""
+    if chain is None:
+        return stem
+    names = [stem, *chain]
+    return "-".join("".join(c if c.isalnum() or c in "-_" else "_" for c in x) for x in names)
+
+
+def take_out(
+    spec: mujoco.MjSpec,
+    chain: Chain,
+    path: Path,
+    build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
+) -> str:
+    """Lock every joint that is not on the way from base to tip.
+
+    Args:
+        spec: of the robot, all bodies and joints named; changed in place.
+        chain: names of base and tip.
+        path: file it came from, for messages.
+        build: compiles a spec, and says what is wrong with it.
+
+    Returns:
+        Name of the flange site.
+
+    Raises:
+        StictionError: a name that is none, a tip that is not behind the base, or a joint between
+            them that is no hinge.
+    """
+    base, tip = _ends(spec, chain, path)
+    way = [tip, *_above(tip)]
+    if base not in [b.name for b in way[1:]]:
+        raise StictionError(f"{path}: chain: link {tip.name!r} is not behind link {base!r}")
+    way = way[: [b.name for b in way].index(base)]
+    kept = {joint.name for body in way for joint in body.joints}
+    for body in way:
+        for joint in body.joints:
+            if int(joint.type) != _HINGE:
+                kind = joint.type.name.removeprefix("mjJNT_").lower()
+                raise StictionError(
+                    f"{path}: chain: joint {joint.name!r} is a {kind} joint: expected hinges only "
+                    "between base and tip"
+                )
+    _drop_other_trees(spec, way[0])
+    first = next((body for body in reversed(way) if body.joints), way[0])
+    round_off(spec, {first.name, *(b.name for b in first.find_all("body"))})
+    model = build(spec, path)
+    rest = _rest(model)
+    for joint in list(spec.joints):
+        if joint.name not in kept:
+            _turn(spec, model, joint, rest)
+    _forget(spec, model, kept, rest)
+    if chain[1] not in {site.name for site in spec.sites}:
+        taken, name = {site.name for site in spec.sites}, "flange"
+        while name in taken:
+            name += "_"
+        tip.add_site(name=name)
+        return name
+    return chain[1]
+
+
+def candidates(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
+    """Return arms of a robot, those of most hinges first: links between two branchings.
+
+    Args:
+        spec: of the robot, all bodies named.
+        joints: smallest and largest number of hinges of an arm.
+    """
+    moving = {body.name: body for body in spec.bodies if body.joints}
+    above = {
+        name: next((b.name for b in _above(body) if b.joints), "") for name, body in moving.items()
+    }
+    behind = {name: [x for x in moving if above[x] == name] for name in moving}
+    single = {x for x, b in moving.items() if [int(j.type) for j in b.joints] == [_HINGE]}
+    found = []
+    for first in moving:
+        if first not in single or (above[first] in single and len(behind[above[first]]) == 1):
+            continue  # not where one begins
+        links = [first]
+        while len(behind[links[-1]]) == 1 and behind[links[-1]][0] in single:
+            links += behind[links[-1]]
+        if joints[0] <= len(links) <= joints[1]:
+            found.append((len(links), (moving[first].parent.name, links[-1])))
+    return [chain for _, chain in sorted(found, key=lambda x: -x[0])]
+
+
+def hint(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
+    """Return how to take one arm out of a bigger robot; empty where there is none to take."""
+    found = [f"{base} {tip}" for base, tip in candidates(spec, joints)]
+    if not found or len(spec.joints) <= joints[0]:
+        return ""
+    more = f" (or {', '.join(found[1:_MOST])})" if found[1:] else ""
+    return f"; of a bigger robot take one arm: --chain {found[0]}{more}"
+
+
+def round_off(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None:
+    """Make the inertias of what stands still round: they act on nothing, and may be impossible.
+
+    Args:
+        spec: of the robot; changed in place.
+        moved: names of the bodies that move; None for all with a joint on their way to the world.
+    """
+    for body in spec.bodies[1:]:
+        moves = (
+            any(b.joints for b in (body, *_above(body))) if moved is None else body.name in moved
+        )
+        if not moves and body.explicitinertial:
+            body.fullinertia = np.full(6, np.nan)
+            body.inertia = np.full(3, max(float(body.mass), 1e-3))
+
+
+def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.MjsBody]:
+    """Return the name of the base and the body of the tip."""
+    base, tip = chain
+    bodies = {body.name: body for body in spec.bodies}
+    sites = {site.name: site.parent for site in spec.sites if site.name}
+    for name, known in ((base, bodies), (tip, {**sites, **bodies})):
+        if name not in known:
+            links = ", ".join(body.name for body in spec.bodies[1:])
+            raise StictionError(f"{path}: chain: no link {name!r}: expected one of {links}")
+    return base, {**sites, **bodies}[tip]
+
+
+def _above(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
+    """Bodies above one, up to the world."""
+    while body.name != "world":
+        body = body.parent
+        yield body
+
+
+def _drop_other_trees(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """Take away what moves in the world and does not hang on the same body as ``body``."""
+    own = [body.name, *(b.name for b in _above(body))][-2]
+    for other in list(spec.worldbody.bodies):
+        moves = bool(other.joints) or any(b.joints for b in other.find_all("body"))
+        if other.name != own and moves:
+            spec.delete(other)
+
+
+def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """Return (nq,) where the robot rests."""
+    if model.nkey:
+        names = [model.key(k).name for k in range(model.nkey)]
+        return np.array(model.key_qpos[names.index("home") if "home" in names else 0])
+    out = np.array(model.qpos0)
+    for j in np.flatnonzero(model.jnt_limited):
+        if int(model.jnt_type[j]) in (_HINGE, _SLIDE):
+            at = model.jnt_qposadr[j]
+            out[at] = np.clip(out[at], *model.jnt_range[j])
+    return out
+
+
+def _turn(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    joint: mujoco.MjsJoint,
+    rest: NDArray[np.float64],
+) -> None:
+    """Put a joint's link where the joint rests, before the joint goes."""
+    body, found = joint.parent, model.joint(joint.name)
+    kind, at = int(found.type[0]), int(found.qposadr[0])
+    by = rest[at] - model.qpos0[at]
+    if kind not in (_HINGE, _SLIDE) or by == 0:
+        return
+    orientation = np.array(body.quat)
+    if body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
+        compiler = body.compiler
+        orientation = np.array(
+            mujoco.MjSpec.resolve_orientation(
+                degree=compiler.degree, sequence=compiler.eulerseq, orientation=body.alt
+            )
+        )
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    orientation /= np.linalg.norm(orientation)
+    axis, anchor = np.array(found.axis), np.array(found.pos)
+    turn, turned, shift = np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)
+    if kind == _HINGE:
+        mujoco.mju_axisAngle2Quat(turn, axis, by)
+        mujoco.mju_rotVecQuat(turned, anchor, turn)
+        inner = anchor - turned
+    else:
+        inner = by * axis
+    mujoco.mju_rotVecQuat(shift, inner, orientation)
+    body.pos = np.array(body.pos) + shift
+    whole = np.empty(4)
+    mujoco.mju_mulQuat(whole, orientation, turn)
+    body.quat = whole
+
+
+def _forget(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: NDArray[np.float64]
+) -> None:
+    """Delete the other joints and what may name them; one keyframe of the arm's joints stays."""
+    at = sorted(int(model.joint(j.name).qposadr[0]) for j in spec.joints if j.name in kept)
+    # MuJoCo leaves some of what names a joint that is gone, and then does not compile
+    of_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    idle = [a for a in spec.actuators if a.trntype not in of_joint or a.target not in kept]
+    for items in (spec.keys, spec.sensors, spec.tuples, idle, spec.equalities, spec.tendons):
+        for item in list(items):
+            spec.delete(item)
+    for joint in list(spec.joints):
+        if joint.name not in kept:
+            spec.delete(joint)
+    if model.nkey:
+        spec.add_key(name="home", qpos=rest[at])
