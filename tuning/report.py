@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import (
     BaseTable,
     DitheredRow,
@@ -191,7 +192,8 @@ def write_report(
     warnings: list[str],
 ) -> dict[str, Any]:
     """Write report.md and its plots; return the summary that ``--json`` prints."""
-    robot = tuner.experiment.sticking.arm.name
+    sticking = tuner.experiment.sticking
+    robot = sticking.arm.name
     measured, rows = _measured_base(tuner, table), thesis_rows(tuner)
     reductions = _reductions(tuner, choices, verified["final"])
     mean = float(np.mean(list(reductions.values())))
@@ -210,6 +212,7 @@ def write_report(
         tuner.out,
         TEMPLATE,
         f"Dither amplitudes for {robot}",
+        note=friction_note(sticking.arm, sticking.parameters),
         robot=robot,
         mean=mean,
         reductions=reductions,

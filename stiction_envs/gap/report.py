@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.gap.causes import parameter_units
 from stiction_envs.gap.check import Check
 from stiction_envs.gap.check import describe as describe_check
@@ -74,6 +75,7 @@ def write_report(
         folder,
         TEMPLATES / "report.md.j2",
         f"Diagnosis of {d.robot}: {d.verdict}",
+        note=friction_note(d.data.arm, d.baseline.friction),
         **_verdict(d, nominal_name),
         plots=PLOTS,
         pictures=pictures,

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -178,6 +179,7 @@ class Identification(Result):
             folder,
             TEMPLATE,
             f"{name}: links and friction from logs",
+            note=friction_note(self.nominal, None),
             robot=name,
             gain=self.gain_percent,
             excited=excited,

@@ -62,6 +62,8 @@ def write_md_and_html(
     title: str,
     names: tuple[str, str] = ("report.md", "report.html"),
     /,
+    *,
+    note: str = "",
     **values: Any,
 ) -> tuple[str, str]:
     """Write a template's text as Markdown and as one HTML file that needs nothing else.
@@ -71,11 +73,16 @@ def write_md_and_html(
         template: its path.
         title: of the HTML page.
         names: of the two files.
+        note: a paragraph that stands under the heading, before all else.
         values: what the template asks for.
 
     Returns:
         The names.
     """
-    text = write_page(folder / names[0], template, **values)
+    text = render(template, **values)
+    if note:
+        heading, _, rest = text.partition("\n")
+        text = f"{heading}\n\n> {note}\n{rest}"
+    write_text_atomic(folder / names[0], text)
     write_text_atomic(folder / names[1], to_html(text.splitlines(), folder, title))
     return names

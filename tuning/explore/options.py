@@ -114,6 +114,8 @@ class Found:
     """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
     compensation: Compensation | None
     """What was chosen of it."""
+    note: str = ""
+    """Stands at the top of the report."""
 
     @property
     def final(self) -> Table:

@@ -76,6 +76,7 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
         folder,
         TEMPLATE,
         f"Dither for {summary['robot']}, searched",
+        note=found.note,
         summary=summary,
         objective=objective,
         final=_final(found, final),

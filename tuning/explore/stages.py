@@ -16,6 +16,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_final
 from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.explore.bounds import Bounds
@@ -109,6 +110,7 @@ class Stages:
             others=self.others,
             limit=self.limit,
             compensation=self.compensation,
+            note=friction_note(self.sje.sticking.arm, self.sje.sticking.parameters),
         )
         summary = write_search_report(found, folder.path, verified)
         return Tuning(

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.sticking import friction_of
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
+from stiction_envs.robots import load_arm
 from stiction_envs.robots.registry import arm_title
 
 if TYPE_CHECKING:
@@ -43,6 +46,11 @@ def means_table(
     return ["policy", *(COLUMNS[c][0] for c in shown)], rows
 
 
+def _friction_note(task: Task) -> str:
+    arm = load_arm(task.robot, chain=task.arguments.get("chain"))
+    return friction_note(arm, friction_of(arm, task.arguments.get("friction")))
+
+
 def write_report(
     folder: Path,
     task: Task,
@@ -69,6 +77,7 @@ def write_report(
         folder,
         TEMPLATE,
         f"{algorithm.upper()} on {task.name}",
+        note=_friction_note(task),
         robot=robot,
         algorithm=f"{algorithm.upper()} on {task.name}",
         trained=policy["return"],

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
@@ -90,6 +91,8 @@ class State:
     settings: RobotSettings
     told: int = 0
     """Settings that were new in the told table."""
+    note: str = ""
+    """Stands at the top of the report."""
 
     @property
     def asked(self) -> list[tuple[int, AmplitudeRow]]:
@@ -159,6 +162,7 @@ def state_of(
         joints=tuple(joints),
         missing=tuple(cell for cell in cells if not base.measured(cell)),
         settings=settings,
+        note=friction_note(experiment.sticking.arm, experiment.sticking.parameters),
     )
 
 
@@ -186,7 +190,8 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
         _write_asked(folder, state)
     draw(state, folder / "belief.png")
     words = _words(state)
-    write_md_and_html(folder, TEMPLATE, f"Dither for {words['robot']}, beside the robot", **words)
+    title = f"Dither for {words['robot']}, beside the robot"
+    write_md_and_html(folder, TEMPLATE, title, note=state.note, **words)
 
 
 def _ask_columns(most: int) -> tuple[str, ...]:

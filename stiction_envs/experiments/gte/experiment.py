@@ -40,6 +40,7 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.run_log import RunLog
 from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
@@ -264,6 +265,7 @@ class GeneratedTrajectoryExperiment:
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
             compared=arm.name in thesis_robots("4.11") and not own,
+            note=friction_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "gte",
                 {

@@ -27,7 +27,12 @@ MILLI = 1e3
 
 
 def write_report(
-    folder: Path, rows: Sequence[ErrorRow], runs: Sequence[RunRow], *, printed: bool
+    folder: Path,
+    rows: Sequence[ErrorRow],
+    runs: Sequence[RunRow],
+    *,
+    printed: bool,
+    note: str = "",
 ) -> None:
     """Write both pages.
 
@@ -36,6 +41,7 @@ def write_report(
         rows: of ``errors.csv``, six axes per case, the case without anything first.
         runs: of ``runs.csv``, a row per case.
         printed: whether the folder has a picture of Table 4.11.
+        note: stands at the top.
     """
     cases = {run.case: [r for r in rows if r.case == run.case] for run in runs}
     first = runs[0]
@@ -47,6 +53,7 @@ def write_report(
         folder,
         TEMPLATE,
         f"{name} on {path}",
+        note=note,
         robot=name,
         path=path,
         base={"position": MILLI * base[0], "orientation": MILLI * base[1]},

@@ -32,6 +32,8 @@ class TrackingErrors(Result):
     compared: bool
     """Whether the thesis's numbers of the same cases, where it has them, are shown too."""
     provenance: dict[str, Any]
+    note: str = ""
+    """Stands at the top of the report."""
 
     @property
     def rows(self) -> list[ErrorRow]:
@@ -86,7 +88,7 @@ class TrackingErrors(Result):
         if in_thesis:
             pair = [(self.runs[0], self.runs[1])]
             plots.plot_window_sums(pair, folder / "table_4_11.png", robot=self.robot)
-        write_report(folder, self.rows, self.run_rows, printed=in_thesis)
+        write_report(folder, self.rows, self.run_rows, printed=in_thesis, note=self.note)
 
     def __repr__(self) -> str:
         return f"<TrackingErrors of {self.robot}: {len(self.runs)} cases>"

@@ -33,6 +33,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.results import BreakawayTorques
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig
 from stiction_envs.experiments.sje.rows import in_order
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
@@ -186,6 +187,7 @@ class SingleJointExperiment:
             n=self.n,
             protocol=self.protocol,
             measurements=tuple(in_order(measured)),
+            note=friction_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "sje",
                 {

@@ -26,6 +26,7 @@ def write_report(
     protocol: Protocol,
     pictures: Sequence[str],
     stuck: str = "",
+    note: str = "",
 ) -> None:
     """Write both pages and the picture.
 
@@ -36,6 +37,7 @@ def write_report(
         protocol: that the torques were measured by.
         pictures: of the iterations, names in the folder.
         stuck: what has no torque, one line.
+        note: stands at the top.
     """
     plot_torques(rows, folder / PICTURE, robot=robot)
     by_joint: dict[int, list[float]] = {}
@@ -48,6 +50,7 @@ def write_report(
         folder,
         TEMPLATE,
         f"Breakaway torques of {arm_title(robot)}",
+        note=note,
         robot=arm_title(robot),
         dithered=bool(reductions),
         mean=float(np.mean(list(reductions.values()))) if reductions else 0.0,

@@ -30,6 +30,8 @@ class BreakawayTorques(Result):
     provenance: dict[str, Any]
     file: str = "sje.csv"
     """Name of the table that `write` makes."""
+    note: str = ""
+    """Stands at the top of the report."""
 
     @property
     def rows(self) -> list[SJERow]:
@@ -123,6 +125,7 @@ class BreakawayTorques(Result):
             protocol=self.protocol,
             pictures=list(groups),
             stuck=self.describe_stuck(),
+            note=self.note,
         )
 
     def __repr__(self) -> str:

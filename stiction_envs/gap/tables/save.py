@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
@@ -134,6 +135,7 @@ class TableResult(DiagnosisResult):
             folder,
             TEMPLATE,
             f"Diagnosis of {self.robot}: {self.verdict}",
+            note=friction_note(self.arm, self.friction),
             d=d,
             summary=self.summary,
             nominal_name=self.nominal_name,

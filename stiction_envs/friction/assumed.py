@@ -1,0 +1,50 @@
+"""What the top of a report says of an arm's friction where nobody has measured it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction_envs.friction.parameters import (
+    GENERIC,
+    QUANTITIES,
+    FrictionParameters,
+    friction_path,
+    load_friction,
+)
+from stiction_envs.robots import Arm
+
+ASSUMED = (
+    "**The friction of this arm is assumed, not measured** (`generic.toml`): what depends on it "
+    "shows how such an arm behaves, not how large the torques of yours are. To measure it, let the "
+    "robot run the motion of `stiction excite ROBOT --sweeps`, then `stiction diagnose LOG --robot "
+    "ROBOT`; every command takes the `model.toml` it writes by `--friction`. Where breakaway "
+    "torques were measured, `stiction calibrate ROBOT TABLE.csv` makes such a file of them."
+)
+FROM_LOGS = (
+    "**No friction of this arm was known before**: what stands here of it is from these logs "
+    "alone. Logs of the motion of `stiction excite ROBOT --sweeps` show it best; `stiction "
+    "diagnose LOG --robot ROBOT` writes it as `model.toml`, which every command takes by "
+    "`--friction`."
+)
+
+
+def is_assumed(friction: FrictionParameters) -> bool:
+    """Whether friction (of one arm) is that of an arm of which nothing is known."""
+    n = friction.stiction.shape[-2]
+    if friction.stiction.ndim != 2:
+        return False
+    generic = load_friction(GENERIC, n)
+    return all(np.array_equal(getattr(friction, q), getattr(generic, q)) for q in QUANTITIES)
+
+
+def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
+    """Return what a report says at its top, one paragraph; empty where friction is known.
+
+    Args:
+        arm: the report's.
+        friction: that the report's torques come from; None for a report that fits it to logs.
+    """
+    if friction is not None:
+        return ASSUMED if is_assumed(friction) else ""
+    known = arm.registered and friction_path(arm.name) != GENERIC
+    return "" if known else FROM_LOGS
