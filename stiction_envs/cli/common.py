@@ -344,9 +344,12 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
     from stiction_envs.measured.logs.files import is_log
     from stiction_envs.reporting.provenance import provenance
 
+    told = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}
+    if told.get("chain", ()) is None:
+        del told["chain"]  # a run without one is the run that it was before there were chains
     return provenance(
         args.command,
-        {k: v for k, v in vars(args).items() if k not in NOT_RECORDED},
+        told,
         seed=args.seed,
         inputs={k: v for k, v in inputs.items() if v is not None and is_log(v)},
     )

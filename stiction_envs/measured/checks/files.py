@@ -134,6 +134,7 @@ def check(
             {
                 "files": [str(p) for p in paths],
                 "robot": robot,
+                **({} if chain is None else {"chain": list(chain)}),
                 "joints": list(joints),
                 "topic": topic,
             },
