@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from benchmarks._made_by import EPISODES, PACKAGES, made_by
@@ -30,7 +29,8 @@ from stiction_envs.gap.tables.cells import Cell, Score, cells, repeat_floor, sco
 from stiction_envs.gap.tables.model import Bench, JointTables, with_drift
 from stiction_envs.measured import thesis_base
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.markdown import table
+from stiction_envs.reporting.markdown import number, short, signed, table_text
+from stiction_envs.reporting.templates import render
 from stiction_envs.robots import load_arm
 from stiction_envs.thesis.fit import Fit, Found, optimiser
 from stiction_envs.thesis.nested_models import NestedModel
@@ -196,12 +196,12 @@ def page(search: Search, best: dict[int, Found], before: Array, after: Array) ->
         ["the thesis's own repeats", "", *(f"{v:.2f}" for v in floor), "", ""],
         ["aimed at", "", *aims],
     ]
-    template = Environment(loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined)
     joints, worst = _joints(search, best, old, after)
-    text = template.get_template("whole_arm_fit.md.j2").render(
+    return render(
+        HERE / "templates" / "whole_arm_fit.md.j2",
         candidates=len(search.losses) - 1,
-        table="\n".join(table(HEAD, rows)),
-        joints="\n".join(joints),
+        table=table_text(HEAD, rows),
+        joints=joints,
         worst=worst,
         loss_gain=100 * (1 - last / first),
         old=old,
@@ -212,7 +212,6 @@ def page(search: Search, best: dict[int, Found], before: Array, after: Array) ->
         met_known=_met(known),
         targets=TARGETS,
     )
-    return text.rstrip() + "\n"
 
 
 def _met(s: Score) -> bool:
@@ -227,7 +226,7 @@ def _row(name: str, s: Score, loss: float | None) -> list[str]:
 
 def _joints(
     search: Search, best: dict[int, Found], old: Score, after: Array
-) -> tuple[list[str], dict[str, float]]:
+) -> tuple[str, dict[str, float]]:
     """Return the table of all joints, and what the page says of the worst one."""
     every = cells()
     moved = 100 * (with_drift(every, after) - np.array([c.change for c in every]))
@@ -244,10 +243,10 @@ def _joints(
                 str(j),
                 f"{search.losses[0][j]:.1f} → {found.loss:.1f}",
                 f"{old.by_joint[j]:.2f} → {error:.2f}",
-                f"{bias:+.2f}",
-                f"{own:.2f}",
+                signed(bias, 2),
+                number(own, 2),
                 ", ".join(
-                    f"{n} {start[n]:.3g} → {v:.3g}"
+                    f"{n} {short(start[n])} → {short(v)}"
                     for n, v in found.parameters.items()
                     if abs(np.log(v / start[n])) > MOVED
                 )
@@ -259,7 +258,7 @@ def _joints(
         *("joint", "loss", "held-out error [%]", "of it bias [%]", "thesis's repeats [%]"),
         *("parameters that moved [SI]", "on a bound"),
     ]
-    return table(head, rows), worst
+    return table_text(head, rows), worst
 
 
 def main() -> int:
