@@ -30,7 +30,10 @@ from tests.thesis.test_gte import as_printed
 from tuning.reproduce import TARGETS, inputs_of
 
 TABLES = ["tables", "--iterations", 2]
-FILES = {"tables.csv", "tables.md", "tables.png", "plots", "panda.jsonl", "iiwa7.jsonl"}
+FILES = {
+    *("tables.csv", "tables.md", "tables.png", "report.html", "plots"),
+    *("panda.jsonl", "iiwa7.jsonl"),
+}
 
 
 def pretend(job: Job, robot: str, iterations: int) -> Measurement:
@@ -51,7 +54,7 @@ def pretend(job: Job, robot: str, iterations: int) -> Measurement:
 
 @pytest.fixture
 def simulated(monkeypatch) -> list[Job]:
-    """Pretend to simulate, draw no appendix; return the jobs asked for."""
+    """Pretend to simulate, draw empty appendices; return the jobs asked for."""
     asked: list[Job] = []
 
     def run(self, jobs, *, iterations=None, progress=None, simulations=0):
@@ -59,8 +62,8 @@ def simulated(monkeypatch) -> list[Job]:
             asked.append(job)
             yield pretend(job, self.sticking.arm.name, iterations or 1)
 
-    def draw(*measurements, **options):
-        pass
+    def draw(*arguments, **options):
+        arguments[-1].write_bytes(b"\x89PNG")
 
     monkeypatch.setattr(SingleJointExperiment, "run", run)
     for name in ("plot_sje", "plot_with_and_without"):
@@ -92,12 +95,14 @@ def fitted(monkeypatch):
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Pretend that arms followed paths with the errors that are printed; draw no figure."""
+    """Pretend that arms followed paths with the errors that are printed; draw empty figures."""
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", as_printed)
     monkeypatch.setattr(ensemble, "run_set_up", made_up_set_up)
     monkeypatch.setattr(ensemble, "shipped_lag", lambda *_, **__: {"diagonal": 0.5, "mass": 0.8})
     for name in ("plot_path_xy", "plot_path_3d", "plot_errors"):
-        monkeypatch.setattr(reproduce_gte.gte_plots, name, lambda *_, **__: None)
+        monkeypatch.setattr(
+            reproduce_gte.gte_plots, name, lambda *a, **_: a[-1].write_bytes(b"\x89PNG")
+        )
 
 
 # ---- tables --------------------------------------------------------------------------------------
@@ -203,6 +208,7 @@ def test_gap(cli, work, fitted):
     assert {p.name for p in (work / "a" / "gap").iterdir()} == {
         *page.FILES,
         "ladder.json",
+        "report.html",
     }
     assert "stiction as a band" in ran.out
     assert "target mean: " in ran.out
@@ -252,6 +258,7 @@ def test_gte(cli, work, followed):
         "ensemble.csv",
         "ensemble.png",
         "gte.md",
+        "report.html",
         "plots",
     }
     result = json.loads(ran.out)["targets"]["gte"]
