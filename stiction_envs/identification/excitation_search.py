@@ -67,6 +67,8 @@ class Problem:
         self.p, self.v, self.a = p @ self.basis, v @ self.basis, a @ self.basis
         fine = np.arange(settings.fine) / settings.fine * settings.period
         self.fine = fine
+        self._home: Array | None = None
+        """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
     # ---- regressor ---------------------------------------------------------------------------
 
@@ -128,6 +130,45 @@ class Problem:
         Raises:
             ExperimentError: none is found.
         """
+        if self._home is None:
+            found = self._drawn(rng, self.arm.rest)
+            if found is not None:
+                return found
+            self._home = self._held()
+        found = None if self._home is None else self._drawn(rng, self._home)
+        if found is not None:
+            return found
+        b, tries = self.bounds, self.settings.search.tries
+        still = np.clip(self.arm.rest, b.low, b.high)[None]
+        rest = still, np.zeros_like(still), np.zeros_like(still)
+        over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
+        if over:
+            name, most = max(over.items(), key=lambda item: item[1])
+            raise ExperimentError(
+                f"{self.arm.name}: at rest the {name} is {most:.2f} of what may be used of its "
+                "limit: give it another rest pose, or limits that it can be held with"
+            )
+        raise ExperimentError(
+            f"{self.arm.name}: none of {tries} random motions keeps the limits and "
+            f"{self.settings.clearance:g} m of clearance, not even small ones about the pose at "
+            "rest: give it more room, or another rest pose"
+        )
+
+    def _held(self) -> Array | None:
+        """Return a pose that can be held with ease, the first on random ways from rest, or None."""
+        b, s = self.bounds, self.settings.search
+        drawn = np.random.default_rng(0).uniform(b.low, b.high, (s.states, self.arm.n))
+        rest = np.clip(self.arm.rest, b.low, b.high)
+        away = np.arange(1, s.states + 1)[:, None] / s.states
+        for q in (rest + away * (drawn - rest))[:, None]:
+            still = q, np.zeros_like(q), np.zeros_like(q)
+            easy = np.abs(self.torque(still)) <= s.easy * b.torque
+            if easy.all() and self.inside(still):
+                return np.asarray(q[0])
+        return None
+
+    def _drawn(self, rng: np.random.Generator, home: Array) -> Array | None:
+        """Return a random point inside all limits, in the end one about a pose (n,), or None."""
         n, b, tries = self.arm.n, self.bounds, self.settings.search.tries
         for trial in range(tries):
             c = rng.normal(size=(n, self.basis.shape[1]))
@@ -146,25 +187,12 @@ class Problem:
             low = b.low - scale * q.min(axis=0)
             high = b.high - scale * q.max(axis=0)
             middle = rng.uniform(low, high)
-            # in the end small ones about the pose at rest
-            middle += late * (np.clip(self.arm.rest, low, high) - middle)
+            # in the end small ones
+            middle += late * (np.clip(home, low, high) - middle)
             x = np.concatenate([middle, (scale[:, None] * c).ravel()])
             if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
                 return x
-        still = np.clip(self.arm.rest, b.low, b.high)[None]
-        rest = still, np.zeros_like(still), np.zeros_like(still)
-        over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
-        if over:
-            name, most = max(over.items(), key=lambda item: item[1])
-            raise ExperimentError(
-                f"{self.arm.name}: at rest the {name} is {most:.2f} of what may be used of its "
-                "limit: give it another rest pose, or limits that it can be held with"
-            )
-        raise ExperimentError(
-            f"{self.arm.name}: none of {tries} random motions keeps the limits and "
-            f"{self.settings.clearance:g} m of clearance, not even small ones about the pose at "
-            "rest: give it more room, or another rest pose"
-        )
+        return None
 
     def fitted(self, x: Array) -> Array | None:
         """Return a point inside all limits on the fine grid, made smaller if need be, or None."""

@@ -103,13 +103,16 @@ class SearchSettings:
     """Random states from which base parameters and the columns' sizes are taken."""
     tries: int
     """Random motions that are looked at before none is believed to fit."""
+    easy: float
+    """Part of the usable torque that may hold a pose in place of one at rest that is not held
+    [-]."""
     shrink: float
     """A motion that breaks a limit is made smaller by this factor [-]."""
     shrinks: int
     """Times that it is, at most."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("tight", "shrink"))
+        check_numbers(self, shares=("tight", "shrink", "easy"))
 
 
 @dataclass(frozen=True, kw_only=True)

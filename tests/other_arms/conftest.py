@@ -19,8 +19,7 @@ SHORT = {"iterations": 4, "randoms": 2, "starts": 1, "harmonics": 3, "periods": 
 def case(request, tmp_path: Path, monkeypatch) -> Case:
     """A robot by name, in a folder of its own; searches and holds are short."""
     quick = override(settings.identification_settings(), {"excitation": SHORT})
-    held = {"hold_time": 4.0, "watched_time": 1.0, "ramp_rates": [0.5]}
-    tests = override(experiment_settings(), {"conformance": held})
+    tests = override(experiment_settings(), {"conformance": {"ramp_rates": [0.5]}})
     for module in (settings, excitation):
         monkeypatch.setattr(module, "identification_settings", lambda: quick)
     monkeypatch.setattr(conformance, "experiment_settings", lambda: tests)

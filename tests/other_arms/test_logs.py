@@ -14,11 +14,22 @@ from benchmarks.other_arms import ARMS, Case
 from stiction_envs.robots import load_arm
 from tests.other_arms.conftest import done
 
-DIAGNOSED = ("double_pendulum", "kinova", "baxter")
+DIAGNOSED = ("double_pendulum", "kinova", "b1-z1")
+REFUSED = {"baxter": "at rest the torque is 1.08 of what may be used of its limit"}
+"""What `excite` says of arms that it finds no motion for: stretched out they cannot be held with a
+margin, and in few other poses the hulls of their links are apart."""
+EXCITED = [name for name in ARMS if name not in REFUSED]
+
+
+@pytest.mark.parametrize("case", REFUSED, indirect=True)
+def test_an_arm_without_room_for_a_motion_is_told_of_in_one_line(case: Case):
+    came = case.run("excite")
+    assert came.code == 1
+    assert REFUSED[case.name] in came.said
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ARMS, indirect=True)
+@pytest.mark.parametrize("case", EXCITED, indirect=True)
 def test_each_arm_is_excited_and_identified_and_its_model_goes_back_in(case: Case):
     done(case, "excite")
     done(case, "identify")
