@@ -223,7 +223,8 @@ def main() -> int:
             for command in args.commands:
                 one = came[name][command] = case.run(command)
                 print(f"{name}, {command}: {one.seconds:.1f} s {one.said}", flush=True)
-    (HERE / "other_arms.md").write_text(page(came, loop), encoding="utf-8")
+            done = {name: row for name, row in came.items() if row}
+            (HERE / "other_arms.md").write_text(page(done, loop), encoding="utf-8")
     return 0
 
 
