@@ -1,0 +1,379 @@
+"""Soak: plant steps over random arms, frictions and dithers; what breaks physics is a row.
+
+    python -m benchmarks.soak --work DIR [--steps 1e8] [--seed 0]
+
+A round draws from its own seed an arm (a shipped one, or an MJCF of 2 to 9 hinges), a friction for
+each of 64 simulations, and a dither for each, and takes them through `PHASES`. After every block of
+50 ms states must be finite, speeds and bristles within bounds, and what nothing drives may not gain
+mechanical energy; every `CONFORMANCE_EVERY`th arm is tested to stick. One row per arm in
+DIR/soak.jsonl, written at once: a run that was stopped goes on there. Exit code 1 if a row tells of
+a violation, 130 if it was interrupted. Writes soak.md beside this file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks._made_by import made_by
+from stiction_envs.cli.progress import Progress
+from stiction_envs.dither.dither import Dither
+from stiction_envs.dither.waveforms import WAVEFORMS
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.conformance import conformance
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.parameters import FrictionParameters, load_friction, scaled
+from stiction_envs.plant import CONTROL_DT, Plant
+from stiction_envs.reporting.markdown import short, table_text
+from stiction_envs.reporting.templates import write_page
+from stiction_envs.robots import ARMS, Arm, load_arm
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).parent
+PLACES = (
+    *("benchmarks/soak.py", "stiction_envs/plant.py", "stiction_envs/friction"),
+    *("stiction_envs/robots", "stiction_envs/dither", "stiction_envs/experiments"),
+)
+NSIM = 64
+BLOCK = 50
+"""Control steps between two checks."""
+PHASES = {"rest": 4, "dither": 10, "shaken": 5, "let go": 10, "stops": 8}
+"""Blocks of each phase, in order."""
+SHIPPED = 0.2
+"""Share of rounds on a shipped arm."""
+CONFORMANCE_EVERY = 16
+STILL = 1e-6
+"""Largest motion of an arm at rest in a phase [rad]."""
+ENERGY = 0.01
+"""Largest rise of energy that nothing drives, of that at letting go [-]; the explicit Euler step
+of 1 ms is not exact in it."""
+BRISTLE = 1e-3
+"""Largest bristle deflection over stiction / stiffness, less one [-]."""
+STROKES = 4.0
+"""Strokes of all joints at their torque limit that bound an arm's kinetic energy."""
+
+
+def random_mjcf(rng: np.random.Generator) -> str:
+    """Return MJCF of 2 to 9 hinges; second moments are drawn, so that its inertias can exist."""
+    n = int(rng.integers(2, 10))
+    root = ET.Element("mujoco")
+    ET.SubElement(root, "compiler", angle="radian")
+    body, at = ET.SubElement(root, "worldbody"), np.array([0.0, 0.0, 0.2])
+    torque = np.exp(rng.uniform(np.log(10), np.log(200)))
+
+    def text(x: Any) -> str:
+        return " ".join(repr(float(v)) for v in np.ravel(x))
+
+    for i in range(n):
+        body = ET.SubElement(body, "body", name=f"l{i + 1}", pos=text(at))
+        axis = rng.normal(size=3) if rng.random() < 0.3 else np.eye(3)[rng.integers(3)]
+        low, high = -rng.uniform(0.5, 3.1), rng.uniform(0.5, 3.1)
+        limit = max(torque * 0.75**i, 5.0)
+        ET.SubElement(
+            *(body, "joint"),
+            name=f"j{i + 1}",
+            axis=text(axis / np.linalg.norm(axis)),
+            range=text([low, high]),
+            actuatorfrcrange=text([-limit, limit]),
+        )
+        at = rng.normal(size=3)
+        at *= rng.uniform(0.05, 0.35) / np.linalg.norm(at)
+        mass = np.exp(rng.uniform(np.log(0.2), np.log(5.0))) * 0.85**i
+        a, b, c = mass * rng.uniform(0.01, 0.1, 3) ** 2
+        turn = rng.normal(size=4)
+        ET.SubElement(
+            *(body, "inertial"),
+            pos=text(at * rng.uniform(0, 1)),
+            mass=text(mass),
+            quat=text(turn / np.linalg.norm(turn)),
+            diaginertia=text([b + c, a + c, a + b]),
+        )
+    return ET.tostring(root, encoding="unicode")
+
+
+def draw_arm(rng: np.random.Generator) -> Arm:
+    """Return a shipped arm, or one of our own."""
+    if rng.random() < SHIPPED:
+        return load_arm(str(rng.choice(list(ARMS))))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "own.xml"
+        path.write_text(random_mjcf(rng), encoding="utf-8")
+        return load_arm(path)
+
+
+def draw_model(rng: np.random.Generator, arm: Arm) -> StickingModel:
+    """Return the arm with generic friction, on some with springs, ripple or load dependence."""
+    base, n = load_friction("generic", arm.n), arm.n
+    if rng.random() < 0.3:
+        some = rng.random(n) < 0.5
+        base = base.replace(joint_stiffness=np.where(some, rng.uniform(5e3, 2e4, n), np.inf))
+    if rng.random() < 0.5:
+        base = base.replace(load_coefficient=rng.uniform(0, 0.02, n), load_high=np.full(n, 30.0))
+    base = scaled(base, {"ripple_amplitude": rng.uniform(0, 3, n)})
+    while True:  # softer until the bristles are stable on this arm
+        try:
+            return build(arm, base)
+        except StictionError:
+            base = scaled(base, {"bristle_stiffness": 0.7})
+
+
+def draw_friction(rng: np.random.Generator, model: StickingModel) -> FrictionParameters:
+    """Return friction (NSIM, n): scaled as far as `check_stability` allows."""
+    shape = (NSIM, model.n)
+
+    def factor(most: float) -> Array:
+        return np.exp(rng.uniform(-np.log(most), np.log(most), shape))
+
+    wide = {"stiction": 5, "viscous": 5, "stribeck_velocity": 3, "bristle_stiffness": 3}
+    p = scaled(model.parameters.tile(NSIM), {k: factor(v) for k, v in wide.items()})
+    p = scaled(p, {"rotor_inertia": factor(2), "coulomb_ratio": rng.uniform(0.6, 1.1, shape)})
+    if rng.random() < 0.15:  # friction by direction is written in every step: slower
+        p = p.replace(stiction=p.stiction * rng.uniform(0.8, 1.2, (*shape, 2)))
+    while True:
+        try:
+            model.bristle_damping_of(p)
+            return p
+        except StictionError:
+            p = scaled(p, {"bristle_stiffness": 0.7})
+
+
+def draw_dither(rng: np.random.Generator, arm: Arm) -> Dither:
+    """Return dither of all waveforms up to the joints' limits, gated on a third of the joints."""
+    shape = (NSIM, arm.n)
+    gate = np.where(rng.random(shape) < 1 / 3, rng.uniform(0.01, 1.0, shape), np.inf)
+    return Dither(
+        amplitude=arm.limits.torque * rng.random(shape) ** 3,
+        frequency=np.exp(rng.uniform(np.log(2), np.log(200), shape)),
+        phase=rng.uniform(0, 2 * np.pi, shape),
+        waveform=rng.choice(list(WAVEFORMS), shape),
+        gate_velocity=gate,
+        seed=rng.integers(2**31, size=NSIM),
+    )
+
+
+class Checks:
+    """What must hold of a plant after every block; what did not is in `violations`."""
+
+    def __init__(self, plant: Plant, friction: FrictionParameters) -> None:
+        self.plant, self.friction, self.violations = plant, friction, list[dict[str, Any]]()
+        self.largest = dict.fromkeys(("speed", "bristle", "energy rise", "creep"), 0.0)
+        self._level = np.zeros((plant.nsim, plant.n))
+        self._data = mujoco.MjData(plant.sticking.model)
+        limits = plant.sticking.arm.limits
+        self._most = STROKES * float(limits.torque @ np.ptp(limits.position, axis=1))
+
+    def judge(self, what: str, phase: str, value: Array, bound: float | Array) -> None:
+        """Note the largest value over its bound (N,) or (N, n); NaN is over every bound."""
+        ratio = value / bound
+        ratio = np.where(np.isnan(ratio), np.inf, ratio)
+        worst = float(ratio.max(initial=0.0))
+        self.largest[what] = max(self.largest.get(what, 0.0), worst)
+        if worst > 1:
+            sim = int(np.argwhere(ratio == worst)[0][0])
+            self.note(what, phase, sim, worst)
+
+    def note(self, what: str, phase: str, sim: int, ratio: float) -> None:
+        """Note a violation, once per kind and phase."""
+        if not any(v["what"] == what and v["phase"] == phase for v in self.violations):
+            over = ratio if np.isfinite(ratio) else None
+            self.violations.append({"what": what, "phase": phase, "sim": sim, "over_bound": over})
+
+    def state(self, phase: str) -> bool:
+        """Check finite state, speed and bristles; whether the state is finite."""
+        (qpos, qvel), z = self.plant.state, self.plant.bristle
+        finite = np.isfinite(np.hstack([qpos, qvel, z])).all(axis=1)
+        if not finite.all():
+            self.note("not finite", phase, int(np.argmin(finite)), np.inf)
+            return False
+        p = self.friction
+        # a rotor's energy is no more than the arm's: J q̇² / 2 ≤ T
+        motor = np.abs(qvel[:, self.plant.sticking.motor])
+        self.judge("speed", phase, motor, np.sqrt(2 * self._most / p.rotor_inertia))
+        # a bristle that was bent under more load may stay so until the joint moves
+        level = p.stiction_at(self.plant.load[1]).max(axis=-1)
+        self._level = np.maximum(self._level, np.maximum(level, self.plant.stiction))
+        bound = (1 + BRISTLE) * self._level / p.bristle_stiffness
+        self.judge("bristle", phase, np.abs(z), bound)
+        return True
+
+    def energy(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Return (N,) kinetic + spring + bristle + ripple energy [J], and which touch no stop.
+
+        Gravity is compensated. A stop keeps energy while it is pressed in, so only arms off their
+        stops can be compared.
+        """
+        model, data, p = self.plant.sticking.model, self._data, self.friction
+        qpos, qvel = self.plant.state
+        motor, kinetic = self.plant.sticking.motor, np.empty(self.plant.nsim)
+        momentum, rotor = np.empty(model.nv), np.zeros_like(qvel)
+        rotor[:, motor] = p.rotor_inertia - model.dof_armature[motor]
+        for i in range(len(qpos)):  # a check once per block: the engine's batch has no energy
+            data.qpos[:], data.qvel[:] = qpos[i], qvel[i]
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_mulM(model, data, momentum, qvel[i])
+            kinetic[i] = qvel[i] @ (momentum + rotor[i] * qvel[i]) / 2
+        q = qpos[:, motor]
+        potential = p.bristle_stiffness * self.plant.bristle**2 / 2
+        turn = p.ripple_periods * q + p.ripple_phase
+        potential += p.ripple_amplitude / p.ripple_periods * np.cos(turn)
+        spring = qpos**2 @ model.jnt_stiffness / 2
+        low, high = model.jnt_range[model.dof_jntid[motor]].T
+        free = ((q > low) & (q < high)).all(axis=1)
+        return kinetic + spring + potential.sum(axis=1), free
+
+
+def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -> Checks:
+    """Take a plant through the phases, up to the first state that is not finite."""
+    checks, arm = Checks(plant, friction), plant.sticking.arm
+    limit, dither = arm.limits.torque, draw_dither(rng, arm)
+    low, high = arm.limits.position.T
+    edge = 0.05 * (high - low)
+    plant.reset(np.arange(NSIM), rng.uniform(low + edge, high - edge, (NSIM, arm.n)))
+    slope = limit * rng.uniform(-0.5, 0.5, (NSIM, arm.n))
+    push = limit * rng.choice([-1.0, 1.0], (NSIM, arm.n))
+    k = 0
+    for phase, blocks in PHASES.items():
+        before, start = plant.position.copy(), None
+        for block in range(blocks):
+            t = (np.arange(BLOCK) + k) * CONTROL_DT
+            torque = np.zeros((NSIM, BLOCK, arm.n))
+            if phase in ("dither", "shaken"):
+                speed = plant.velocity.copy()
+                torque += np.stack([dither.torque(float(now), speed) for now in t], axis=1)
+            if phase == "dither":
+                torque += slope[:, None] * (block + np.arange(1, BLOCK + 1)[:, None] / BLOCK) / 10
+            if phase == "stops":
+                torque += push[:, None] if block < blocks / 2 else -push[:, None]
+            try:
+                plant.run(np.clip(torque, -limit, limit))
+            except ExperimentError as error:
+                checks.note(f"engine: {error}", phase, -1, np.inf)
+                return checks
+            k += BLOCK
+            if not checks.state(phase):
+                return checks
+            if phase == "let go":
+                energy, free = checks.energy()
+                if start is None:
+                    start, last = energy, np.where(free, energy, np.inf)
+                    scale = 1e-6 + np.abs(start)
+                rise = np.where(free, energy - last, -np.inf)
+                checks.judge("energy rise", phase, rise, ENERGY * scale)
+                last = np.where(free, energy, last)
+        if phase == "rest":  # ripple bends the bristles, and no more
+            bent = friction.ripple_amplitude / friction.bristle_stiffness
+            checks.judge("creep", phase, np.abs(plant.position - before), STILL + 4 * bent)
+    return checks
+
+
+def one_round(seed: int, number: int) -> dict[str, Any]:
+    """Return the row of a round; nothing that happens in it ends the soak."""
+    began, rng = time.perf_counter(), np.random.default_rng([seed, number])
+    row: dict[str, Any] = {"seed": seed, "round": number, "steps": 0, "violations": []}
+    try:
+        arm = draw_arm(rng)
+        model = draw_model(rng, arm)
+        friction = draw_friction(rng, model)
+        elastic = int(friction.elastic.sum())
+        row |= {"arm": arm.name, "joints": arm.n, "elastic": elastic}
+        plant = Plant(model, NSIM, parameters=friction, nthread=1)
+        checks = soak(plant, friction, rng)
+        row |= {"violations": checks.violations, "largest": checks.largest}
+        row["steps"] = NSIM * BLOCK * sum(PHASES.values())
+        if number % CONFORMANCE_EVERY == 0:
+            short_test = {"hold_time": 20.0, "rise_time": 5.0, "watched_time": 5.0}
+            s = dataclasses.replace(experiment_settings().conformance, **short_test)
+            report = conformance(model, rates=(1.0,), nthread=1, settings=s)
+            row["conformance"] = bool(report.passed)
+            if not report.passed:
+                checks.note("conformance", "90 % and 110 %", -1, np.inf)
+    except Exception as error:  # a row, never the end of the soak
+        what = {"what": f"{type(error).__name__}: {error}", "phase": "", "sim": -1}
+        row["violations"] = [*row["violations"], what]
+    return row | {"seconds": time.perf_counter() - began}
+
+
+def rows_of(path: Path, code: str, seed: int) -> dict[int, dict[str, Any]]:
+    """Return the finished rows of this code and seed, by round; a cut last line is left out."""
+    out = {}
+    for line in path.read_text("utf-8").splitlines() if path.is_file() else []:
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if row["made_by"] == code and row["seed"] == seed:
+            out[row["round"]] = row
+    return out
+
+
+def page(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write the page of the rows."""
+    found = [(r["round"], r.get("arm", ""), v) for r in rows for v in r["violations"]]
+    listed = [
+        [str(k), arm, v["what"], v["phase"], str(v["sim"]), short(v.get("over_bound") or np.nan)]
+        for k, arm, v in found
+    ]
+    names = ("speed", "bristle", "energy rise", "creep")
+    largest = {n: max((r.get("largest", {}).get(n, 0.0) for r in rows), default=0) for n in names}
+    write_page(
+        path,
+        HERE / "templates" / "soak.md.j2",
+        steps=sum(r["steps"] for r in rows),
+        arms=len(rows),
+        own=sum(r.get("arm") == "own" for r in rows),
+        elastic=sum(r.get("elastic", 0) > 0 for r in rows),
+        tested=sum("conformance" in r for r in rows),
+        rate=sum(r["steps"] for r in rows) / max(sum(r["seconds"] for r in rows), 1e-9),
+        seed=rows[0]["seed"] if rows else 0,
+        found=len(found),
+        violations=table_text(
+            ["round", "arm", "what", "phase", "simulation", "over its bound"], listed
+        ),
+        largest=table_text(["check", "largest, of its bound"], [[k, short(v)] for k, v in largest.items()]),
+        tolerance=ENERGY,
+        bristle=BRISTLE,
+        strokes=STROKES,
+        still=STILL,
+    )
+
+
+def main(argv: Sequence[str] | None = None, *, result: Path = HERE / "soak.md") -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--work", type=Path, required=True, help="where the rows are kept")
+    parser.add_argument("--steps", type=float, default=1e8, help="plant steps in all")
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args(argv)
+    args.work.mkdir(parents=True, exist_ok=True)
+    path, code = args.work / "soak.jsonl", made_by(PLACES)
+    rows = rows_of(path, code, args.seed)
+    stopped, number = False, 0
+    try:
+        with Progress("steps") as progress, path.open("a", encoding="utf-8") as file:
+            while sum(r["steps"] for r in rows.values()) < args.steps:
+                if number not in rows:
+                    rows[number] = one_round(args.seed, number) | {"made_by": code}
+                    file.write(json.dumps(rows[number]) + "\n")
+                    file.flush()
+                number += 1
+                progress.set("soak", sum(r["steps"] for r in rows.values()), args.steps)
+    except KeyboardInterrupt:
+        stopped = True
+    page(list(rows.values()), result)
+    return 130 if stopped else int(any(r["violations"] for r in rows.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
