@@ -15,10 +15,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import sys
-import tempfile
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,140 +27,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks._made_by import made_by
+from benchmarks._soak_draws import NSIM, draw_arm, draw_dither, draw_friction, draw_model
 from stiction_envs.cli.progress import Progress
-from stiction_envs.dither.dither import Dither
-from stiction_envs.dither.waveforms import WAVEFORMS
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.conformance import conformance
 from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.parameters import FrictionParameters, load_friction, scaled
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.reporting.templates import write_page
-from stiction_envs.robots import ARMS, Arm, load_arm
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 PLACES = (
-    *("benchmarks/soak.py", "stiction_envs/plant.py", "stiction_envs/friction"),
+    *(
+        "benchmarks/soak.py",
+        "benchmarks/_soak_draws.py",
+        "stiction_envs/plant.py",
+        "stiction_envs/friction",
+    ),
     *("stiction_envs/robots", "stiction_envs/dither", "stiction_envs/experiments"),
 )
-NSIM = 64
 BLOCK = 50
 """Control steps between two checks."""
 PHASES = {"rest": 4, "dither": 10, "shaken": 5, "let go": 10, "stops": 8}
 """Blocks of each phase, in order."""
-SHIPPED = 0.2
-"""Share of rounds on a shipped arm."""
+ROUND = NSIM * BLOCK * sum(PHASES.values())
+"""Plant steps of a round."""
 CONFORMANCE_EVERY = 16
 STILL = 1e-6
 """Largest motion of an arm at rest in a phase [rad]."""
 ENERGY = 0.01
-"""Largest rise of energy that nothing drives, of that at letting go [-]; the explicit Euler step
-of 1 ms is not exact in it."""
+"""Largest rise of energy that nothing drives, of that when first off the stops [-]."""
 BRISTLE = 1e-3
 """Largest bristle deflection over stiction / stiffness, less one [-]."""
 STROKES = 4.0
 """Strokes of all joints at their torque limit that bound an arm's kinetic energy."""
-
-
-def random_mjcf(rng: np.random.Generator) -> str:
-    """Return MJCF of 2 to 9 hinges; second moments are drawn, so that its inertias can exist."""
-    n = int(rng.integers(2, 10))
-    root = ET.Element("mujoco")
-    ET.SubElement(root, "compiler", angle="radian")
-    body, at = ET.SubElement(root, "worldbody"), np.array([0.0, 0.0, 0.2])
-    torque = np.exp(rng.uniform(np.log(10), np.log(200)))
-
-    def text(x: Any) -> str:
-        return " ".join(repr(float(v)) for v in np.ravel(x))
-
-    for i in range(n):
-        body = ET.SubElement(body, "body", name=f"l{i + 1}", pos=text(at))
-        axis = rng.normal(size=3) if rng.random() < 0.3 else np.eye(3)[rng.integers(3)]
-        low, high = -rng.uniform(0.5, 3.1), rng.uniform(0.5, 3.1)
-        limit = max(torque * 0.75**i, 5.0)
-        ET.SubElement(
-            *(body, "joint"),
-            name=f"j{i + 1}",
-            axis=text(axis / np.linalg.norm(axis)),
-            range=text([low, high]),
-            actuatorfrcrange=text([-limit, limit]),
-        )
-        at = rng.normal(size=3)
-        at *= rng.uniform(0.05, 0.35) / np.linalg.norm(at)
-        mass = np.exp(rng.uniform(np.log(0.2), np.log(5.0))) * 0.85**i
-        a, b, c = mass * rng.uniform(0.01, 0.1, 3) ** 2
-        turn = rng.normal(size=4)
-        ET.SubElement(
-            *(body, "inertial"),
-            pos=text(at * rng.uniform(0, 1)),
-            mass=text(mass),
-            quat=text(turn / np.linalg.norm(turn)),
-            diaginertia=text([b + c, a + c, a + b]),
-        )
-    return ET.tostring(root, encoding="unicode")
-
-
-def draw_arm(rng: np.random.Generator) -> Arm:
-    """Return a shipped arm, or one of our own."""
-    if rng.random() < SHIPPED:
-        return load_arm(str(rng.choice(list(ARMS))))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "own.xml"
-        path.write_text(random_mjcf(rng), encoding="utf-8")
-        return load_arm(path)
-
-
-def draw_model(rng: np.random.Generator, arm: Arm) -> StickingModel:
-    """Return the arm with generic friction, on some with springs, ripple or load dependence."""
-    base, n = load_friction("generic", arm.n), arm.n
-    if rng.random() < 0.3:
-        some = rng.random(n) < 0.5
-        base = base.replace(joint_stiffness=np.where(some, rng.uniform(5e3, 2e4, n), np.inf))
-    if rng.random() < 0.5:
-        base = base.replace(load_coefficient=rng.uniform(0, 0.02, n), load_high=np.full(n, 30.0))
-    base = scaled(base, {"ripple_amplitude": rng.uniform(0, 3, n)})
-    while True:  # softer until the bristles are stable on this arm
-        try:
-            return build(arm, base)
-        except StictionError:
-            base = scaled(base, {"bristle_stiffness": 0.7})
-
-
-def draw_friction(rng: np.random.Generator, model: StickingModel) -> FrictionParameters:
-    """Return friction (NSIM, n): scaled as far as `check_stability` allows."""
-    shape = (NSIM, model.n)
-
-    def factor(most: float) -> Array:
-        return np.exp(rng.uniform(-np.log(most), np.log(most), shape))
-
-    wide = {"stiction": 5, "viscous": 5, "stribeck_velocity": 3, "bristle_stiffness": 3}
-    p = scaled(model.parameters.tile(NSIM), {k: factor(v) for k, v in wide.items()})
-    p = scaled(p, {"rotor_inertia": factor(2), "coulomb_ratio": rng.uniform(0.6, 1.1, shape)})
-    if rng.random() < 0.15:  # friction by direction is written in every step: slower
-        p = p.replace(stiction=p.stiction * rng.uniform(0.8, 1.2, (*shape, 2)))
-    while True:
-        try:
-            model.bristle_damping_of(p)
-            return p
-        except StictionError:
-            p = scaled(p, {"bristle_stiffness": 0.7})
-
-
-def draw_dither(rng: np.random.Generator, arm: Arm) -> Dither:
-    """Return dither of all waveforms up to the joints' limits, gated on a third of the joints."""
-    shape = (NSIM, arm.n)
-    gate = np.where(rng.random(shape) < 1 / 3, rng.uniform(0.01, 1.0, shape), np.inf)
-    return Dither(
-        amplitude=arm.limits.torque * rng.random(shape) ** 3,
-        frequency=np.exp(rng.uniform(np.log(2), np.log(200), shape)),
-        phase=rng.uniform(0, 2 * np.pi, shape),
-        waveform=rng.choice(list(WAVEFORMS), shape),
-        gate_velocity=gate,
-        seed=rng.integers(2**31, size=NSIM),
-    )
 
 
 class Checks:
@@ -169,6 +70,7 @@ class Checks:
 
     def __init__(self, plant: Plant, friction: FrictionParameters) -> None:
         self.plant, self.friction, self.violations = plant, friction, list[dict[str, Any]]()
+        self.steps = 0
         self.largest = dict.fromkeys(("speed", "bristle", "energy rise", "creep"), 0.0)
         self._level = np.zeros((plant.nsim, plant.n))
         self._data = mujoco.MjData(plant.sticking.model)
@@ -178,18 +80,25 @@ class Checks:
     def judge(self, what: str, phase: str, value: Array, bound: float | Array) -> None:
         """Note the largest value over its bound (N,) or (N, n); NaN is over every bound."""
         ratio = value / bound
-        ratio = np.where(np.isnan(ratio), np.inf, ratio)
-        worst = float(ratio.max(initial=0.0))
+        ratio = np.where(np.isnan(ratio), np.inf, ratio).reshape(len(value), -1).max(axis=1)
+        worst = float(ratio.max())
         self.largest[what] = max(self.largest.get(what, 0.0), worst)
         if worst > 1:
-            sim = int(np.argwhere(ratio == worst)[0][0])
-            self.note(what, phase, sim, worst)
+            self.note(what, phase, int(ratio.argmax()), worst, int((ratio > 1).sum()))
 
-    def note(self, what: str, phase: str, sim: int, ratio: float) -> None:
-        """Note a violation, once per kind and phase."""
-        if not any(v["what"] == what and v["phase"] == phase for v in self.violations):
-            over = ratio if np.isfinite(ratio) else None
-            self.violations.append({"what": what, "phase": phase, "sim": sim, "over_bound": over})
+    def note(self, what: str, phase: str, sim: int, ratio: float, sims: int = 1) -> None:
+        """Note a violation: the worst of its kind and phase, and in how many simulations at once.
+
+        ``sim`` is −1 and ``ratio`` infinite where there is none.
+        """
+        over = ratio if np.isfinite(ratio) else None
+        new = {"what": what, "phase": phase, "sim": sim, "sims": sims, "over_bound": over}
+        for old in self.violations:
+            if (old["what"], old["phase"]) == (what, phase):
+                if (old["over_bound"] or np.inf) < ratio:
+                    old |= new
+                return
+        self.violations.append(new)
 
     def state(self, phase: str) -> bool:
         """Check finite state, speed and bristles; whether the state is finite."""
@@ -246,7 +155,9 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
     push = limit * rng.choice([-1.0, 1.0], (NSIM, arm.n))
     k = 0
     for phase, blocks in PHASES.items():
-        before, start = plant.position.copy(), None
+        before = plant.position.copy()
+        energy, free = checks.energy()
+        last = scale = np.where(free, energy, np.inf)
         for block in range(blocks):
             t = (np.arange(BLOCK) + k) * CONTROL_DT
             torque = np.zeros((NSIM, BLOCK, arm.n))
@@ -263,15 +174,14 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
                 checks.note(f"engine: {error}", phase, -1, np.inf)
                 return checks
             k += BLOCK
+            checks.steps += NSIM * BLOCK
             if not checks.state(phase):
                 return checks
             if phase == "let go":
                 energy, free = checks.energy()
-                if start is None:
-                    start, last = energy, np.where(free, energy, np.inf)
-                    scale = 1e-6 + np.abs(start)
-                rise = np.where(free, energy - last, -np.inf)
-                checks.judge("energy rise", phase, rise, ENERGY * scale)
+                rise = np.where(free & np.isfinite(last), energy - last, 0.0)
+                scale = np.where(free & np.isinf(scale), energy, scale)
+                checks.judge("energy rise", phase, rise, ENERGY * (1e-6 + np.abs(scale)))
                 last = np.where(free, energy, last)
         if phase == "rest":  # ripple bends the bristles, and no more
             bent = friction.ripple_amplitude / friction.bristle_stiffness
@@ -291,11 +201,10 @@ def one_round(seed: int, number: int) -> dict[str, Any]:
         row |= {"arm": arm.name, "joints": arm.n, "elastic": elastic}
         plant = Plant(model, NSIM, parameters=friction, nthread=1)
         checks = soak(plant, friction, rng)
-        row |= {"violations": checks.violations, "largest": checks.largest}
-        row["steps"] = NSIM * BLOCK * sum(PHASES.values())
+        row |= {"violations": checks.violations, "largest": checks.largest, "steps": checks.steps}
         if number % CONFORMANCE_EVERY == 0:
-            short_test = {"hold_time": 20.0, "rise_time": 5.0, "watched_time": 5.0}
-            s = dataclasses.replace(experiment_settings().conformance, **short_test)
+            s = experiment_settings().conformance
+            s = dataclasses.replace(s, hold_time=20.0, rise_time=5.0, watched_time=5.0)
             report = conformance(model, rates=(1.0,), nthread=1, settings=s)
             row["conformance"] = bool(report.passed)
             if not report.passed:
@@ -321,9 +230,13 @@ def rows_of(path: Path, code: str, seed: int) -> dict[int, dict[str, Any]]:
 
 def page(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Write the page of the rows."""
+
+    def over(v: dict[str, Any]) -> str:
+        return short(v["over_bound"]) if v.get("over_bound") else ""
+
     found = [(r["round"], r.get("arm", ""), v) for r in rows for v in r["violations"]]
     listed = [
-        [str(k), arm, v["what"], v["phase"], str(v["sim"]), short(v.get("over_bound") or np.nan)]
+        [str(k), arm, v["what"], v["phase"], str(v["sim"]), str(v.get("sims", "")), over(v)]
         for k, arm, v in found
     ]
     names = ("speed", "bristle", "energy rise", "creep")
@@ -340,9 +253,12 @@ def page(rows: Sequence[dict[str, Any]], path: Path) -> None:
         seed=rows[0]["seed"] if rows else 0,
         found=len(found),
         violations=table_text(
-            ["round", "arm", "what", "phase", "simulation", "over its bound"], listed
+            ["round", "arm", "what", "phase", "simulation", "of them over it", "times its bound"],
+            listed,
         ),
-        largest=table_text(["check", "largest, of its bound"], [[k, short(v)] for k, v in largest.items()]),
+        largest=table_text(
+            ["check", "largest, of its bound"], [[k, short(v)] for k, v in largest.items()]
+        ),
         tolerance=ENERGY,
         bristle=BRISTLE,
         strokes=STROKES,
@@ -359,15 +275,18 @@ def main(argv: Sequence[str] | None = None, *, result: Path = HERE / "soak.md") 
     args.work.mkdir(parents=True, exist_ok=True)
     path, code = args.work / "soak.jsonl", made_by(PLACES)
     rows = rows_of(path, code, args.seed)
-    stopped, number = False, 0
+    cut = path.is_file() and not path.read_bytes().endswith(b"\n")
+    stopped, rounds = False, math.ceil(args.steps / ROUND)
+    rows = {k: row for k, row in rows.items() if k < rounds}
     try:
         with Progress("steps") as progress, path.open("a", encoding="utf-8") as file:
-            while sum(r["steps"] for r in rows.values()) < args.steps:
+            for number in range(rounds):
                 if number not in rows:
                     rows[number] = one_round(args.seed, number) | {"made_by": code}
-                    file.write(json.dumps(rows[number]) + "\n")
+                    # a line that was cut by an interrupt ends here
+                    file.write("\n" * cut + json.dumps(rows[number]) + "\n")
                     file.flush()
-                number += 1
+                    cut = False
                 progress.set("soak", sum(r["steps"] for r in rows.values()), args.steps)
     except KeyboardInterrupt:
         stopped = True
