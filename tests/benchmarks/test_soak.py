@@ -92,6 +92,20 @@ def test_energy_that_nothing_gave_is_noted(short: None, monkeypatch: pytest.Monk
     assert "energy rise" in kinds(soak.soak(plant, friction, rng))
 
 
+def test_an_arm_that_slides_at_rest_is_noted(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant, friction, rng = drawn()
+    run, calls = Plant.run, list[int]()
+
+    def sinking(self: Plant, torque: np.ndarray) -> np.ndarray:
+        calls.append(1)
+        return run(
+            self, torque + (torque.shape[2] * friction.stiction.max() if len(calls) == 1 else 0)
+        )
+
+    monkeypatch.setattr(Plant, "run", sinking)
+    assert "motion at rest" in kinds(soak.soak(plant, friction, rng))
+
+
 def test_energy_is_that_of_a_known_state(short: None) -> None:
     plant, friction, _ = drawn()
     checks = soak.Checks(plant, friction)
