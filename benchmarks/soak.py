@@ -203,7 +203,7 @@ def one_round(seed: int, number: int) -> dict[str, Any]:
         row |= {"violations": checks.violations, "largest": checks.largest, "steps": checks.steps}
         if number % CONFORMANCE_EVERY == 0:
             s = experiment_settings().conformance
-            s = dataclasses.replace(s, hold_time=20.0, rise_time=5.0, watched_time=5.0)
+            s = dataclasses.replace(s, hold_time=20.0, watched_time=5.0)
             report = conformance(model, rates=(1.0,), nthread=1, settings=s)
             row["conformance"] = bool(report.passed)
             if not report.passed:
