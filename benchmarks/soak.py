@@ -40,21 +40,25 @@ from stiction_envs.reporting.templates import write_page
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 PLACES = (
-    *(
-        "benchmarks/soak.py",
-        "benchmarks/_soak_draws.py",
-        "stiction_envs/plant.py",
-        "stiction_envs/friction",
-    ),
-    *("stiction_envs/robots", "stiction_envs/dither", "stiction_envs/experiments"),
+    *("benchmarks/soak.py", "benchmarks/_soak_draws.py", "stiction_envs/plant.py"),
+    *("stiction_envs/friction", "stiction_envs/robots", "stiction_envs/dither"),
+    "stiction_envs/experiments",
 )
 BLOCK = 50
 """Control steps between two checks."""
-PHASES = {"rest": 4, "dither": 10, "shaken": 5, "let go": 10, "stops": 8}
-"""Blocks of each phase, in order."""
+PHASES = {"rest": 60, "dither": 10, "shaken": 5, "let go": 10, "stops": 8}
+"""Blocks of each phase, in order; assumed. Bristles take seconds at rest to balance all
+joints' ripples."""
+WATCHED = 20
+"""Blocks at the end of rest in which nothing may creep."""
 ROUND = NSIM * BLOCK * sum(PHASES.values())
 """Plant steps of a round."""
 CONFORMANCE_EVERY = 16
+"""Rounds; assumed, as are the tolerances below but for `STILL`."""
+STILL = 1e-6
+"""Largest motion of a joint in the watched part of rest [rad]: that of the conformance check."""
+KINDS = ("speed", "bristle", "energy rise", "motion at rest", "creep")
+"""What is measured against a bound."""
 ENERGY = 0.01
 """Largest rise of energy that nothing drives, of that when first off the stops [-]."""
 BRISTLE = 1e-3
@@ -69,7 +73,7 @@ class Checks:
     def __init__(self, plant: Plant, friction: FrictionParameters) -> None:
         self.plant, self.friction, self.violations = plant, friction, list[dict[str, Any]]()
         self.steps = 0
-        self.largest = dict.fromkeys(("speed", "bristle", "energy rise", "motion at rest"), 0.0)
+        self.largest = dict.fromkeys(KINDS, 0.0)
         self._level = np.zeros((plant.nsim, plant.n))
         self._data = mujoco.MjData(plant.sticking.model)
         limits = plant.sticking.arm.limits
@@ -153,10 +157,12 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
     push = limit * rng.choice([-1.0, 1.0], (NSIM, arm.n))
     k = 0
     for phase, blocks in PHASES.items():
-        before = plant.position.copy()
+        before = settled = plant.position.copy()
         energy, free = checks.energy()
         last = scale = np.where(free, energy, np.inf)
         for block in range(blocks):
+            if block == blocks - WATCHED:
+                settled = plant.position.copy()
             t = (np.arange(BLOCK) + k) * CONTROL_DT
             torque = np.zeros((NSIM, BLOCK, arm.n))
             if phase in ("dither", "shaken"):
@@ -185,6 +191,8 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
             # ripples bend the bristles of all joints, their neighbours' too: none may slide
             presliding = plant.stiction / friction.bristle_stiffness
             checks.judge("motion at rest", phase, np.abs(plant.position - before), presliding)
+            if blocks > WATCHED:
+                checks.judge("creep", phase, np.abs(plant.position - settled), STILL)
     return checks
 
 
@@ -238,8 +246,7 @@ def page(rows: Sequence[dict[str, Any]], path: Path) -> None:
         [str(k), arm, v["what"], v["phase"], str(v["sim"]), str(v.get("sims", "")), over(v)]
         for k, arm, v in found
     ]
-    names = ("speed", "bristle", "energy rise", "motion at rest")
-    largest = {n: max((r.get("largest", {}).get(n, 0.0) for r in rows), default=0) for n in names}
+    largest = {n: max((r.get("largest", {}).get(n, 0.0) for r in rows), default=0) for n in KINDS}
     write_page(
         path,
         HERE / "templates" / "soak.md.j2",
@@ -261,6 +268,9 @@ def page(rows: Sequence[dict[str, Any]], path: Path) -> None:
         tolerance=ENERGY,
         bristle=BRISTLE,
         strokes=STROKES,
+        still=STILL,
+        rest=PHASES["rest"] * BLOCK * CONTROL_DT,
+        watched=WATCHED * BLOCK * CONTROL_DT,
     )
 
 

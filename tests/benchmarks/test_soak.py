@@ -106,6 +106,26 @@ def test_an_arm_that_slides_at_rest_is_noted(short: None, monkeypatch: pytest.Mo
     assert "motion at rest" in kinds(soak.soak(plant, friction, rng))
 
 
+def test_an_arm_that_creeps_at_rest_is_noted(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By little, as MuJoCo's default `frictionloss` does: far within the presliding distance."""
+    monkeypatch.setattr(soak, "PHASES", {**SHORT, "rest": soak.WATCHED + 2})
+    plant, friction, rng = drawn()
+    least = float((plant.stiction / friction.bristle_stiffness).min())
+    run, calls = Plant.run, list[int]()
+
+    def creeping(self: Plant, torque: np.ndarray) -> np.ndarray:
+        calls.append(1)
+        out = run(self, torque)
+        if len(calls) <= soak.WATCHED + 2:
+            self.state[0][:, self.sticking.motor[0]] += 0.01 * least
+        return out
+
+    monkeypatch.setattr(Plant, "run", creeping)
+    found = kinds(soak.soak(plant, friction, rng))
+    assert "creep" in found
+    assert "motion at rest" not in found
+
+
 def test_energy_is_that_of_a_known_state(short: None) -> None:
     plant, friction, _ = drawn()
     checks = soak.Checks(plant, friction)
