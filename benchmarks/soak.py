@@ -46,7 +46,7 @@ PLACES = (
 )
 BLOCK = 50
 """Control steps between two checks."""
-PHASES = {"rest": 60, "dither": 10, "shaken": 5, "let go": 10, "stops": 8}
+PHASES = {"rest": 120, "dither": 40, "shaken": 10, "let go": 30, "stops": 20}
 """Blocks of each phase, in order; assumed. Bristles take seconds at rest to balance all
 joints' ripples."""
 WATCHED = 20
@@ -169,7 +169,9 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
                 speed = plant.velocity.copy()
                 torque += np.stack([dither.torque(float(now), speed) for now in t], axis=1)
             if phase == "dither":
-                torque += slope[:, None] * (block + np.arange(1, BLOCK + 1)[:, None] / BLOCK) / 10
+                torque += (
+                    slope[:, None] * (block + np.arange(1, BLOCK + 1)[:, None] / BLOCK) / blocks
+                )
             if phase == "stops":
                 torque += push[:, None] if block < blocks / 2 else -push[:, None]
             try:
