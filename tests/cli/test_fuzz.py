@@ -14,6 +14,8 @@ import io
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -34,18 +36,19 @@ from tests.gap.small_logs import motion, write_csv
 from tests.robots.own_arms import chain
 
 pytestmark = pytest.mark.slow
-LONG = "STICTION_FUZZ" in os.environ
-"""Whether by hand: then commands that load torch piecemeal take part, which an interruption leaves
-half loaded, for all tests that follow in this process."""
 EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
 PATIENCE = 1.5
 """Seconds after which work is interrupted."""
+START = 6.0
+"""Seconds more for a process that has to load everything."""
+APART = ("train", "tune")
+"""Commands that load torch piecemeal: an interruption leaves it half loaded for all that follow."""
 BOUND = 30.0
 """Seconds in which a command has stopped then, on a busy machine."""
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,
-    derandomize=not LONG,
+    derandomize="STICTION_FUZZ" not in os.environ,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
@@ -53,11 +56,6 @@ ARM = ("--robot", "two.xml")
 QUICK = ("--joint", "1", "--iterations", "1")
 TRIANGLE = ("--trajectory", "triangle", "--stiffness", "200", "20", "0", "--iterations", "1")
 TRAIN = ("two.xml", "sje", "--algo", "ppo", "--steps", "4096")
-MORE = (
-    ("settings.toml", ("train", *TRAIN, "--settings", "settings.toml")),
-    # known: an absurd number in it (1e308) ends in "Invalid bounding box" of a picture
-    ("model.toml", ("diagnose", "whole.csv", *ARM, "--nominal", "model.toml")),
-)
 READERS = (
     # the damaged file, and a command that reads it
     ("two.xml", ("sje", "two.xml", *QUICK)),
@@ -80,7 +78,8 @@ READERS = (
     ("log.npz", ("diagnose", "log.npz", *ARM)),
     ("log.csv.gz", ("diagnose", "log.csv.gz", *ARM)),
     ("log.parquet", ("check", "log.parquet")),
-    *(MORE if LONG else ()),
+    ("model.toml", ("diagnose", "whole.csv", *ARM, "--nominal", "model.toml")),
+    ("settings.toml", ("train", *TRAIN, "--settings", "settings.toml")),
 )
 LIBRARIES = ("optuna", "pinocchio", "sklearn", "torch._dynamo", "stable_baselines3")
 
@@ -140,6 +139,8 @@ URDF = """<robot name="two"><link name="base"/>
 
 def run(argv: list[str]) -> Ran | None:
     """Run a command line; None when it was still at work after `PATIENCE`, and interrupted."""
+    if argv[0] in APART:
+        return run_apart(argv)
     out, err = io.StringIO(), io.StringIO()
     at_work = False
 
@@ -163,6 +164,32 @@ def run(argv: list[str]) -> Ran | None:
     assert time.monotonic() - start < BOUND, f"hangs: {argv}"
     # what a library makes of an interruption in its midst is not looked at
     return None if at_work else Ran(code, out.getvalue(), err.getvalue())
+
+
+def run_apart(argv: list[str]) -> Ran | None:
+    """Run a command line in a process of its own, as `run` does."""
+    code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
+    if any("\0" in word for word in argv):  # no shell can say that
+        return None
+    # a process of the background would not hear of Ctrl-C
+    command = subprocess.Popen(
+        [sys.executable, "-c", code, *argv],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    try:
+        out, err = command.communicate(timeout=START + PATIENCE)
+    except subprocess.TimeoutExpired:
+        command.send_signal(signal.SIGINT)
+        try:
+            command.communicate(timeout=BOUND)
+        except subprocess.TimeoutExpired:
+            command.kill()
+            raise AssertionError(f"hangs: {argv}") from None
+        return None
+    return Ran(command.returncode, out, err)
 
 
 @contextlib.contextmanager
@@ -261,10 +288,7 @@ WORDS = st.sampled_from(
 )
 
 
-ALL = [m.__name__.rsplit(".", 1)[-1] for m in COMMANDS]
-
-
-@pytest.mark.parametrize("command", [c for c in ALL if LONG or c not in ("train", "tune")])
+@pytest.mark.parametrize("command", [m.__name__.rsplit(".", 1)[-1] for m in COMMANDS])
 @FUZZ
 @given(data=st.data())
 def test_random_options(good: Path, command: str, data: st.DataObject) -> None:
