@@ -7,7 +7,6 @@ The graphics context is made at the first frame; without OpenGL only rendering f
 
 from __future__ import annotations
 
-import threading
 import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.envs.render.scene import ArmScene
-from stiction_envs.envs.render.window import check_display, look_beside_panel, open_viewer
+from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
@@ -45,8 +44,7 @@ class Renderer(ABC):
         self._arm = ArmScene(core.arm, SCENE_WIDTH, HEIGHT)
         self._model, self._data = self._arm.model, self._arm.data
         self._joints = self._arm.joints
-        self._viewer: Any = None
-        self._threads: list[threading.Thread] = []
+        self._window: Window | None = None
         self._shown = 0.0
 
     def frame(self, i: int, mode: str) -> Any:
@@ -81,22 +79,17 @@ class Renderer(ABC):
         return self._arm.camera(self._points(i))
 
     def _show(self, i: int) -> None:
-        if self._viewer is None:
-            check_display("render_mode human", "use rgb_array or depth_array")
-            before = set(threading.enumerate())
-            self._viewer = open_viewer("render_mode human", self._model, self._data)
-            self._threads = [t for t in threading.enumerate() if t not in before]
-            look_beside_panel(self._viewer, self._camera(i))
-        if not self._viewer.is_running():
+        if self._window is None:
+            what = "render_mode human"
+            check_display(what, "use rgb_array or depth_array")
+            self._window = Window(what, self._model, self._data, self._camera(i))
+        viewer = self._window.viewer
+        if not viewer.is_running():
             raise StictionError("the window was closed")
-        with self._viewer.lock():
-            self._viewer.user_scn.ngeom = 0
-            self._decorate(self._viewer.user_scn, i)
-        # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
-        self._viewer.set_texts((None, None, *self._words(i)))
-        viewport = mujoco.MjrRect(8, 8, PANEL_WIDTH, HEIGHT)
-        self._viewer.set_images((viewport, self._panel(i)))
-        self._viewer.sync()
+        with viewer.lock():
+            viewer.user_scn.ngeom = 0
+            self._decorate(viewer.user_scn, i)
+        self._window.show(self._panel(i), (None, None, *self._words(i)))
         # real time, as far as the machine is fast enough
         late = time.monotonic() - self._shown
         time.sleep(max(0.0, self._core.interval - late))
@@ -105,8 +98,6 @@ class Renderer(ABC):
     def close(self) -> None:
         """Free the graphics context and close the window."""
         self._arm.close()
-        if self._viewer is not None:
-            self._viewer.close()
-            for thread in self._threads:
-                thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it
-            self._viewer, self._threads = None, []
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import queue
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.envs.render.dial import Dial
 from stiction_envs.envs.render.panel import BLUE, ORANGE, SOFT, Plot, new_panel, signed
 from stiction_envs.envs.render.scene import ArmScene
-from stiction_envs.envs.render.window import check_display, look_beside_panel, open_viewer
+from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.plant import CONTROL_DT
@@ -180,14 +178,10 @@ class PushWindow:
         self._dial, self._chosen = Dial(self._scene, push.joint - 1), controls.choices
         # the viewer calls back in its own thread
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
-        before = set(threading.enumerate())
-        self._viewer: Any = open_viewer(
-            what, self._scene.model, self._scene.data, key_callback=self._keys.put
-        )
-        self._threads = [t for t in threading.enumerate() if t not in before]
         camera = self._scene.camera(self._scene.points)
         camera.elevation = _ELEVATION
-        look_beside_panel(self._viewer, camera)
+        self._window = Window(what, self._scene.model, self._scene.data, camera, self._keys.put)
+        self._viewer = self._window.viewer
         self._flags = self._viewer.opt.flags.copy(), self._viewer.opt.geomgroup.copy()
 
     def _pose(self) -> None:
@@ -225,17 +219,12 @@ class PushWindow:
             self._dial.draw(scene, push.angle, sign * push.threshold)
             # our keys are the viewer's too: what they switch there stays as it was
             self._viewer.opt.flags[:], self._viewer.opt.geomgroup[:] = self._flags
-        # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
-        self._viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, KEYS, ""))
-        viewport = mujoco.MjrRect(8, 60, WIDTH, HEIGHT)
-        self._viewer.set_images((viewport, self.controls.panel()))
-        self._viewer.sync()
+        texts = (None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, KEYS, "")
+        self._window.show(self.controls.panel(), texts, bottom=60)
 
     def close(self) -> None:
         """Close the window."""
-        self._viewer.close()
-        for thread in self._threads:
-            thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it
+        self._window.close()
 
 
 def _in_mjpython() -> bool:

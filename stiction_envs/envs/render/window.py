@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 
@@ -81,12 +83,52 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def look_beside_panel(viewer: Any, camera: mujoco.MjvCamera) -> None:
-    """Let a viewer look as a camera does, with room for a panel on the left."""
-    heading = np.deg2rad(camera.azimuth)
-    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-    distance = _FARTHER * camera.distance
-    with viewer.lock():
-        viewer.cam.lookat[:] = camera.lookat - _ASIDE * distance * right
-        viewer.cam.distance = distance
-        viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
+class Window:
+    """MuJoCo's viewer with a panel over the left of its scene."""
+
+    def __init__(
+        self,
+        what: str,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        camera: mujoco.MjvCamera,
+        key_callback: Callable[[int], None] | None = None,
+    ) -> None:
+        """Open it; it looks as ``camera`` does, with room for the panel.
+
+        The other arguments and errors are those of `open_viewer`.
+        """
+        before = set(threading.enumerate())
+        self.viewer: Any = open_viewer(what, model, data, key_callback)
+        self._threads = [t for t in threading.enumerate() if t not in before]
+        heading = np.deg2rad(camera.azimuth)
+        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+        distance = _FARTHER * camera.distance
+        with self.viewer.lock():
+            look = self.viewer.cam
+            look.lookat[:] = camera.lookat - _ASIDE * distance * right
+            look.distance = distance
+            look.azimuth, look.elevation = camera.azimuth, camera.elevation
+
+    def show(
+        self, panel: NDArray[np.uint8], texts: tuple[Any, Any, str, str], *, bottom: int = 8
+    ) -> None:
+        """Show the scene as it is now, a panel (height, width, 3), and texts.
+
+        Args:
+            panel: what is drawn over the scene.
+            texts: font, place, and two columns, as the viewer's ``set_texts`` has them. They must
+                not be empty.
+            bottom: height of the panel's lower edge [pixel].
+        """
+        # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
+        self.viewer.set_texts(texts)
+        height, width = panel.shape[:2]
+        self.viewer.set_images((mujoco.MjrRect(8, bottom, width, height), panel))
+        self.viewer.sync()
+
+    def close(self) -> None:
+        """Close it."""
+        self.viewer.close()
+        for thread in self._threads:
+            thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it

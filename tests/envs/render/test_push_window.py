@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from stiction_envs.envs.render import push_window, window
+from stiction_envs.envs.render import window
 from stiction_envs.envs.render.push_window import HEIGHT, WIDTH, PushControls, PushWindow
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
@@ -155,7 +155,7 @@ def test_the_window_runs_keys_and_draws(controls, monkeypatch):
 
     monkeypatch.setattr(window, "has_display", lambda: True)
     monkeypatch.setattr(window, "_opens", lambda: True)
-    monkeypatch.setattr(push_window, "open_viewer", open_viewer)
+    monkeypatch.setattr(window, "open_viewer", open_viewer)
     said: list[str] = []
     face = PushWindow(controls)
     face.run(said.append)
