@@ -16,6 +16,7 @@ from typing import Any
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
+from stiction_envs.reporting.atomic import naming
 from tuning.measurements import as_data, from_data
 
 
@@ -65,7 +66,7 @@ class LabBook:
         self._pages[entry["series"], job] = from_data(job, entry)
 
     def _append(self, entry: dict[str, Any]) -> None:
-        with self.path.open("a", encoding="utf-8") as file:
+        with naming(self.path), self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
             file.flush()
             os.fsync(file.fileno())

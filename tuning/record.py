@@ -29,7 +29,15 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from stiction_envs.errors import StictionError
 from tuning.settings import SharedSettings, tuning_settings
-from tuning.storage import is_shared, only_writer, open_storage, shown, storage_file
+from tuning.storage import (
+    is_shared,
+    only_writer,
+    open_storage,
+    reason_of,
+    shown,
+    storage_file,
+    writing,
+)
 
 Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
@@ -98,9 +106,9 @@ class Record:
                         self.study.set_user_attr(key, about[key])
                 self.study.set_user_attr("fingerprint", fingerprint)
                 known = self.study.user_attrs["fingerprint"]  # another machine's, it may be
-        except (StorageInternalError, SQLAlchemyError) as error:
+        except (StorageInternalError, SQLAlchemyError, OSError) as error:
             raise StictionError(
-                f"storage {self.place}: cannot be written ({type(error).__name__})"
+                f"storage {self.place}: cannot be written: {reason_of(error)}"
             ) from None
         if known != fingerprint:
             raise StictionError(f"study {name!r}: {self._difference(about)}")
@@ -126,14 +134,20 @@ class Record:
         That is the order of their numbers; but where machines share the study, a trial whose worker
         died is replaced by the one that tried its setting again, under another number.
         """
-        known = self.study.get_trials(deepcopy=False)
+        with writing(self.place):
+            known = self.study.get_trials(deepcopy=False)
         again = retried(known)
         found = [t for t in known if has_outcome(t) and t.number not in again]
         return sorted(found, key=lambda t: t.system_attrs.get("failed_trial", t.number))
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write down a finished trial, whole or not at all."""
-        self.study.add_trial(trial)
+        """Write down a finished trial, whole or not at all.
+
+        Raises:
+            ExperimentError: the storage cannot be written.
+        """
+        with writing(self.place):
+            self.study.add_trial(trial)
 
 
 def _study(storage: BaseStorage, name: str, objectives: int) -> optuna.Study:

@@ -25,7 +25,7 @@ from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError, SQLAlchemyError
 
-from stiction_envs.errors import StictionError, missing_extra
+from stiction_envs.errors import ExperimentError, StictionError, missing_extra
 from tuning.settings import SharedSettings, tuning_settings
 
 JOURNAL = ("journal", "jsonl", "log")
@@ -106,6 +106,22 @@ def only_writer(file: Path) -> Iterator[None]:
                 "database that machines share (postgresql+psycopg://…)"
             ) from None
         yield
+
+
+@contextmanager
+def writing(place: str) -> Iterator[None]:
+    """Say in one line that a study cannot be written or read on: a full disk, say.
+
+    Args:
+        place: the storage as it may be printed (`shown`).
+
+    Raises:
+        ExperimentError: in place of what Optuna, SQLAlchemy or the system raised.
+    """
+    try:
+        yield
+    except (optuna.exceptions.StorageInternalError, SQLAlchemyError, OSError) as error:
+        raise ExperimentError(f"storage {place}: {reason_of(error)}") from error
 
 
 # ---- databases -----------------------------------------------------------------------------------
@@ -193,14 +209,22 @@ def _cannot_open(url: URL, error: BaseException) -> StictionError:
         if driver == "psycopg":
             return missing_extra(place, driver, "postgres")
         return StictionError(f"{place}: Python package of {driver} is missing")
-    cause = getattr(error, "orig", None) or error.__cause__ or error
-    cause = getattr(cause, "orig", None) or cause
-    said = [line.strip() for line in str(cause).splitlines() if line.strip()] or [""]
-    text = said[0].rsplit("failed: ", 1)[-1].removeprefix("FATAL:").strip()
+    text = reason_of(error)
     for secret in (url.password, *url.query.values()):
         if secret:
             text = text.replace(str(secret), "***")
-    return StictionError(f"{place}: cannot be opened: {text or type(cause).__name__}")
+    return StictionError(f"{place}: cannot be opened: {text}")
+
+
+def reason_of(error: BaseException) -> str:
+    """Return what the database's driver said, its first line, under what others made of it."""
+    cause = getattr(error, "orig", None) or error.__cause__ or error
+    cause = getattr(cause, "orig", None) or cause
+    if isinstance(cause, OSError) and cause.strerror:
+        return cause.strerror.lower()  # a journal's
+    said = [line.strip() for line in str(cause).splitlines() if line.strip()] or [""]
+    text = said[0].rsplit("failed: ", 1)[-1].removeprefix("FATAL:").strip()
+    return text or type(cause).__name__
 
 
 # ---- journals ------------------------------------------------------------------------------------

@@ -80,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(to_text(result))
         else:
             print(args.show(result))
+        sys.stdout.flush()  # a full disk is noticed here, not at Python's end
         if result.get("failed"):
             return _say(str(result["failed"]), FAILED)
         return DONE

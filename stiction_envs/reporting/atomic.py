@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_PART = re.compile(r"\..+\.\d+\.part(\.mp4)?")
 
 
 def write_text_atomic(path: str | os.PathLike[str], text: str) -> None:
@@ -15,22 +20,45 @@ def write_text_atomic(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write ``data`` to ``path`` at once; a failure leaves what was there before."""
+    """Write ``data`` to ``path`` at once; a failure leaves what was there before.
+
+    Raises:
+        OSError: it cannot be written; its ``filename`` is ``path``.
+    """
     path = Path(path)
     # In the target's folder, since a rename is atomic only within one file system.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with open(part, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
+        with naming(path):
+            with open(part, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
     except BaseException:
-        part.unlink(missing_ok=True)
+        # where nothing can be removed either, what is to be said is why it could not be written
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Make an OSError say which file could not be written: a full disk's own names none."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OSError(error.errno, reason, os.fspath(path)) from error
+
+
+def is_part(path: Path) -> bool:
+    """Return whether a file is one that is being written, or was when its process was killed."""
+    return _PART.fullmatch(path.name) is not None
 
 
 def remove_parts(folder: Path) -> None:
     """Remove what a killed process left half-written in a folder and below."""
-    for part in folder.rglob(".*.part"):
-        part.unlink(missing_ok=True)
+    for part in folder.rglob(".*.part*"):
+        if is_part(part):
+            part.unlink(missing_ok=True)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.atomic import remove_parts, write_text_atomic
+from stiction_envs.reporting.atomic import is_part, remove_parts, write_text_atomic
 
 NAME = "provenance.json"
 
@@ -87,13 +88,16 @@ class OutputFolder:
     def __enter__(self) -> Self:
         self._made = not self.path.exists()
         self.path.mkdir(parents=True, exist_ok=True)
-        if self.resumed:
-            remove_parts(self.path)  # of the process that was killed
-        else:
+        remove_parts(self.path)  # of a process that was killed
+        if not self.resumed:
+            try:
+                self._write({"finished": False, "kept": sorted(self._foreign)})
+            except OSError:
+                self._unmake()
+                raise
+            # after that: on a full disk the other run's files stay
             self._remove(self._old)
         self._before = self._names()
-        if not self.resumed:
-            self._write({"finished": False, "kept": sorted(self._foreign)})
         return self
 
     def __exit__(
@@ -106,17 +110,24 @@ class OutputFolder:
             files = self._below(self._names() - self._foreign - {NAME})
             self._write({"finished": True, "kept": sorted(self._foreign), "files": files})
         elif not self.wrote and not self.resumed:
-            (self.path / NAME).unlink(missing_ok=True)
-            if self._made:
-                self.path.rmdir()
+            with suppress(OSError):  # the error that brought us here is what is to be said
+                (self.path / NAME).unlink(missing_ok=True)
+            self._unmake()
 
     @property
     def wrote(self) -> bool:
         """Whether the run has put a file into the folder."""
         return bool(self._names() - self._before - {NAME})
 
+    def _unmake(self) -> None:
+        """Remove the folder if it is ours and empty."""
+        if self._made:
+            with suppress(OSError):
+                self.path.rmdir()
+
     def _names(self) -> set[str]:
-        return {p.name for p in self.path.iterdir()} if self.path.is_dir() else set()
+        there = self.path.iterdir() if self.path.is_dir() else ()
+        return {p.name for p in there if not is_part(p)}
 
     def _below(self, names: set[str]) -> list[str]:
         """Return the files of these names, and those in the folders of these names."""

@@ -11,6 +11,7 @@ made under another name and takes its own when it is complete; then older ones a
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -24,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.atomic import naming
 from stiction_envs.reporting.json_text import plain
 from tuning.policies.extra import (
     BaseAlgorithm,
@@ -81,16 +83,25 @@ def save(
     tensors = {"parameters": model.get_parameters(), "torch": torch.get_rng_state()}
     if (entropy := getattr(model, "log_ent_coef", None)) is not None:
         tensors["log_ent_coef"] = entropy.detach()
-    (part / "state.json").write_text(json.dumps(plain(state)), encoding="utf-8")
-    np.savez(part / "arrays.npz", allow_pickle=False, **arrays)
-    torch.save(tensors, part / "weights.pt")
-    shutil.copyfile(best, part / best.name)
-    for file in part.iterdir():
-        with open(file, "rb+") as handle:
-            os.fsync(handle.fileno())
-    old = [p for p in folder.iterdir() if p != part]
+    # in memory: torch reports a full disk as an error of its own, without the file
+    weights = io.BytesIO()
+    torch.save(tensors, weights)
     # by name, that of a finished training comes behind the one at the same step
-    os.replace(part, folder / f"{model.num_timesteps:09d}{'-finished' if finished else ''}")
+    place = folder / f"{model.num_timesteps:09d}{'-finished' if finished else ''}"
+    old = [p for p in folder.iterdir() if p != part]
+    try:
+        with naming(place):
+            (part / "state.json").write_text(json.dumps(plain(state)), encoding="utf-8")
+            (part / "weights.pt").write_bytes(weights.getbuffer())
+            np.savez(part / "arrays.npz", allow_pickle=False, **arrays)
+            shutil.copyfile(best, part / best.name)
+            for file in part.iterdir():
+                with open(file, "rb+") as handle:
+                    os.fsync(handle.fileno())
+            os.replace(part, place)
+    except OSError:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
     for other in old:
         shutil.rmtree(other)
 

@@ -12,7 +12,6 @@ matter. Needs the extra `rl`.
 from __future__ import annotations
 
 import importlib.util
-import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import fingerprint
+from stiction_envs.reporting.atomic import write_bytes_atomic
 from tuning.policies.algorithms import (
     begin_with,
     export,
@@ -197,7 +197,7 @@ class _Training:
                 restore(place, state, self._model)
             self._evaluations.restore(state["more"])
             # what was better after the checkpoint is found again
-            shutil.copyfile(place / POLICY, self._out / POLICY)
+            write_bytes_atomic(self._out / POLICY, (place / POLICY).read_bytes())
         rate = None
         if not finished:
             notes += self._log_to(at or 0)

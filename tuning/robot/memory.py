@@ -20,6 +20,7 @@ from optuna.trial import TrialState
 from tuning.record import Record
 from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
 from tuning.robot.told import Told
+from tuning.storage import writing
 
 PREDICTIONS = "predictions"
 CELL = tuple[int, str, str]
@@ -78,7 +79,8 @@ def predictions(record: Record) -> Predicted | None:
 
 def keep_predictions(record: Record, predicted: Predicted) -> None:
     """Write the predictions down, in place of those that are there."""
-    record.study.set_user_attr(PREDICTIONS, json.dumps(predicted.to_json()))
+    with writing(record.place):
+        record.study.set_user_attr(PREDICTIONS, json.dumps(predicted.to_json()))
 
 
 def add_told(record: Record, rows: Sequence[Told], file: str, most: float, n: int) -> int:
