@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.precomputed.store import digest
+from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
 from stiction_envs.robots.own import read_own
@@ -124,7 +125,8 @@ class Arm:
         with tempfile.TemporaryDirectory() as folder:
             # Pinocchio reads MJCF from files only, and needs no geometry.
             path = Path(folder) / "arm.xml"
-            ET.ElementTree(mjcf.skeleton(root)).write(path, encoding="unicode")
+            with naming(path):
+                ET.ElementTree(mjcf.skeleton(root)).write(path, encoding="unicode")
             model = pin.buildModelFromMJCF(str(path))
         option = root.find("option")
         gravity = (0.0, 0.0, -9.81)

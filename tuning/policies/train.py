@@ -188,7 +188,6 @@ class _Training:
 
     def run(self) -> Trained:
         """Train what is left."""
-        notes: list[str] = []
         at, finished = None, False
         if (place := newest(self._out / CHECKPOINTS)) is not None:
             state = read_state(place, self._identity)
@@ -200,7 +199,7 @@ class _Training:
             write_bytes_atomic(self._out / POLICY, (place / POLICY).read_bytes())
         rate = None
         if not finished:
-            notes += self._log_to(at or 0)
+            self._log_to(at or 0)
             rate = self._learn()
             save(
                 self._out / CHECKPOINTS,
@@ -216,7 +215,7 @@ class _Training:
             points=tuple(self._evaluations.points),
             resumed_at=at,
             steps_per_second=rate,
-            notes=tuple(notes),
+            notes=_notes(),
         )
 
     def _learn(self) -> float:
@@ -256,15 +255,25 @@ class _Training:
             stage = f"{self._algorithm}: {self._said}" if self._said else self._algorithm
             self._progress(stage, min(1.0, steps / self._steps))
 
-    def _log_to(self, steps: int) -> list[str]:
-        """Log to TensorBoard where it is installed; return what a person should know."""
-        if importlib.util.find_spec("tensorboard") is None:
+    def _log_to(self, steps: int) -> None:
+        """Log to TensorBoard where it is installed."""
+        if not _has_tensorboard():
             self._model.set_logger(make_logger(None))
-            return [f"tensorboard is not installed: the curve is in {CURVE} alone"]
+            return
         # a folder for each start: what an interrupted one logged after its checkpoint is its own
         folder = self._out / "tensorboard" / f"from-{steps:09d}"
         self._model.set_logger(make_logger(folder))
-        return []
+
+
+def _has_tensorboard() -> bool:
+    return importlib.util.find_spec("tensorboard") is not None
+
+
+def _notes() -> tuple[str, ...]:
+    """Return what a person should know, also of a training that was over when this began."""
+    if _has_tensorboard():
+        return ()
+    return (f"tensorboard is not installed: the curve is in {CURVE} alone",)
 
 
 def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
