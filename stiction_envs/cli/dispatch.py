@@ -27,6 +27,7 @@ from stiction_envs.cli import (
 )
 from stiction_envs.cli.common import Failed, Parser, one_line
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.reporting.atomic import naming
 from stiction_envs.reporting.json_text import to_text
 from stiction_envs.version import __version__
 
@@ -76,11 +77,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _show_warning
             result: dict[str, Any] = args.run(args)
-        if args.json:
-            print(to_text(result))
-        else:
-            print(args.show(result))
-        sys.stdout.flush()  # a full disk is noticed here, not at Python's end
+        text = to_text(result) if args.json else args.show(result)
+        with naming("standard output"):  # a file on a full disk, it may be
+            print(text, flush=True)
         if result.get("failed"):
             return _say(str(result["failed"]), FAILED)
         return DONE

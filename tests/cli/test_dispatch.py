@@ -2,7 +2,11 @@
 
 import argparse
 import io
+import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 from stiction_envs.cli import common, sje
 from stiction_envs.cli import progress as progress_module
@@ -100,3 +104,13 @@ def test_an_interrupt_that_compiled_code_passes_on(cli, work, monkeypatch):
 
     monkeypatch.setattr(sje.common, "read_arm", interrupt)
     assert cli("sje", "panda").lines[-1].startswith("error: interrupted: nothing was written")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_standard_output_on_a_full_disk(tmp_path):
+    code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
+    argv = [sys.executable, "-c", code, "export", "panda", "--out", tmp_path / "a"]
+    with open("/dev/full", "w") as full:
+        ran = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ran.returncode == 1
+    assert ran.stderr == "error: standard output: no space left on device\n"

@@ -1,10 +1,12 @@
 """Output folders, and the provenance that tells one run from another."""
 
+import errno
 import json
 
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting import output_folder
 from stiction_envs.reporting import provenance as provenance_module
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.output_folder import OutputFolder, check_file
@@ -120,3 +122,34 @@ def test_what_a_killed_run_left_half_written_is_gone_when_it_goes_on(tmp_path):
         pass
     assert not list(tmp_path.rglob(".*.part"))
     assert (tmp_path / "base.csv").read_text() == "done"
+
+
+def full(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_on_a_full_disk_force_leaves_the_other_runs_files(tmp_path, monkeypatch):
+    with OutputFolder(tmp_path, found()) as out:
+        (out.path / "sje.csv").write_text("old")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    with monkeypatch.context() as patched:
+        patched.setattr(output_folder, "write_text_atomic", full)
+        with pytest.raises(OSError, match="No space"), OutputFolder(tmp_path, found(), force=True):
+            pass
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    with OutputFolder(tmp_path, found(seed=1), force=True):
+        assert {p.name for p in tmp_path.iterdir()} == {output_folder.NAME}
+
+
+def test_a_folder_that_cannot_be_begun_is_not_left(tmp_path, monkeypatch):
+    monkeypatch.setattr(output_folder, "write_text_atomic", full)
+    with pytest.raises(OSError, match="No space"), OutputFolder(tmp_path / "a", found()):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_half_of_a_killed_process_is_no_file_of_anybody(tmp_path):
+    (tmp_path / ".provenance.json.12.part").touch()
+    with OutputFolder(tmp_path, found()):
+        pass
+    assert {p.name for p in tmp_path.iterdir()} == {output_folder.NAME}

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 import sys
 import time
 
 import optuna
 import pytest
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 from tests.tuning.searches import evaluate, search, trials
 from tuning.record import run
 from tuning.settings import tuning_settings
@@ -158,3 +161,36 @@ def test_the_first_line_may_be_torn_too(tmp_path):
     with pytest.warns(UserWarning, match="half-written"):
         run([search(file, "random", evaluations=2)], evaluate)
     assert len(search(file, "random").record.trials) == 2
+
+
+def test_a_full_database_says_so_and_goes_on_with_room(tmp_path):
+    """SQLite's own refusal; written trials stay, the rest comes when there is room."""
+    storage = f"sqlite:///{tmp_path}/study.db"
+    whole = search(f"sqlite:///{tmp_path}/whole.db", "random")
+    one = search(storage, "random")
+
+    def no_room(_, cursor, *__):
+        if cursor.connection.execute("SELECT count(*) FROM trials").fetchone()[0] >= 4:
+            # an allocation of a page is refused; a trial's attributes soon need one
+            cursor.connection.execute("PRAGMA max_page_count=1")
+
+    def long(settings):
+        return [
+            dataclasses.replace(o, measures={**o.measures, "text": 2000 * "x"})
+            for o in evaluate(settings)
+        ]
+
+    run([whole], long)
+    event.listen(Engine, "before_cursor_execute", no_room)
+    try:
+        with pytest.raises(ExperimentError) as caught:
+            run([one], long)
+    finally:
+        event.remove(Engine, "before_cursor_execute", no_room)
+    assert str(caught.value) == f"storage {storage}: database or disk is full"
+    written = trials(one.record)
+    assert written
+    assert written == trials(whole.record)[: len(written)] != trials(whole.record)
+    again = search(storage, "random")
+    run([again], long)
+    assert trials(again.record) == trials(whole.record)
