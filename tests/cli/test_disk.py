@@ -52,11 +52,9 @@ QUICK = {
 }
 SLOW = {
     "sje": Command(("sje", "TWO", *ONCE, "--no-scatter")),
-    "gte": Command(
-        ("gte", "panda", "--trajectory", "PATH", "--stiffness", 500, 30, 0, *ONCE), points=1
-    ),
+    "gte": Command(("gte", "panda", "--trajectory", "PATH", "--stiffness", 500, 30, 0, *ONCE)),
     "calibrate": Command(("calibrate", "TWO", "BASE"), out="out/friction.toml"),
-    "diagnose": Command(("diagnose", "LOG", "--robot", "TWO", "--method", "lsm"), points=2),
+    "diagnose": Command(("diagnose", "LOG", "--robot", "TWO", "--method", "lsm")),
     "evaluate": Command(("evaluate", "panda", "sje", "--policy", "none", "--episodes", 2, *PANDA)),
     "tune": Command(
         ("tune", "TWO", *ONCE, "--no-scatter", "--frequencies", 15, "--scales", 1.0), True
