@@ -3,8 +3,8 @@
 The shipped friction is fitted on lone joints, which the whole arm corrects in rounds
 (`stiction_envs.thesis.nested_models`, model ``arm``). What is lost by that? From there, every
 candidate of CMA-ES is simulated on the whole arm, all seven joints at once, each with a search of
-its own: dither of one joint hardly reaches the others while they hold. Priors, bounds and loss are
-the same.
+its own: with the parameters of all other joints 30 % up, joint 1's cells move by 0.14 % of the base
+torque on average and 0.31 % at most. Priors, bounds and loss are the same.
 
 Each candidate is written to ``whole_arm_fit.json`` as it is done: run it again after an
 interruption and it goes on, with the same candidates. All take half an hour, the page two minutes.
