@@ -35,6 +35,8 @@ FREQUENCIES = np.geomspace(5.0, 100.0, 7)
 PENALTIES = ("power", "torque_rate", "shaking")
 COLUMNS = ("robot", "joint", "share", "frequency_hz", "reduction", "oscillation_rad", *PENALTIES)
 WEIGHTS = (0.0, 1e4, 3e4, 1e5, 2e5, 4e5)
+TRIED = np.geomspace(1e2, 1e9, 141)
+"""Weights of shaking, to see whether any puts a best constant inside all bounds."""
 
 
 class Grid:
@@ -101,6 +103,12 @@ def best(cells: dict[str, np.ndarray], weight: float) -> tuple[int, int, float]:
     return int(a), int(f), float(grid[a, f] - still)
 
 
+def inside(cells: dict[str, np.ndarray]) -> np.ndarray:
+    """Return with which of `TRIED` the best constant is on no edge (weights,)."""
+    places = [best(cells, float(weight))[:2] for weight in TRIED]
+    return np.array([a < len(SHARES) - 1 and 0 < f < len(FREQUENCIES) - 1 for a, f in places])
+
+
 def write(found: dict[tuple[str, int], dict[str, np.ndarray]], usual: float) -> None:
     """Write ``landscape.md`` about all joints."""
     joints = sorted({joint for _, joint in found})
@@ -122,6 +130,8 @@ def write(found: dict[tuple[str, int], dict[str, np.ndarray]], usual: float) -> 
         [f"{x['weight']:g}", *(f"{x[name]} of {total}" for name in ("amplitude", "frequency"))]
         for x in on_edge
     ]
+    free = {joint: inside(cells) for joint, cells in found.items()}
+    at_once = np.sum(list(free.values()), axis=0)
     write_page(
         HERE / "landscape.md",
         HERE / "templates" / "landscape.md.j2",
@@ -132,6 +142,11 @@ def write(found: dict[tuple[str, int], dict[str, np.ndarray]], usual: float) -> 
         on_edge=on_edge,
         weight=usual,
         total=total,
+        tried=TRIED,
+        quieter=sum(np.nanmax(c["shaking"][:-1]) > c["shaking"][-1] for c in found.values()),
+        at_once=int(at_once.max()),
+        at_weight=float(TRIED[at_once.argmax()]),
+        never=[f"{robot}'s {joint}" for (robot, joint), ok in free.items() if not ok.any()],
     )
 
 
