@@ -16,9 +16,8 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import Columns, joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, too_many
-from stiction_envs.measured.logs.formats.franka_ros import FRANKA_ROS
+from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OWN, Header
-from stiction_envs.measured.logs.formats.libfranka import LIBFRANKA
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.text import TextRows, decode_header
 from stiction_envs.measured.settings import FileSettings
