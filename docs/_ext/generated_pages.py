@@ -9,7 +9,7 @@ import argparse
 import inspect
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import gymnasium
@@ -19,6 +19,7 @@ from sphinx.application import Sphinx
 import stiction_envs
 from stiction_envs.cli.dispatch import build_parser
 from stiction_envs.gap.causes import Cause, registered
+from stiction_envs.reporting.markdown import table_text
 
 DOCS = Path(__file__).parents[1]
 OUT = DOCS / "generated"
@@ -50,11 +51,9 @@ def contents(title: str, text: str, pages: Iterable[str]) -> str:
     return f"# {title}\n\n{text}\n\n{toctree}\n"
 
 
-def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def table(header: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a Markdown table; `|` in a cell stays one."""
-    header = list(header)
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(x.replace("|", r"\|") for x in row) + " |" for row in lines)
+    return table_text(header, [[x.replace("|", r"\|") for x in row] for row in rows])
 
 
 def environments() -> list[str]:

@@ -39,7 +39,7 @@ class GTEEnv(ArmEnv):
     `Box`, shape (2n,), float32, for an arm of n joints (n = 7 below):
 
     | index | meaning | min | max | unit |
-    | --- | --- | --- | --- | --- |
+    |---|---|---|---|---|
     | 0–6 | amplitude, joint 1 … 7 | 0 | A_max = min(torque limit, 2.5 × stiction) | N·m |
     | 7–13 | frequency, joint 1 … 7 | 5 | min(100, controller rate / 2) | Hz |
 
@@ -58,7 +58,7 @@ class GTEEnv(ArmEnv):
     to the tool point, so that it means the same on a path that was never seen.
 
     | index | name | min | max | unit | meaning |
-    | --- | --- | --- | --- | --- | --- |
+    |---|---|---|---|---|---|
     | 0–6 | displacement_1 … displacement_7 | -3 | 3 | rad | link angle minus the start's |
     | 7–13 | velocity_1 … velocity_7 | -3 | 3 | rad/s | link speed |
     | 14–20 | torque_1 … torque_7 | -50 | 50 | stiction | commanded torque, dither excluded |

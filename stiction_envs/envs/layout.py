@@ -20,6 +20,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.reporting.markdown import table_text
 
 Array = NDArray[np.float64]
 
@@ -162,11 +163,6 @@ def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) ->
     return dict(options)
 
 
-def _grid(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(r) + " |" for r in lines)
-
-
 def observation_table(n: int, groups: Sequence[Group]) -> str:
     """Return the Markdown table of the observation for an arm of ``n`` joints."""
     rows, at = [], 0
@@ -177,7 +173,7 @@ def observation_table(n: int, groups: Sequence[Group]) -> str:
         name = f"{names[0]} … {names[-1]}" if many else names[0]
         rows.append([index, name, f"{g.low:g}", f"{g.high:g}", g.unit, g.meaning])
         at += len(names)
-    return _grid(["index", "name", "min", "max", "unit", "meaning"], rows)
+    return table_text(["index", "name", "min", "max", "unit", "meaning"], rows)
 
 
 def action_table(n: int) -> str:
@@ -185,7 +181,7 @@ def action_table(n: int) -> str:
     s = action_settings()
     top = f"A_max = min(torque limit, {s.stiction_factor:g} × stiction)"
     rate = f"min({s.highest_frequency:g}, controller rate / 2)"
-    return _grid(
+    return table_text(
         ["index", "meaning", "min", "max", "unit"],
         [
             [f"0–{n - 1}", f"amplitude, joint 1 … {n}", "0", top, "N·m"],

@@ -35,7 +35,7 @@ class SJEEnv(ArmEnv):
     `Box`, shape (2n,), float32, for an arm of n joints (n = 7 below):
 
     | index | meaning | min | max | unit |
-    | --- | --- | --- | --- | --- |
+    |---|---|---|---|---|
     | 0–6 | amplitude, joint 1 … 7 | 0 | A_max = min(torque limit, 2.5 × stiction) | N·m |
     | 7–13 | frequency, joint 1 … 7 | 5 | min(100, controller rate / 2) | Hz |
 
@@ -50,7 +50,7 @@ class SJEEnv(ArmEnv):
     frequency are −1.
 
     | index | name | min | max | unit | meaning |
-    | --- | --- | --- | --- | --- | --- |
+    |---|---|---|---|---|---|
     | 0–6 | displacement_1 … displacement_7 | -5 | 5 | threshold | link angle minus the pose |
     | 7–13 | velocity_1 … velocity_7 | -50 | 50 | threshold/s | link speed |
     | 14–20 | torque_1 … torque_7 | -50 | 50 | stiction | commanded torque, dither excluded |
