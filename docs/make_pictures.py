@@ -1,4 +1,4 @@
-"""Make the pictures of README and site: `python docs/make_pictures.py [README panda log policies]`.
+"""Make the pictures of the site: `python docs/make_pictures.py [sje panda log policies]`.
 
 The first picture of each way in is what the commands of its page wrote.
 """
@@ -22,17 +22,17 @@ from stiction_envs.experiments.sje.protocol import Configuration, Job
 HERE = Path(__file__).parent
 
 
-def draw_readme() -> None:
+def draw_sje() -> None:
     """Draw one experiment with and without dither."""
     experiment = SingleJointExperiment("panda", scatter=False)
     where = Configuration(7, "load", "+")
     measured = {
         m.job.amplitude_nm: m
-        for m in experiment.run([Job(where), Job(where, 15.0, 0.8041)], iterations=1)
+        for m in experiment.run([Job(where), Job(where, 15.0, 0.801)], iterations=1)
     }
     plots.plot_with_and_without(
         measured[0.0],
-        measured[0.8041],
+        measured[0.801],
         HERE / "sje.png",
         robot="panda",
         threshold=experiment.protocol.threshold,
@@ -52,7 +52,7 @@ def run(page: str) -> None:
 
 
 if __name__ == "__main__":
-    makers: dict[str, Callable[[], None]] = {"README": draw_readme}
+    makers: dict[str, Callable[[], None]] = {"sje": draw_sje}
     makers |= {page: lambda page=page: run(page) for page in run_page.PICTURES}
     for wanted in sys.argv[1:] or makers:
         makers[wanted]()
