@@ -31,13 +31,15 @@
 
 using Joints = std::array<double, 7>;
 
+// Assumed, for caution: no source asks for these values.
 constexpr double kShare = 0.1;         // of the table's amplitudes and offsets: raise it to 1 by hand
 constexpr double kSoft = 1.0;          // s in which dither fades in, and out before the end
 constexpr double kMostSeconds = 60.0;  // longest run
 constexpr double kMostDrift = 0.1;     // rad from where the arm stood: stop
 constexpr double kMostSpeed = 0.5;     // rad/s: stop
-constexpr double kMostRate = 1000.0;   // N m/s, the robot's own limit
-// Largest dither: a tenth of what each joint can do [N m].
+// Of the robot (Franka Control Interface documentation).
+constexpr double kMostRate = 1000.0;  // N m/s
+// Largest dither, assumed: a tenth of what each joint can do (87 and 12) [N m].
 constexpr Joints kMostTorque = {8.7, 8.7, 8.7, 8.7, 1.2, 1.2, 1.2};
 // Springs and dampers that hold the arm: libfranka's joint_impedance_control.cpp.
 constexpr Joints kStiffness = {600, 600, 600, 600, 250, 150, 50};  // N m/rad
@@ -65,7 +67,7 @@ int main(int argc, char** argv) {
     }
 
     franka::Robot robot(argv[1]);
-    // Stops on contact; a little above what holding and dither need.
+    // Stops on contact, assumed: raise them if the arm stops with nothing near.
     const Joints torques = {20, 20, 20, 20, 10, 10, 10};
     const std::array<double, 6> forces = {20, 20, 20, 20, 20, 20};
     robot.setCollisionBehavior(torques, torques, forces, forces);
@@ -96,7 +98,7 @@ int main(int argc, char** argv) {
       franka::Torques command(stiction::limit_rate(wanted, state.tau_J_d, kMostRate));
       return time >= seconds ? franka::MotionFinished(command) : command;
     };
-    // The robot's rate limiter as a second guard, and libfranka's low-pass of 100 Hz, through which
+    // libfranka's rate limiter as a second guard, and libfranka's low-pass of 100 Hz, through which
     // stiction-envs simulates its Panda; without it the upper frequencies shake harder than tuned.
     robot.control(callback, true, 100.0);
     std::cout << "done\n";
