@@ -48,12 +48,15 @@ def test_a_name_with_markup_stays_text(tmp_path):
         "",
         "<b>block</b>",
         "",
+        "<div onclick='alert(1)'>",
+        "",
         "[x](javascript:alert(1))",
     ]
     page = to_html(lines, tmp_path, "T")
     body = page[page.index("<body>") :]
     assert "<script" not in body
     assert "<b>" not in body
+    assert "<div" not in body
     assert 'href="javascript' not in body
 
 

@@ -6,7 +6,7 @@ import pytest
 from jinja2 import UndefinedError
 
 from stiction_envs.reporting.markdown import table_text
-from stiction_envs.reporting.templates import render, write_page
+from stiction_envs.reporting.templates import render, write_md_and_html, write_page
 
 
 @pytest.fixture
@@ -29,3 +29,12 @@ def test_page(template, tmp_path):
 def test_a_missing_number_is_an_error(template):
     with pytest.raises(UndefinedError, match="title"):
         render(template, x=1.0, js=[], rows="")
+
+
+def test_a_note_stands_under_the_heading_of_both_pages(template, tmp_path):
+    values = {"x": 1.0, "js": [1], "rows": ""}
+    names = write_md_and_html(tmp_path, template, "Page", note="Mind the gap.", **values, title="T")
+    assert names == ("report.md", "report.html")
+    text = (tmp_path / "report.md").read_text("utf-8")
+    assert text.startswith("# T\n\n> Mind the gap.\n\n+1.00 < 1")
+    assert "<blockquote>\n<p>Mind the gap.</p>" in (tmp_path / "report.html").read_text("utf-8")

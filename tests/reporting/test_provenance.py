@@ -1,0 +1,30 @@
+"""Hashes of what a run was made from."""
+
+from __future__ import annotations
+
+import hashlib
+
+from stiction_envs.reporting.provenance import sha256
+
+
+def test_hash_of_a_file(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"x")
+    assert sha256(path) == hashlib.sha256(b"x").hexdigest()
+
+
+def test_hash_of_a_folder_is_that_of_names_and_contents(tmp_path):
+    """A bag of ROS 2 is a folder: another byte, another name or another file is another input."""
+    found = set()
+    for names, data in (("ab", b"x"), ("ab", b"y"), ("ac", b"x"), ("abc", b"x")):
+        folder = tmp_path / f"{names}{data!r}"
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_bytes(data)
+        found.add(sha256(folder))
+    assert len(found) == 4
+    again = tmp_path / "again"
+    again.mkdir()
+    for name in "ba":
+        (again / name).write_bytes(b"x")
+    assert sha256(again) in found
