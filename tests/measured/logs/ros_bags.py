@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,12 +40,20 @@ float64[7] measured_torque
 float64[7] commanded_torque
 float64[7] external_torque
 """
+LBR_STATE_OLD = """float64 sample_time
+uint32 time_stamp_sec
+uint32 time_stamp_nano_sec
+float64[] measured_joint_position
+float64[] torque
+float64[] external_torque
+"""
 OWN_TYPES = {
     "ros1": {"franka_msgs/msg/FrankaState": FRANKA_STATE_1},
     "ros2": {
         "franka_msgs/msg/FrankaState": FRANKA_STATE_2,
         "franka_msgs/msg/FrankaRobotState": FRANKA_ROBOT_STATE,
         "lbr_fri_idl/msg/LBRState": LBR_STATE,
+        "lbr_fri_msgs/msg/LBRState": LBR_STATE_OLD,
     },
 }
 """Fields of these messages that are read, and those beside them that must not be."""
@@ -79,8 +87,17 @@ def header(known: Typestore, time: int, number: int = 0) -> Any:
     return of(stamp=stamp, frame_id="")
 
 
-def write_bag(path: Path, kind: str, messages: Iterable[Message]) -> Path:
-    """Write a bag of one of `KINDS`; return its file or folder."""
+def write_bag(
+    path: Path,
+    kind: str,
+    messages: Iterable[Message],
+    *,
+    silent: Mapping[str, str] | None = None,
+) -> Path:
+    """Write a bag of one of `KINDS`; return its file or folder.
+
+    ``silent`` are types of topics without messages.
+    """
     ros = "ros1" if kind == "bag" else "ros2"
     known = store(ros)
     if kind == "bag":
@@ -92,7 +109,10 @@ def write_bag(path: Path, kind: str, messages: Iterable[Message]) -> Path:
         made = path if kind == "folder" else path / f"{path.name}.{kind}"
     code = known.serialize_ros1 if kind == "bag" else known.serialize_cdr
     with writer:
-        connections: dict[str, Any] = {}
+        connections = {
+            topic: writer.add_connection(topic, of, typestore=known)
+            for topic, of in (silent or {}).items()
+        }
         for number, m in enumerate(messages):
             if m.topic not in connections:
                 connections[m.topic] = writer.add_connection(m.topic, m.type, typestore=known)

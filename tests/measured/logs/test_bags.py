@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import sys
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.settings import measured_settings
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import good_values
 from tests.measured.logs.ros_bags import (
@@ -135,22 +139,7 @@ def test_joints_option_is_believed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
 def test_franka_states(tmp_path: Path, kind: str, plain: JointLog) -> None:
     """tau_J, not the command beside it."""
-    tau = "tau_J" if kind == "bag" else "tau_j"
-    messages = [
-        Message(
-            "/franka_state_controller/franka_states",
-            "franka_msgs/msg/FrankaState",
-            START + round(row[0] * 1e9),
-            {
-                "header": header,
-                "q": row[1:8],
-                "dq": row[8:15],
-                tau: row[15:],
-                f"{tau}_d": 0 * row[15:],
-            },
-        )
-        for row in VALUES
-    ]
+    messages = franka_states("tau_J" if kind == "bag" else "tau_j")
     log = read(write_bag(tmp_path / "log", kind, messages))
     assert_same(log, plain)
     assert log.side == "link"
@@ -184,7 +173,13 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
     assert log.side == "link"
 
 
-def test_lbr_states_have_the_controllers_clock(tmp_path: Path, plain: JointLog) -> None:
+@pytest.mark.parametrize(
+    ("package", "torque"), [("lbr_fri_idl", "measured_torque"), ("lbr_fri_msgs", "torque")]
+)
+def test_lbr_states_have_the_controllers_clock(
+    tmp_path: Path, plain: JointLog, package: str, torque: str
+) -> None:
+    """Of today's driver and of an old one."""
     messages = []
     for row in VALUES:
         time = START + round(row[0] * 1e9)
@@ -194,13 +189,13 @@ def test_lbr_states_have_the_controllers_clock(tmp_path: Path, plain: JointLog) 
             "time_stamp_sec": seconds,
             "time_stamp_nano_sec": nanoseconds,
             "measured_joint_position": row[1:8],
-            "measured_torque": row[15:],
-            "commanded_torque": 0 * row[15:],
+            torque: row[15:],
+            **({"commanded_torque": 0 * row[15:]} if torque == "measured_torque" else {}),
             "external_torque": 0 * row[15:],
         }
         # recorded late, by a different time each: the stamps count
         late = int(time + 1e6 * (1 + np.sin(row[0])))
-        messages.append(Message("/lbr/state", "lbr_fri_idl/msg/LBRState", late, fields))
+        messages.append(Message("/lbr/state", f"{package}/msg/LBRState", late, fields))
     log = read(write_bag(tmp_path / "log", "mcap", messages))
     assert_same(log, plain, speeds=False)
     assert log.side == "link"
@@ -240,6 +235,43 @@ def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
         read(path, topic="/none")
 
 
+def test_a_topic_without_messages_asks_nothing(tmp_path: Path, plain: JointLog) -> None:
+    silent = {"/desired": "sensor_msgs/msg/JointState"}
+    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES), silent=silent)
+    assert_same(read(path), plain)
+    with pytest.raises(StictionError, match="/desired: no messages: expected one second"):
+        read(path, topic="/desired")
+
+
+def test_a_log_of_too_many_numbers(tmp_path: Path) -> None:
+    """Refused at the message that is too many, so that memory is bounded."""
+    settings = measured_settings()
+    few = replace(settings, files=replace(settings.files, most_values=50 * 22))
+    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+    with pytest.raises(
+        StictionError, match="/joint_states: 51 rows or more: expected at most 1100"
+    ):
+        read_logs([path], 7, naming=NAMING, settings=few)
+
+
+def franka_states(tau: str) -> list[Message]:
+    return [
+        Message(
+            "/franka_state_controller/franka_states",
+            "franka_msgs/msg/FrankaState",
+            START + round(row[0] * 1e9),
+            {
+                "header": header,
+                "q": row[1:8],
+                "dq": row[8:15],
+                tau: row[15:],
+                f"{tau}_d": 0 * row[15:],
+            },
+        )
+        for row in VALUES
+    ]
+
+
 def text_bag(folder: Path, kind: str = "mcap") -> Path:
     messages = [Message("/chat", "std_msgs/msg/String", START + k, {"data": "x"}) for k in range(3)]
     return write_bag(folder / "chat", kind, messages)
@@ -267,6 +299,14 @@ def two_publishers(folder: Path) -> Path:
         for a, b in ((0, 3), (3, 7))
     )
     return write_bag(folder / "log", "mcap", merged(three, four))
+
+
+def undescribed(folder: Path) -> Path:
+    """A bag as ROS 2 wrote them before Iron."""
+    path = write_bag(folder / "log", "db3", franka_states("tau_j"))
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("DELETE FROM message_definitions")
+    return path
 
 
 def short_efforts(folder: Path) -> Path:
@@ -313,6 +353,10 @@ BAD = {
     "two publishers": (
         two_publishers,
         "without panda_joint4, .*expected all 7 joints in one message; two publishers",
+    ),
+    "messages without a description": (
+        undescribed,
+        "the bag does not describe franka_msgs/msg/FrankaState: expected one of sensor_msgs",
     ),
     "too short": (
         lambda f: write_bag(f / "log", "mcap", joint_states(VALUES[:30])),

@@ -7,7 +7,8 @@
 | ``franka_msgs/FrankaRobotState`` | of its ``measured_joint_state`` | ``effort`` there: tau_J |
 | ``lbr_fri_idl/LBRState`` | ``measured_joint_position``, none | ``measured_torque`` |
 
-Time is ``header.stamp``, of an ``LBRState`` that of KUKA's controller.
+The `LBRState` of the first ``lbr_fri_msgs`` calls that ``torque``. Time is ``header.stamp``, of an
+``LBRState`` that of KUKA's controller.
 tau_J and the measured torque of KUKA's FRI are measured behind the gear and hold gravity; commanded
 torques (``tau_J_d``, ``commanded_torque``) do not, and are not read. franka_ros, franka_ros2,
 iiwa_ros and the LBR-Stack publish the same torques as the efforts of a ``JointState``; those of
