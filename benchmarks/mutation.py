@@ -293,7 +293,7 @@ def report(rooms: list[str], work: Path) -> str:
                 slow = lives(known, m, "slow") is False
                 fate = "killed now" if ended else "killed by slow tests" if slow else "lives"
                 where = f"`{m.file.removeprefix('stiction_envs/')}:{m.line}`"
-                was, is_now = (f"`{text}`".replace("|", "\\|") for text in (m.was, m.is_now))
+                was, is_now = (f"`{text}`" for text in (m.was, m.is_now))
                 listed.append([where, was, is_now, fate, said.get(m.name, "")])
         scores.append(score(f"`{room}`", counts))
         total += counts

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
@@ -32,7 +33,8 @@ _ANCHOR = re.compile(r'<a id="[a-z0-9-]+"></a>\n?')
 def to_html(lines: Sequence[str], folder: Path, title: str) -> str:
     """Return a page of the Markdown that reports are written in (CommonMark with tables).
 
-    Pictures are put into the page. Headings have the anchors that GitHub gives them. Of HTML, which
+    Pictures below the folder are put into the page; what only looks like one, in a file's name say,
+    stays text. Headings have the anchors that GitHub gives them. Of HTML, which
     a report may quote from a file's names, anchors that stand alone are let through, nothing else.
 
     Args:
@@ -63,15 +65,21 @@ class _Renderer(RendererHTML):
         return self.renderToken(tokens, k, options, env)
 
     def image(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
-        data = base64.b64encode((env["folder"] / str(tokens[k].attrs["src"])).read_bytes())
-        alt = html.escape(tokens[k].content, quote=True)
-        return f'<img alt="{alt}" src="data:image/png;base64,{data.decode()}">'
+        path, alt = _picture(tokens[k], env["folder"]), html.escape(tokens[k].content, quote=True)
+        if path is None:
+            return html.escape(f"![{tokens[k].content}]({tokens[k].attrs['src']})")
+        data = base64.b64encode(path.read_bytes()).decode()
+        return f'<img alt="{alt}" src="data:image/png;base64,{data}">'
 
     def paragraph_open(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
-        return "<figure>" if _pictures(tokens[k + 1]) else self.renderToken(tokens, k, options, env)
+        return (
+            "<figure>"
+            if _pictures(tokens[k + 1], env["folder"])
+            else self.renderToken(tokens, k, options, env)
+        )
 
     def paragraph_close(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
-        if _pictures(tokens[k - 1]):
+        if _pictures(tokens[k - 1], env["folder"]):
             return "</figure>\n"
         return self.renderToken(tokens, k, options, env)
 
@@ -85,10 +93,17 @@ class _Renderer(RendererHTML):
         return tokens[k].content if _ANCHOR.fullmatch(text) else html.escape(tokens[k].content)
 
 
-def _pictures(inline: Token) -> bool:
+def _picture(token: Token, folder: Path) -> Path | None:
+    """Return the picture of an image; None where there is none, or where it is not the report's."""
+    path = (folder / unquote(str(token.attrs["src"]))).resolve()
+    ours = path.is_relative_to(folder.resolve()) and path.suffix == ".png"
+    return path if ours and path.is_file() else None
+
+
+def _pictures(inline: Token, folder: Path) -> bool:
     """Return whether a paragraph is of pictures alone."""
     children = [t for t in inline.children or () if t.content.strip() or t.type == "image"]
-    return bool(children) and all(t.type == "image" for t in children)
+    return bool(children) and all(t.type == "image" and _picture(t, folder) for t in children)
 
 
 @cache

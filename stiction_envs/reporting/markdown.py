@@ -70,9 +70,12 @@ def sentence(text: str) -> str:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return a Markdown table and an empty line."""
-    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+    """Return a Markdown table and an empty line; a "|" in a cell, of a name say, stays there."""
+
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(x.replace("|", "\\|") for x in cells) + " |"
+
+    return [line(header), "|" + "---|" * len(header), *map(line, rows), ""]
 
 
 def table_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

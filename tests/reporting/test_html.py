@@ -60,6 +60,19 @@ def test_a_name_with_markup_stays_text(tmp_path):
     assert 'href="javascript' not in body
 
 
+def test_what_is_no_picture_of_the_report_stays_text(tmp_path):
+    """A joint of a URDF may be called anything: no other file of this machine is shown for it."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (tmp_path / "other.png").write_bytes(b"secret")
+    (folder / "data.csv").write_bytes(b"secret")
+    names = ("../other.png", str(tmp_path / "other.png"), "data.csv", "none.png", "https://a/b.png")
+    for name in names:
+        page = to_html([f"![a]({name}) says **b**"], folder, "T")
+        assert "<img" not in page
+        assert f"![a]({name}) says <strong>b</strong>" in page, name
+
+
 def test_caveats_are_quotations_and_pictures_stand_beside_each_other(tmp_path):
     (tmp_path / "a.png").write_bytes(b"png")
     page = to_html(["> one", ">", "> two", "", "![a](a.png) ![b](a.png)"], tmp_path, "T")

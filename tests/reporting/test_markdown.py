@@ -20,6 +20,7 @@ NAN = float("nan")
         ([md.joints(x) for x in ([], [1], [1, 2])], ["no joint", "joint 1", "joints 1 and 2"]),
         ([md.sentence(x) for x in ("so it is", "Yes.")], ["So it is.", "Yes."]),
         (md.table(["a", "b"], [["1", "2"]]), ["| a | b |", "|---|---|", "| 1 | 2 |", ""]),
+        (md.table(["a|b"], [["|x|"]]), ["| a\\|b |", "|---|", "| \\|x\\| |", ""]),
     ],
 )
 def test_text(text, expected):
