@@ -9,8 +9,9 @@ from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.hold import Servos
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, Plant
 
@@ -64,18 +65,18 @@ class Rig:
         self.step = np.zeros(nsim, dtype=np.int64)
         """(N,) control steps of the present stage."""
         self._path = TorquePath(interface, nsim, self.columns)
-        self._hold = approach.hold_stiffness * sticking.arm.limits.torque
+        self._servos = Servos(sticking, approach)
 
     # ---- where arms are put ------------------------------------------------------------------
 
-    def _hold_damping_at(self, q: Array) -> Array:
-        """Return the damping (M, n) of the servos that hold poses q (M, n) [N·m·s/rad].
+    def _servos_of(self, ids: Index, inertia: Array, mass: Array) -> tuple[Array, Array]:
+        """Return stiffness [N·m/rad] and damping [N·m·s/rad] (M, n) that hold arms where they are.
 
-        It differs from pose to pose, as the arm's inertia does.
+        ``inertia`` and ``mass`` are those of `Servos.inertia` there: they differ from pose to pose.
         """
-        sticking = self.plant.sticking
-        inertia = link_inertia(sticking.arm, q) + sticking.parameters.rotor_inertia
-        return 2 * self.approach_protocol.hold_damping_ratio * np.sqrt(self._hold * inertia)
+        signed, load = self.plant.load
+        stiffness = self._servos.stiffness(self._servos.resistance(signed[ids], load[ids]))
+        return stiffness, self._servos.damping(stiffness, inertia, mass)
 
     def _draw_pose_and_friction(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return by how much a pose is missed (n,) [rad], and factors of the dry friction (n,)."""

@@ -128,6 +128,17 @@ class PushSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HoldSettings:
+    """How joints are held that are not under test."""
+
+    torque_margin: float
+    """Least torque limit, over what resists the joint, that a servo's stiffness counts with [-]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
     """All of this room."""
 
@@ -141,6 +152,8 @@ class ExperimentSettings:
     """Displacement by dither."""
     push: PushSettings
     """A joint that a person pushes."""
+    hold: HoldSettings
+    """Servos of the other joints."""
 
 
 @cache

@@ -94,7 +94,7 @@ class GTERig(Rig):
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
         self.sequencer = GoalSequencer(nsim, motion, capacity)
-        self._hold_damping = self._hold_damping_at(self.start[None])[0]
+        self._inertia = self._servos.inertia(self.start[None])
         self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
         self._model_period = protocol.model_steps
         self.start_position, self.start_quaternion = self._nominal()
@@ -142,8 +142,8 @@ class GTERig(Rig):
         low, high = self.plant.sticking.arm.limits.position.T
         self.plant.reset(ids, np.clip(origin, low, high))
         self.plant.scale_friction(ids, factor)
-        damping = np.tile(self._hold_damping, (m, 1))
-        self.plant.set_servo(ids, np.tile(self._hold, (m, 1)), damping, origin)
+        here = (np.repeat(x, m, axis=0) for x in self._inertia)
+        self.plant.set_servo(ids, *self._servos_of(ids, *here), origin)
         steps = round((p.return_time + p.settle_time) / CONTROL_DT)
         x = minimum_jerk(np.clip(np.arange(steps) * CONTROL_DT / p.return_time, 0.0, 1.0))
         moves = origin[:, None] + x[:, None] * (target - origin)[:, None]

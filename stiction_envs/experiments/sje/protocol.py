@@ -41,7 +41,7 @@ class Protocol:
     patience: float
     """A ramp starts after this many times the planned approach, at rest or not [-]."""
     hold_stiffness: float
-    """Servo stiffness over torque limit [1/rad]."""
+    """Servo stiffness over torque limit [1/rad]; `hold` says where friction asks for more."""
     hold_damping_ratio: float
     """Damping ratio of the servo [-]."""
     averaged_start_torque: float

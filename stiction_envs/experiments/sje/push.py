@@ -103,8 +103,7 @@ class Push(Rig):
         if not 1 <= joint <= self.n:
             raise unknown("joint", joint, range(1, self.n + 1))
         self.joint = joint
-        held = self.plant.position
-        stiffness, damping = np.tile(self._hold, (1, 1)), self._hold_damping_at(held)
+        stiffness, damping = self._servos_of(_ME, *self._servos.inertia(self.plant.position))
         stiffness[0, joint - 1] = damping[0, joint - 1] = 0.0
         self.plant.set_servo(_ME, stiffness, damping, self.plant.motor_position)
         self._path.reset(_ME)

@@ -74,9 +74,9 @@ class SJERig(Rig):
             columns=None if dither_all else 1,
         )
         self.protocol, self.poses = protocol, poses
-        # (n, 2, n): of every pose
-        damping = self._hold_damping_at(poses.q.reshape(-1, self.n))
-        self._pose_damping = damping.reshape(poses.q.shape)
+        # of every pose, joint by joint, load before no load
+        self._inertia = self._servos.inertia(poses.q.reshape(-1, self.n))
+        self._hold = np.zeros((nsim, self.n))
         self._hold_damping = np.zeros((nsim, self.n))
         self.dither_seed[:] = seed
         self.stage = np.full(nsim, IDLE)
@@ -111,11 +111,12 @@ class SJERig(Rig):
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
         self.pose[ids] = self.poses.q[joint, load]
-        self._hold_damping[ids] = self._pose_damping[joint, load]
         self.deviation[ids] = 0.0
         start = self.pose[ids].copy()
         start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
         self.plant.reset(ids, start)
+        here = (x[2 * joint + load] for x in self._inertia)
+        self._hold[ids], self._hold_damping[ids] = self._servos_of(ids, *here)
         self.stage[ids] = IDLE
         self._path.set_limits(ids, *self._column_limits(joint))
 
@@ -136,7 +137,7 @@ class SJERig(Rig):
                 self._draw_dither(i, rng)
         self.target[ids] = target
         self.plant.scale_friction(ids, factor)
-        self.plant.set_servo(ids, self._hold, self._hold_damping[ids], self._origin[ids])
+        self.plant.set_servo(ids, self._hold[ids], self._hold_damping[ids], self._origin[ids])
         self.stage[ids], self.step[ids] = APPROACH, 0
         self.tau[ids] = np.nan
 
@@ -280,9 +281,15 @@ class SJERig(Rig):
         q = self.plant.position[ids]
         if np.abs(q - self.pose[ids]).max() > p.start_tolerance:
             i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
+            signed, load = self.plant.load
+            resists = self._servos.resistance(signed[ids], load[ids])[i, j]
+            limit = self._servos.torque_limit[j]
             raise ExperimentError(
                 f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
-                f"expected at most {p.start_tolerance} rad (raise hold_stiffness)"
+                f"expected at most {p.start_tolerance} rad; held with "
+                f"{self._hold[ids[i], j]:.3g} N·m/rad and at most {limit:.3g} N·m against "
+                f"{resists:.3g} N·m: change its friction (--friction), limits.torque in the arm's "
+                "TOML, or hold_stiffness of the protocol"
             )
         self.start_angle[ids] = q[rows, joint]
         offset = self.plant.offset[ids][rows, joint]
@@ -290,7 +297,7 @@ class SJERig(Rig):
         self.start_torque[ids] = averaged if p.averaged_start_torque else 0.0
         stiction = self.plant.stiction[ids][rows, joint]
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
-        stiffness, damping = np.tile(self._hold, (len(ids), 1)), self._hold_damping[ids]
+        stiffness, damping = self._hold[ids], self._hold_damping[ids]
         stiffness[rows, joint] = damping[rows, joint] = 0.0
         self.plant.set_servo(ids, stiffness, damping, self.target[ids])
         start = np.zeros((len(ids), self.columns))
