@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
+from stiction_envs.robots.tables import possible
 
 Array = NDArray[np.float64]
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -269,7 +270,7 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
                 raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
             try:
                 value = np.array(entry["value"], dtype=np.float64)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise StictionError(f"{where}: [{name}] value must be numbers") from None
             if value.ndim == 0:
                 value = np.full(n, float(value))
@@ -282,9 +283,22 @@ def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
             )
         values[name] = value
     try:
-        return FrictionParameters(**values)
+        out = FrictionParameters(**values)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
+    check_possible(out, where)
+    return out
+
+
+def check_possible(parameters: FrictionParameters, where: str) -> None:
+    """Raise if a number is larger than any joint's; ``where`` names the file in errors.
+
+    Raises:
+        StictionError: naming the table, the number and what is expected.
+    """
+    for name, quantity in QUANTITIES.items():
+        endless = quantity.default == np.inf
+        possible(getattr(parameters, name), quantity.unit, f"{where}: [{name}]", endless=endless)
 
 
 def friction_path(robot: str | Path) -> Path:
@@ -307,7 +321,7 @@ def friction_text(robot: str | Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StictionError(f"friction file {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"friction file {path}: not TOML ({error})") from None
 
 

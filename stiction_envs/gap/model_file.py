@@ -15,11 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
+from stiction_envs.friction.parameters import (
+    QUANTITIES,
+    FrictionParameters,
+    check_possible,
+    load_friction,
+)
 from stiction_envs.gap.causes import Part, TorqueShift, cause_named
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
+from stiction_envs.robots.tables import largest, possible
 
 Array = NDArray[np.float64]
 
@@ -158,7 +164,7 @@ def read(path: Path) -> Nominal:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StictionError(f"nominal {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"nominal {path}: not TOML ({error})") from None
     if "arm" not in table:
         return Nominal()
@@ -181,11 +187,25 @@ def read(path: Path) -> Nominal:
         tilt = float(arm["tilt"][0]), float(arm["tilt"][1])
         robot = str(arm["robot"])
         distance = tuple(float(x) for x in arm["distance"]) or None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, IndexError, AttributeError) as error:
         raise StictionError(
             f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
         ) from None
+    where = f"nominal {path}: [arm]"
+    possible((payload or ())[:1], "kg", f"{where} payload", low=0.0)
+    possible((payload or ())[1:], "m", f"{where} payload")
+    possible(tilt, "rad", f"{where} tilt")
+    possible(distance or (), "rad", f"{where} distance", low=0.0)
+    if friction:
+        check_possible(friction, where)
     for part in parts:
+        # their units are the causes' own
+        found = np.array([*part.shape, *part.coefficients])
+        if not (np.abs(found) <= largest()).all():
+            raise StictionError(
+                f"nominal {path}: cause {part.cause} on joint {part.joint}: "
+                f"{found[~(np.abs(found) <= largest())][0]:g}: expected up to {largest():g}"
+            )
         try:
             arm_wide = cause_named(part.cause).arm_wide
         except StictionError as error:

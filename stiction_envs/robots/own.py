@@ -28,7 +28,9 @@ from stiction_envs.robots.tables import (
     lookup,
     on_floor,
     per_joint,
+    possible,
     read_toml,
+    smallest,
 )
 from stiction_envs.robots.touching import leave_out_touching
 
@@ -73,22 +75,29 @@ def read_own(path: Path, chain: Chain | None = None) -> dict[str, Any]:
     table = read_toml(table_file) if table_file.is_file() else {}
     carried = {mjcf.CARRIED[x.name]: list(x.data) for x in spec.numerics if x.name in mjcf.CARRIED}
 
-    def pick(key: str, own: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        if (given := lookup(table, key)) is not None:
-            return per_joint(given, shape, f"{table_file}, {key}")
-        return per_joint(carried.get(key, own), shape, f"{path}, {key}")
+    def pick(
+        key: str, own: Any, shape: tuple[int, ...], unit: str, **bounds: Any
+    ) -> NDArray[np.float64]:
+        given = lookup(table, key)
+        where = f"{path if given is None else table_file}, {key}"
+        out = per_joint(carried.get(key, own) if given is None else given, shape, where)
+        possible(out, unit, where, **bounds)
+        return out
 
+    low = {"low": smallest()}
+    speed = _or_generic(speeds, joints, "limits.velocity")
+    rate = lookup(generic(), "limits.torque_rate")
     limits = Limits(
-        position=pick("limits.position", _positions(model, hinges), (n, 2)),
-        velocity=pick("limits.velocity", _or_generic(speeds, joints, "limits.velocity"), (n,)),
-        torque=pick("limits.torque", _torques(model, hinges), (n,)),
-        torque_rate=pick("limits.torque_rate", lookup(generic(), "limits.torque_rate"), (n,)),
+        position=pick("limits.position", _positions(model, hinges), (n, 2), "rad"),
+        velocity=pick("limits.velocity", speed, (n,), "rad/s", **low),
+        torque=pick("limits.torque", _torques(model, hinges), (n,), "N·m", **low),
+        torque_rate=pick("limits.torque_rate", rate, (n,), "N·m/s", **low, endless=True),
     )
     interface = {
-        key: float(pick(f"interface.{key}", lookup(generic(), f"interface.{key}"), ()))
-        for key in ("controller_rate_hz", "lowpass_hz")
+        key: float(pick(f"interface.{key}", lookup(generic(), f"interface.{key}"), (), "Hz", low=x))
+        for key, x in (("controller_rate_hz", smallest()), ("lowpass_hz", 0.0))
     }
-    rest = pick("rest", _rest(model, hinges, limits.position), (n,))
+    rest = pick("rest", _rest(model, hinges, limits.position), (n,), "rad")
     root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     leave_out_touching(root, limits.position)
     return {

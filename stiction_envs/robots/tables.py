@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError, unknown
 
@@ -52,7 +52,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
@@ -113,8 +113,46 @@ def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.floa
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise StictionError(f"{where}: {value!r} is not a list of numbers") from None
+    except OverflowError:
+        raise StictionError(f"{where}: a number of hundreds of digits: expected less") from None
     if array.ndim and array.shape != shape:
         raise StictionError(f"{where}: shape {array.shape}, but the arm needs {shape}")
     if np.isnan(array).any():
         raise StictionError(f"{where}: contains NaN")
     return np.array(np.broadcast_to(array, shape))
+
+
+def possible(
+    value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, endless: bool = False
+) -> None:
+    """Raise unless a joint can have these numbers: none larger than `[largest]` of `generic.toml`.
+
+    Args:
+        value: numbers of any shape.
+        unit: theirs.
+        where: file and name, for the message.
+        low: least value.
+        endless: whether inf passes.
+
+    Raises:
+        StictionError: naming the number and what is expected.
+    """
+    array, most = np.asarray(value, dtype=np.float64), largest(unit)
+    good = (array >= low) & (np.abs(array) <= most) | (endless & (array == np.inf))
+    if not good.all():
+        more = " or inf" if endless else ""
+        raise StictionError(
+            f"{where}: {array[~good].flat[0]:g} {unit}: "
+            f"expected {max(low, -most):g} to {most:g}{more}"
+        )
+
+
+def largest(unit: str = "") -> float:
+    """Return the size past which no number of a joint can be; "" asks for that of any unit."""
+    sizes = generic()["largest"]
+    return float(sizes[unit]["value"] if unit else max(x["value"] for x in sizes.values()))
+
+
+def smallest() -> float:
+    """Return the least size of what has to be positive, in any unit."""
+    return float(lookup(generic(), "smallest"))

@@ -8,6 +8,8 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
@@ -374,3 +376,46 @@ def test_shipped_arms_build(name):
     for load in (0.0, 1.0, 20.0, 100.0):
         level = model.parameters.stiction_at(np.full(7, load))
         assert np.all(level > 0)
+
+
+ODD = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.sampled_from([1e308, -1e308, 1e-308, 5e-324, 0.0, -1.0, float("inf"), 10**400]),
+)
+
+
+@given(name=st.sampled_from(sorted(QUANTITIES)), value=ODD)
+def test_what_is_read_is_a_size_that_a_joint_can_have(name, value):
+    """Read as it is, with a square that is a number, or refused in a line with file and name."""
+    quantity = QUANTITIES[name]
+    try:
+        found = from_table(with_entry(name, {"value": value, "source": "t"}), "odd.toml", 7)
+    except StictionError as error:
+        line = str(error)
+        assert "\n" not in line
+        assert line.startswith("odd.toml: ")
+        assert name in line
+        good = quantity.low <= value <= quantity.high and abs(value) <= 1e5
+        assert not good, "an ordinary number is refused"
+        return
+    read = getattr(found, name)
+    np.testing.assert_array_equal(read, float(value))
+    endless = quantity.default == np.inf
+    assert np.isfinite(read**2).all() or (endless and value == np.inf)
+
+
+@pytest.mark.parametrize("name", sorted(QUANTITIES))
+@pytest.mark.parametrize("value", [1e308, 1.0001e12])
+def test_a_number_past_any_joint_is_refused_with_what_is_expected(name, value):
+    wanted = r"odd\.toml: .*(expected .*e\+|is outside \[0\.001, 1\.0\])"
+    with pytest.raises(StictionError, match=wanted):
+        from_table(with_entry(name, {"value": value, "source": "t"}), "odd.toml", 7)
+
+
+@pytest.mark.parametrize("text", ["[stiction]\nvalue = " + "9" * 5000, "[[[", "\udcff"])
+def test_no_toml_is_told_in_one_line(text, tmp_path):
+    path = tmp_path / "odd.toml"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(StictionError, match=r"odd\.toml: not TOML") as error:
+        load_friction(path)
+    assert "\n" not in str(error.value)

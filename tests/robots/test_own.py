@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import mujoco
@@ -256,3 +257,50 @@ def test_limits_and_rest_survive_being_written(own: Path, robot: str):
         for field in ("position", "velocity", "torque", "torque_rate"):
             np.testing.assert_array_equal(getattr(again.limits, field), getattr(arm.limits, field))
         np.testing.assert_array_equal(again.rest, arm.rest)
+
+
+BOUNDED = {
+    "limits.position": "rad",
+    "limits.velocity": "rad/s",
+    "limits.torque": "N·m",
+    "limits.torque_rate": "N·m/s",
+    "interface.controller_rate_hz": "Hz",
+    "interface.lowpass_hz": "Hz",
+    "rest": "rad",
+}
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, float("inf"), float("-inf")])
+@pytest.mark.parametrize("key", BOUNDED)
+def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
+    """What, where, what is expected; only a torque rate may be endless."""
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = {value}\n", encoding="utf-8")
+    if (key, value) == ("limits.torque_rate", float("inf")):
+        assert np.isinf(load_arm(path).limits.torque_rate).all()
+        return
+    line = rf"two\.toml, {re.escape(f'{key}: {value:g} {BOUNDED[key]}')}: expected "
+    with pytest.raises(StictionError, match=line):
+        load_arm(path)
+
+
+@pytest.mark.parametrize("value", [0, -5, 1e-308])
+@pytest.mark.parametrize("key", ["limits.velocity", "limits.torque", "limits.torque_rate"])
+def test_a_limit_has_to_be_positive(key, value, tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = [9, {value}]\n", encoding="utf-8")
+    with pytest.raises(StictionError, match=rf"{key}: {value:g} N?.*: expected 1e-09 to "):
+        load_arm(path)
+
+
+def test_a_range_in_the_model_file_itself_is_held_to_the_same(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    text = load_arm(path).carrying_xml()
+    odd = re.sub(r'(name="stiction_torque_limits"[^>]*data=")[^"]*', r"\g<1>1e308 1", text)
+    assert odd != text
+    path.write_text(odd, encoding="utf-8")
+    with pytest.raises(StictionError, match=r"two\.xml, limits\.torque: 1e\+308 N·m: expected"):
+        load_arm(path)

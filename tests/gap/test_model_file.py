@@ -1,0 +1,86 @@
+"""Model files with numbers that no joint can have: one line says which."""
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.model_file import read
+
+NUMBERS = {
+    "payload = [0.5": "payload",
+    "tilt = [0.1": "tilt",
+    "distance = [6e-05": "distance",
+    "shape = [3.0": "cause link_parameters on joint 3",
+    "coefficients = [-0.1": "cause link_parameters on joint 3",
+}
+"""Each number of the file, and what a refusal of it names."""
+WHOLE = ("joint = 3", "level = 1")
+MODEL = """
+[arm]
+robot = "own"
+payload = [0.5, 0.0, 0.0, 0.1]
+tilt = [0.1, 0.0]
+distance = [6e-05, 6e-05, 6e-05]
+
+[[cause]]
+name = "link_parameters"
+joint = 3
+shape = [3.0, 0.6763]
+coefficients = [-0.1, 0.001, -0.008, -0.001]
+level = 1
+carried = true
+"""
+
+
+def changed(number: str, value: str) -> str:
+    assert MODEL.count(number) == 1
+    return MODEL.replace(number, re.sub(r"[-\d.e]+$", value, number))
+
+
+def test_a_good_file_is_read(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL, encoding="utf-8")
+    found = read(path)
+    assert found.parts[0].coefficients == (-0.1, 0.001, -0.008, -0.001)
+    assert found.payload == (0.5, 0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("value", ["1e308", "-1e308", "nan", "inf", "9" * 400, "9" * 5000])
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_number_that_no_joint_can_have_is_refused(number, value, tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(changed(number, value), encoding="utf-8")
+    expected = rf"nominal .*model\.toml: (\[arm\] )?({NUMBERS[number]}|or \[\[cause|not TOML)"
+    with pytest.raises(StictionError, match=expected) as error:
+        read(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "9" * 5000])
+@pytest.mark.parametrize("number", WHOLE)
+def test_what_is_no_whole_number_is_refused(number, value, tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(changed(number, value), encoding="utf-8")
+    with pytest.raises(StictionError, match=r"model\.toml: (\[arm\] or \[\[cause|not TOML)"):
+        read(path)
+
+
+@given(number=st.sampled_from([*NUMBERS, *WHOLE]), value=st.floats())
+def test_every_number_is_read_or_refused(number, value, tmp_path_factory):
+    path = tmp_path_factory.mktemp("odd") / "model.toml"
+    path.write_text(changed(number, repr(value)), encoding="utf-8")
+    try:
+        found = read(path)
+    except StictionError as refused:
+        line = str(refused)
+        assert "\n" not in line
+        ordinary = number in NUMBERS and 1e-3 < value < 1.0
+        assert not ordinary, line
+        return
+    for part in found.parts:
+        assert all(abs(x) <= 1e12 for x in (*part.shape, *part.coefficients))
+    assert found.payload is not None
+    assert 0 <= found.payload[0] <= 1e6
