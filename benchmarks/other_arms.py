@@ -4,7 +4,8 @@
 
 One command line after the other, in one process, as a user would type them: what is written by one
 (`model.xml`, `trajectory.csv`) is read by the next. The logs that `identify` and `diagnose` read
-are simulated: the motion that `excite` planned, on an arm with other links and with friction.
+are simulated: the motion that `excite` planned, on an arm with other links and with friction. Rows
+of arms that are not run stay on the page.
 `tests/other_arms` runs the same with short settings.
 """
 
@@ -14,6 +15,7 @@ import argparse
 import contextlib
 import io
 import os
+import re
 import sys
 import tempfile
 import time
@@ -134,6 +136,18 @@ class Case:
         """A file or folder of this robot's."""
         return self.work.joinpath(self.name, *place)
 
+    def reads(self, command: str) -> Path | None:
+        """Return what a command reads of those before it."""
+        if command.endswith("model.xml"):
+            return self.at(command.split()[-2].removesuffix("'s"), "model.xml")
+        found = {
+            "conformance": ("export", "model.xml"),
+            "identify": ("log.csv",),
+            "diagnose": ("log.csv",),
+            "sje of the diagnosis": ("diagnose", "model.toml"),
+        }.get(command)
+        return None if found is None else self.at(*found)
+
     def argv(self, command: str) -> list[object]:
         """Return the command line."""
         robot, once = self.robot, ["--iterations", 1, "--no-scatter"]
@@ -176,37 +190,76 @@ COMMANDS = (
 """In the order in which one reads what another wrote."""
 
 
-def page(came: Mapping[str, Mapping[str, Came]], loop: float) -> str:
+@dataclass(frozen=True)
+class Row:
+    """What the page says of an arm."""
+
+    loop: str
+    """Seconds of the reference loop before the run that it is of."""
+    cells: Mapping[str, str]
+    """By command: seconds, why it did not come out, or nothing where it had nothing to read."""
+
+
+def row(came: Mapping[str, Came | None], loop: float) -> Row:
+    """Return an arm's row; None is a command that had nothing to read."""
+    cells = {}
+    for command, one in came.items():
+        if one is None:
+            cells[command] = ""
+        else:
+            cells[command] = f"{one.seconds:.1f}" if one.code == 0 else f"{one.code}: {one.said}"
+    return Row(f"{loop:.1f}", cells)
+
+
+def kept(text: str) -> dict[str, Row]:
+    """Return the rows of a page that was written before."""
+    found = re.findall(NOTE, text, re.MULTILINE)
+    notes = {f"no ({k})": f"{code}: {said}" for k, code, said in found}
+    rows = [[x.strip() for x in line.split("|")[1:-1]] for line in text.splitlines() if "|" in line]
+    if not rows:
+        return {}
+    head, _, *body = rows
+    return {
+        name.split()[0]: Row(
+            loop, {c: notes.get(x, x) for c, x in zip(head[2:], cells, strict=True)}
+        )
+        for name, loop, *cells in body
+    }
+
+
+NOTE = r"^\((\d+)\) \S+, [^:]* \(exit code (\d+)\): (.*)$"
+
+
+def page(rows: Mapping[str, Row]) -> str:
     """Return the page: an arm in a row, seconds of what came out, a number for what did not."""
-    commands = [c for c in COMMANDS if any(c in row for row in came.values())]
+    commands = [c for c in COMMANDS if any(c in row.cells for row in rows.values())]
     notes: list[str] = []
-    rows = []
-    for name, row in came.items():
-        cells = []
-        for command in commands:
-            one = row.get(command)
-            if one is None:
-                cells.append("")
-            elif one.code == 0:
-                cells.append(f"{one.seconds:.1f}")
-            else:
-                notes.append(f"{name}, {command} (exit code {one.code}): {one.said}")
-                cells.append(f"no ({len(notes)})")
+    lines = []
+    for name in (x for x in ARMS if x in rows):
         chain = ARMS[name].chain
-        cells.insert(0, name if chain is None else f"{name} `--chain {' '.join(chain)}`")
-        rows.append(cells)
-    lines = [
+        cells = [name if chain is None else f"{name} `--chain {' '.join(chain)}`", rows[name].loop]
+        for command in commands:
+            cell = rows[name].cells.get(command, "")
+            if ": " in cell:
+                code, said = cell.split(": ", 1)
+                notes.append(f"{name}, {command} (exit code {code}): {said}")
+                cell = f"no ({len(notes)})"
+            cells.append(cell)
+        lines.append(cells)
+    head = [
         "# Other people's arms",
         "",
         f"Written by `python -m benchmarks.other_arms`: robots of {WHEEL} "
         f"{metadata.version(WHEEL)}, MuJoCo {mujoco.__version__}, {os.cpu_count()} processors. A "
         "number is the seconds of a command that came out (exit code 0), one after the other in "
-        f"one process. The reference loop took {loop:.1f} s ({USUAL_S} s on the quiet machine).",
+        "one process; an empty field, that an earlier command wrote no file for it. The machine "
+        "did other work besides, more in some rows; the reference loop, before the run that a row "
+        f"is of, takes {USUAL_S} s on the quiet machine.",
         "",
-        *table(["arm", *commands], rows),
+        *table(["arm", "reference loop", *commands], lines),
         *(f"({k}) {note}\n" for k, note in enumerate(notes, 1)),
     ]
-    return "\n".join(lines).rstrip() + "\n"
+    return "\n".join(head).rstrip() + "\n"
 
 
 def main() -> int:
@@ -215,16 +268,19 @@ def main() -> int:
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     parser.add_argument("--work", type=Path, help="keep what is written here (default: nowhere)")
     args = parser.parse_args()
-    loop = seconds()
-    came: dict[str, dict[str, Came]] = {name: {} for name in args.arms}
+    out, loop = HERE / "other_arms.md", seconds()
+    rows = kept(out.read_text(encoding="utf-8")) if out.exists() else {}
     with tempfile.TemporaryDirectory() as temporary:
         for name in args.arms:
             case = Case(name, args.work or Path(temporary))
+            came: dict[str, Came | None] = {}
             for command in args.commands:
-                one = came[name][command] = case.run(command)
-                print(f"{name}, {command}: {one.seconds:.1f} s {one.said}", flush=True)
-            done = {name: row for name, row in came.items() if row}
-            (HERE / "other_arms.md").write_text(page(done, loop), encoding="utf-8")
+                reads = case.reads(command)
+                one = came[command] = case.run(command) if reads is None or reads.exists() else None
+                said = "nothing to read" if one is None else f"{one.seconds:.1f} s {one.said}"
+                print(f"{name}, {command}: {said}", flush=True)
+            rows[name] = row(came, loop)
+            out.write_text(page(rows), encoding="utf-8")
     return 0
 
 

@@ -33,6 +33,12 @@ def test_each_arm_is_exported_and_breaks_away(case: Case):
     assert report.split("\n\n")[1].startswith("> **The friction of this arm is assumed")
 
 
+@pytest.mark.parametrize("case", ["talos_left_arm"], indirect=True)
+def test_a_gripper_that_counts_as_a_joint_is_brought_to_its_pose(case: Case):
+    """Joint 7 has a torque limit of 1 N·m, the friction that is assumed takes half of it."""
+    done(case, "sje", "--joint", 7, *ONE[2:])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ARMS, indirect=True)
 def test_the_longer_commands_take_turns(case: Case):
