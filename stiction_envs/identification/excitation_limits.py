@@ -136,13 +136,16 @@ class Clearance:
     def _bounds(self, q: Array) -> Array:
         """Return (T, P) distances of bounding spheres at poses (T, n) [m]: no pair is nearer."""
         m, centre = self.model, np.empty((len(q), self.model.ngeom, 3))
+        normal = np.empty_like(centre)
         for k, pose in enumerate(q):
             self._place(pose)
             centre[k] = self.data.geom_xpos
+            normal[k] = self.data.geom_xmat[:, 2::3]
         apart = centre[:, self._two] - centre[:, self._one]
         out = np.sqrt(np.einsum("tpx,tpx->tp", apart, apart))
-        flat = m.geom_type[self._one] == mujoco.mjtGeom.mjGEOM_PLANE  # the floor comes first
-        out[:, flat] = apart[:, flat, 2]
+        for plane, sign in ((self._one, 1.0), (self._two, -1.0)):
+            flat = m.geom_type[plane] == mujoco.mjtGeom.mjGEOM_PLANE  # endless: no sphere
+            out[:, flat] = sign * np.einsum("tpx,tpx->tp", apart, normal[:, plane])[:, flat]
         return np.asarray(out - m.geom_rbound[self._one] - m.geom_rbound[self._two] - ROUNDING)
 
     def _link(self, geometry: int) -> str:

@@ -135,6 +135,33 @@ def test_distances_see_floor_and_self(panda):
     assert least[2] < 0.05
 
 
+WALLS = """<mujoco><compiler angle="radian" autolimits="true"/>
+<default><joint axis="0 0 1" range="-3 3"/><geom type="capsule" size="0.03" mass="1"/></default>
+<worldbody><geom name="wall" type="plane" size="1 1 0.1" pos="0.6 0 0" zaxis="-1 0 0"/>
+<body><joint/><geom fromto="0 0 0.5 0.25 0 0.5"/><body pos="0.25 0 0"><joint/>
+<geom fromto="0.1 0 0.5 0.3 0 0.5"/></body></body>
+<body name="fence"><geom type="plane" size="1 1 0.1" pos="0 0.5 0" zaxis="0 -1 0.1"/></body>
+</worldbody></mujoco>"""
+
+
+def test_pairs_that_bounding_spheres_leave_out_change_nothing(panda, tmp_path):
+    """Against MuJoCo asked for every pair: the same bits, walls and fences included."""
+    (tmp_path / "walls.xml").write_text(WALLS, encoding="utf-8")
+    for arm in (panda, load_arm(tmp_path / "walls.xml")):
+        clear = Clearance(arm)
+        q = np.random.default_rng(0).uniform(*arm.limits.position.T, size=(60, arm.n))
+        every = np.empty((len(q), len(clear.pairs)))
+        for k, pose in enumerate(q):
+            clear._place(pose)
+            every[k] = [clear._distance(i, j, 0.5) for i, j in clear.pairs]
+        np.testing.assert_array_equal(clear.least(q), np.minimum(every.min(axis=1), 0.5))
+        assert (every < 0.05).any(), "some poses have to be too near"
+        assert (every.min(axis=1) > 0.05).any(), "and some not"
+        more = [clear._allowed.get(p, 0.0) for p in clear.pairs]
+        for pose, d in zip(q, every, strict=True):
+            assert clear.keeps(pose[None], 0.05) == ((d + more).min() >= 0.05)
+
+
 def test_gradient_of_the_shortfall(panda):
     clear = Clearance(panda)
     rng = np.random.default_rng(1)
