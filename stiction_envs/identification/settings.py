@@ -100,7 +100,8 @@ class SearchSettings:
     difference: float
     """Step of the regressor's finite differences [rad, rad/s, rad/s²]."""
     states: int
-    """Random states from which base parameters and the columns' sizes are taken."""
+    """Random states from which base parameters and the columns' sizes are taken; as many poses are
+    tried where the one at rest cannot be held."""
     tries: int
     """Random motions that are looked at before none is believed to fit."""
     easy: float

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.robots.mjcf import free_name
 
 Chain = tuple[str, str]
 """Link at the base, which does not move, and link or site at the tip, which is the flange."""
@@ -78,9 +79,7 @@ def take_out(
             _turn(spec, model, joint, rest)
     _forget(spec, model, kept, rest)
     if chain[1] not in {site.name for site in spec.sites}:
-        taken, name = {site.name for site in spec.sites}, "flange"
-        while name in taken:
-            name += "_"
+        name = free_name("flange", {site.name for site in spec.sites})
         tip.add_site(name=name)
         return name
     return chain[1]
@@ -133,7 +132,7 @@ def round_off(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None
         )
         if not moves and body.explicitinertial:
             body.fullinertia = np.full(6, np.nan)
-            body.inertia = np.full(3, max(float(body.mass), 1e-3))
+            body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any that can exist
 
 
 def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.MjsBody]:
@@ -164,11 +163,19 @@ def _drop_other_trees(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             spec.delete(other)
 
 
+def rest_key(model: mujoco.MjModel) -> NDArray[np.float64] | None:
+    """Return (nq,) angles of the keyframe ``home``, else of the first; None without any."""
+    if not model.nkey:
+        return None
+    names = [model.key(k).name for k in range(model.nkey)]
+    return np.array(model.key_qpos[names.index("home") if "home" in names else 0])
+
+
 def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
     """Return (nq,) where the robot rests."""
-    if model.nkey:
-        names = [model.key(k).name for k in range(model.nkey)]
-        return np.array(model.key_qpos[names.index("home") if "home" in names else 0])
+    key = rest_key(model)
+    if key is not None:
+        return key
     out = np.array(model.qpos0)
     for j in np.flatnonzero(model.jnt_limited):
         if int(model.jnt_type[j]) in (_HINGE, _SLIDE):

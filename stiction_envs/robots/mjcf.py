@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,6 +49,13 @@ def carry(root: ET.Element, values: Mapping[str, ArrayLike]) -> None:
             ET.SubElement(custom, "numeric", name=name, data=numbers(np.ravel(values[key])))
 
 
+def free_name(name: str, taken: Container[str | None]) -> str:
+    """Return a name with as many ``_`` behind it as it takes to be new."""
+    while name in taken:
+        name += "_"
+    return name
+
+
 def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> None:
     """Turn the top-level body that holds ``first_link`` about its own origin.
 
@@ -83,10 +90,7 @@ def add_payload(
     """
     mass, *com = payload
     flange = next(s for s in root.iter("site") if s.get("name") == site)
-    taken = {b.get("name") for b in root.iter("body")}
-    name = "payload"
-    while name in taken:
-        name += "_"
+    name = free_name("payload", {b.get("name") for b in root.iter("body")})
     body = ET.SubElement(parents(root)[flange], "body", name=name)
     for key in ("pos", "quat"):
         if flange.get(key) is not None:

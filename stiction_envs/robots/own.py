@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
-from stiction_envs.robots.chain import Chain, hint, round_off, take_out, title
+from stiction_envs.robots.chain import Chain, hint, rest_key, round_off, take_out, title
+from stiction_envs.robots.mjcf import free_name
 from stiction_envs.robots.tables import (
     Limits,
     generic,
@@ -180,11 +181,8 @@ def _name_everything(spec: mujoco.MjSpec) -> None:
         taken = {item.name for item in items}
         for i, item in enumerate(items):
             if not item.name:
-                name = f"{kind}{i + 1}"
-                while name in taken:
-                    name += "_"
-                taken.add(name)
-                item.name = name
+                item.name = free_name(f"{kind}{i + 1}", taken)
+                taken.add(item.name)
 
 
 def _above(model: mujoco.MjModel, body: int) -> list[int]:
@@ -287,10 +285,9 @@ def _rest(
     stop can follow no path.
     """
     low, high = position.T
-    if model.nkey:
-        names = [model.key(k).name for k in range(model.nkey)]
-        key = names.index("home") if "home" in names else 0
-        return np.clip(model.key_qpos[key][model.jnt_qposadr[chain]], low, high)
+    key = rest_key(model)
+    if key is not None:
+        return np.clip(key[model.jnt_qposadr[chain]], low, high)
     least = (high - low) / 20
     return np.where((low <= -least) & (high >= least), 0.0, (low + high) / 2)
 
@@ -334,10 +331,7 @@ def _flange(
     known = _known([model.site(s).name for s in sites])
     if known is not None:
         return known, None
-    taken = {site.name for site in spec.sites}
-    new = "flange"
-    while new in taken:
-        new += "_"
+    new = free_name("flange", {site.name for site in spec.sites})
     known = _known([model.body(b).name for b in tail])
     if known is not None:
         return new, known

@@ -1,6 +1,7 @@
 """Identification: true parameters inside their errors, links that exist, the thesis's failure."""
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import mujoco
@@ -314,6 +315,17 @@ def test_page_and_json_hold_everything(found):
     assert len(said["base"]) == found.base.size == 64
     assert min(link["least_eigenvalue"] for link in said["links"]) > 0
     assert set(said["held_out_rms_nm"]) == set(MODELS)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "says"), [(0.25, "leave 75 % less of"), (1.5, "leave 50 % more of")]
+)
+def test_the_report_says_less_or_more_without_a_minus(found, ratio, says, tmp_path):
+    rms = {**found.rms, "consistent": ratio * found.rms["nominal + friction"]}
+    dataclasses.replace(found, rms=rms).write(tmp_path)
+    assert f"**Links that can exist {says} the torque unexplained**" in (
+        tmp_path / "report.md"
+    ).read_text("utf-8")
 
 
 def test_bad_input(panda, recorded):
