@@ -27,6 +27,7 @@ import hashlib
 import json
 import math
 import os
+import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -139,7 +140,7 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
         raise StictionError(f"{path}: {reason}: expected a TOML file of settings") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
@@ -198,6 +199,8 @@ def _converted(kind: Any, value: Any, where: str) -> Any:
     if get_origin(kind) is tuple and isinstance(value, list | tuple):
         return tuple(_converted(get_args(kind)[0], x, where) for x in value)
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise StictionError(f"{where}: a number of hundreds of digits: expected less")
     if kind is float and number:
         return float(value)
     if type(value) is kind:

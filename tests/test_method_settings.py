@@ -100,6 +100,9 @@ def test_what_stands_in_the_file_is_read(tmp_path):
         ("value = 20", "value = 0", "Outer: rows is 0: expected finite numbers above 0"),
         ("value = 0.5", "value = 1.5", "share is 1.5: expected finite numbers above 0 up to 1"),
         ("value = 2,", "value = nan,", "speed is nan: expected finite"),
+        ("value = 2,", f"value = {9 * '9' * 50},", "speed: a number of hundreds of digits"),
+        ("value = 20", f"value = {9 * '9' * 50}", "rows: a number of hundreds of digits"),
+        ("value = 20", f"value = {'9' * 5000}", "not a TOML file"),
         ("[inner]", "[inner", "not a TOML file"),
     ],
 )
