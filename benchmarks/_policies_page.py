@@ -8,6 +8,7 @@ from pathlib import Path
 from benchmarks._policies_measures import MEASURES, Measure
 from benchmarks._policies_pictures import draw_behaviour, draw_curves, draw_pareto
 from benchmarks._policies_plan import (
+    ALGORITHMS,
     BASELINES,
     BOUND,
     FROM_A_TABLE,
@@ -33,6 +34,10 @@ from stiction_envs.reporting.markdown import listed, number, table
 from stiction_envs.reporting.templates import write_page
 
 TEMPLATE = Path(__file__).parent / "templates" / "policies.md.j2"
+RAMPS, NONE, COMPENSATIONS = "ramps", "none", ("feedforward", "push")
+"""Names of the plan."""
+LATE = 1 / 3
+"""Share of a training, its last, over which it is told how the return still rises."""
 CURVES, PARETO, BEHAVIOUR = (f"policies_{x}.png" for x in ("curves", "pareto", "behaviour"))
 
 
@@ -46,8 +51,8 @@ def write(folder: Path, results: Results) -> None:
     pictures = {
         CURVES: draw_curves(folder / CURVES, results),
         PARETO: draw_pareto(folder / PARETO, results),
-        BEHAVIOUR: draw_behaviour(folder / BEHAVIOUR, results),
     }
+    behaviour = draw_behaviour(folder / BEHAVIOUR, results)
     rivals, plan = results.rivals(), results.plan
     duels: dict[str, dict[float, Against]] = {}
     if rivals is not None:
@@ -56,6 +61,12 @@ def write(folder: Path, results: Results) -> None:
         if results.learned is not None:
             duels["constant"] = results.duels(results.learned, constant)
             duels["learned"] = results.duels(results.learned, rule)
+    ramps: dict[str, Against] = {}
+    if (of := results.rivals(RAMPS)) is not None:
+        for kind, theirs in zip(("constant", "rule"), of, strict=True):
+            found = results.duels(TRAINED[SJE_ALGORITHM], theirs, RAMPS)
+            ramps |= {kind: found[NOMINAL]} if NOMINAL in found else {}
+    rises = {TRAINED[x]: results.rise(x, LATE) for x in ALGORITHMS}
     cell = results.cell("panda", RANDOM_PATHS)
     over = {} if cell is None else results.improvements(cell)
     write_page(
@@ -70,6 +81,12 @@ def write(folder: Path, results: Results) -> None:
         cells_in_all=len(results.in_all),
         learned=results.learned,
         duels=duels,
+        ramps=ramps,
+        rises={name: x for name, x in rises.items() if x is not None},
+        most=_most(results, cell),
+        bounded={}
+        if cell is None
+        else {key: results.against(cell, BOUND, NONE).less(key) for key in ERRORS},
         says=_says,
         frictions=[f for f in plan.frictions if f != NOMINAL],
         nominal=NOMINAL,
@@ -87,7 +104,8 @@ def write(folder: Path, results: Results) -> None:
         gate=agent_settings().gate,
         lever=load_gte_protocol().vibration_lever,
         sections=_sections(results),
-        pictures=pictures,
+        pictures=pictures | {BEHAVIOUR: behaviour is not None},
+        behaviour=behaviour,
         names={"curves": CURVES, "pareto": PARETO, "behaviour": BEHAVIOUR},
         hours=results.training_hours,
         episodes=episodes_in_all(plan),
@@ -101,6 +119,16 @@ def write(folder: Path, results: Results) -> None:
     )
 
 
+WORDS = {
+    "position": "position error",
+    "orientation": "orientation error",
+    "moving": "vibration moving",
+    "at_rest": "at rest",
+    "torque": "breakaway torque",
+    "oscillation": "oscillation",
+}
+
+
 # ---- words ---------------------------------------------------------------------------------------
 
 
@@ -111,11 +139,22 @@ def _says(found: Against) -> str:
         less = round(found.less(key))
         return f"{abs(less)} % {'less' if less >= 0 else 'more'}"
 
-    errors = " and ".join(f"{change(key)} {key} error" for key in ERRORS)
-    moving, rest = (change(key) for key in VIBRATIONS)
-    doubt = [key for key in ERRORS if key not in (*found.better_in, *found.worse_in)]
+    wanted = " and ".join(f"{change(key)} {WORDS[key]}" for key in found.wanted)
+    prices = " and ".join(f"{change(key)} {WORDS[key]}" for key in found.prices)
+    doubt = [key for key in found.wanted if key not in (*found.better_in, *found.worse_in)]
     unsure = f" (not significant: {listed(doubt)})" if doubt else ""
-    return f"{errors} left{unsure}, {moving} vibration moving and {rest} at rest"
+    return f"{wanted} left{unsure}, {prices}"
+
+
+def _most(results: Results, cell: Cell | None) -> dict[str, float]:
+    """Return the most that dither of any kind takes off what an undithered arm leaves [%]."""
+    if cell is None:
+        return {}
+    others = (NONE, BOUND, *COMPENSATIONS)
+    shaking = [name for name in results.by_cell[cell] if name not in others]
+    return {
+        key: max(results.against(cell, name, NONE).less(key) for name in shaking) for key in ERRORS
+    }
 
 
 def _range(found: Estimate, measure: Measure) -> str:

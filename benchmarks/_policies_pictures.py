@@ -134,12 +134,17 @@ def _aim(axes: Any, vibration: float, error: float) -> None:
     axes.set_ylim(bottom=bottom)
 
 
-def draw_behaviour(path: Path, results: Results) -> bool:
-    """Draw the best policy's amplitudes over speed and torque; return whether there is one."""
+def draw_behaviour(path: Path, results: Results) -> tuple[str, float] | None:
+    """Draw the best policy's amplitudes over speed and torque.
+
+    Returns:
+        Name of its kind, and the largest of all joints' standard deviations of the amplitude over
+        the largest that is allowed [-]; None where there is no policy.
+    """
     best = _best(results)
     if best is None:
         path.unlink(missing_ok=True)
-        return False
+        return None
     training: Training = best.training
     first = policy_settings().evaluation.test_paths
     seen = []
@@ -182,7 +187,7 @@ def draw_behaviour(path: Path, results: Results) -> bool:
     name = f"{TRAINED[training.algorithm]}, seed {training.run}"
     figure.suptitle(f"{name} on {title(training.robot)}'s random paths that no training draws")
     save_full(figure, path)
-    return True
+    return TRAINED[training.algorithm], float((amplitude / top[:n]).std(axis=0).max())
 
 
 def _best(results: Results) -> Folder | None:

@@ -36,6 +36,10 @@ ERRORS = ("position", "orientation")
 VIBRATIONS = ("moving", "at_rest")
 AIM = {"position": 0.35, "orientation": 0.40}
 """By how much less than Table 4.9 is to be left."""
+WANTED = {"gte": ERRORS, "sje": ("torque",)}
+"""Measures that are to be smaller, by experiment."""
+PRICES = {"gte": VIBRATIONS, "sje": ("oscillation",)}
+"""Measures that may not be larger for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +49,21 @@ class Against:
     ours: str
     theirs: str
     ratio: dict[str, Estimate]
-    """Interquartile mean over theirs, of errors and vibrations."""
+    """Interquartile mean over theirs, of what is wanted and its prices."""
     improvement: dict[str, Estimate]
-    """Probability of improvement, of the errors."""
+    """Probability of improvement, of what is wanted."""
+    experiment: str = "gte"
+    """``gte`` or ``sje``."""
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """Return the measures that are to be smaller."""
+        return WANTED[self.experiment]
+
+    @property
+    def prices(self) -> tuple[str, ...]:
+        """Return the measures that may not be larger for it."""
+        return PRICES[self.experiment]
 
     def less(self, key: str) -> float:
         """Return by how much less is left [%]."""
@@ -55,23 +71,23 @@ class Against:
 
     @property
     def better_in(self) -> list[str]:
-        """Return the errors that are smaller, without doubt."""
-        return [key for key in ERRORS if self.improvement[key].low > 0.5]
+        """Return what is smaller, without doubt."""
+        return [key for key in self.wanted if self.improvement[key].low > 0.5]
 
     @property
     def worse_in(self) -> list[str]:
-        """Return the errors that are larger, without doubt."""
-        return [key for key in ERRORS if self.improvement[key].high < 0.5]
+        """Return what is larger, without doubt."""
+        return [key for key in self.wanted if self.improvement[key].high < 0.5]
 
     @property
     def as_calm(self) -> bool:
         """Whether it shakes no more, moving and at rest."""
-        return all(self.ratio[key].value <= 1 for key in VIBRATIONS)
+        return all(self.ratio[key].value <= 1 for key in self.prices)
 
     @property
     def beats(self) -> bool:
-        """Whether both errors are smaller without doubt, at no more vibration."""
-        return len(self.better_in) == len(ERRORS) and self.as_calm
+        """Whether all that is wanted is smaller without doubt, at no more vibration."""
+        return len(self.better_in) == len(self.wanted) and self.as_calm
 
     @property
     def meets_aim(self) -> bool:
@@ -147,16 +163,18 @@ class Results:
         return sum(truncated(self.rows.read(cell, one)) for one in self.by_cell[cell][name])
 
     def against(self, cell: Cell, ours: str, theirs: str) -> Against:
-        """Compare two agents on paths."""
+        """Compare two agents."""
 
         def both(key: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             return self.scores(cell, ours, key), self.scores(cell, theirs, key)
 
+        wanted, prices = WANTED[cell.experiment], PRICES[cell.experiment]
         return Against(
             ours=ours,
             theirs=theirs,
-            ratio={key: ratio_with_interval(*both(key)) for key in (*ERRORS, *VIBRATIONS)},
-            improvement={key: improvement_with_interval(*both(key)) for key in ERRORS},
+            ratio={key: ratio_with_interval(*both(key)) for key in (*wanted, *prices)},
+            improvement={key: improvement_with_interval(*both(key)) for key in wanted},
+            experiment=cell.experiment,
         )
 
     def improvements(self, cell: Cell) -> dict[str, Against]:
@@ -171,6 +189,22 @@ class Results:
         """Return whose return is the largest."""
         there = [name for name in names if name in self.by_cell[cell]]
         return max(there, key=lambda n: self.estimate(cell, n, "return").value, default=None)
+
+    def rise(self, algorithm: str, share: float) -> float | None:
+        """Return by how much the mean evaluation on the Panda's paths rose in the last share."""
+        curves = [
+            one.curve()
+            for one in self.folders
+            if (one.training.robot, one.training.experiment) == ("panda", "gte")
+            and one.training.algorithm == algorithm
+        ]
+        if not curves:
+            return None
+        steps = curves[0][0]  # of one plan: all evaluate at the same steps
+        mean = np.mean([returns[: len(steps)] for _, returns in curves], axis=0)
+        late = steps >= (1 - share) * steps[-1]
+        slope = np.polyfit(steps[late], mean[late], 1)[0]
+        return float(slope * share * steps[-1])
 
     # ---- time --------------------------------------------------------------------------------
 
@@ -201,19 +235,19 @@ class Results:
 
     # ---- the answer --------------------------------------------------------------------------
 
-    def rivals(self) -> tuple[str, str] | None:
-        """Return the best constant table and the best rule, by return on the Panda's test."""
-        cell = self.cell("panda", RANDOM_PATHS)
+    def rivals(self, task: str = RANDOM_PATHS) -> tuple[str, str] | None:
+        """Return the best constant table and the best rule, by return on a test of the Panda."""
+        cell = self.cell("panda", task)
         if cell is None:
             return None
         constant, rule = self.best_of(cell, CONSTANT), self.best_of(cell, RULES)
         return None if constant is None or rule is None else (constant, rule)
 
-    def duels(self, ours: str, theirs: str) -> dict[float, Against]:
-        """Compare two agents on the Panda's random paths, by friction."""
+    def duels(self, ours: str, theirs: str, task: str = RANDOM_PATHS) -> dict[float, Against]:
+        """Compare two agents on a test of the Panda, by friction."""
         out = {}
         for friction in self.plan.frictions:
-            cell = self.cell("panda", RANDOM_PATHS, friction)
+            cell = self.cell("panda", task, friction)
             if cell is not None and {ours, theirs} <= set(self.by_cell[cell]):
                 out[friction] = self.against(cell, ours, theirs)
         return out
