@@ -46,6 +46,7 @@ STIFF = ["--stiffness", 400, 40, 0]
 QUICK = [*STIFF, "--iterations", 1]
 
 
+@pytest.mark.slow
 def test_without_dither(cli, work, path):
     ran = cli("gte", "panda", "--trajectory", path, *QUICK, "--out", "a")
     assert ran.code == 0
@@ -109,6 +110,7 @@ def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
     assert "thesis: without" in gte.show(result)
 
 
+@pytest.mark.slow
 def test_options_reach_the_experiment(cli, work, path, table):
     """Each changes the dithered run, and what it should leave alone it does."""
     path.write_text("x,y,z\n0.02,0,0\n")

@@ -97,6 +97,7 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     assert (work / "evaluated" / NAME).exists()
 
 
+@pytest.mark.slow
 def test_what_is_shown(train):
     ran = train("--distil", steps=32)
     lines = ran.out.splitlines()
@@ -107,6 +108,7 @@ def test_what_is_shown(train):
     assert lines[-1].count(",") == 7
 
 
+@pytest.mark.slow
 def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     assert train("--out", "whole").code == 0
 

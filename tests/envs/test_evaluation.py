@@ -30,7 +30,7 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize("kind", ["gte", "sje"])
+@pytest.mark.parametrize("kind", [pytest.param("gte", marks=pytest.mark.slow), "sje"])
 def test_rows_are_the_same_bits_in_any_batch(kind):
     """Whatever the number of environments, their autoreset mode, and what was done before."""
     seeds = [3, 1, 4, 1, 5]

@@ -46,10 +46,8 @@ def softer(name: str, factor: float = 0.9) -> object:
 # ---- shipped -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "robot",
-    ["panda", *(pytest.param(r, marks=pytest.mark.slow) for r in ("iiwa7", "iiwa14"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
 def test_what_is_shipped_is_what_is_simulated(robot, monkeypatch):
     """Bit for bit on one machine; another processor may differ in rounding.
 

@@ -34,7 +34,7 @@ CASES = [
     ("actuator_delay", 1, 0, "fast", False),
     ("external_spring", 1, 7, "sweeps", False),
 ]
-QUICK = ("torque_offset", "link_inertia", "position_dependent_friction")
+QUICK = ("torque_offset", "link_inertia")
 """The others' quick test is `test_simulated_logs.py`, backlash's `causes/test_causes.py`."""
 
 

@@ -153,6 +153,7 @@ def test_a_storage_that_cannot_be_opened_leaves_no_folder(small_arm, fast, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_journal_holds_the_studies_too(small_arm, fast, tmp_path):
     place = str(tmp_path / "study.journal")
     found = run(small_arm, fast, tmp_path / "a", storage=place)

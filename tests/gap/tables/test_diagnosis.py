@@ -62,9 +62,10 @@ def check(diagnosis, name, joints, key, truth, tolerance):
     return first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "seed"),
-    [([5], 3), *(pytest.param(*case, marks=pytest.mark.slow) for case in (([5, 7], 1), ([7], 2)))],
+    [([5], 3), ([5, 7], 1), ([7], 2)],
 )
 def test_nothing_is_found_where_nothing_is_hidden(diagnose, joints, seed):
     found = diagnose(tables(joints, seed=seed))
@@ -110,6 +111,7 @@ def test_presliding_is_named_or_said_to_be_confused_with_inertia(diagnose):
         check(found, "presliding", [7], "factor", 0.4, 0.12)
 
 
+@pytest.mark.slow
 def test_base_drift_of_a_joint(diagnose):
     found = diagnose(tables(JOINTS, Truth(joint=5, day=1.12), seed=1))
     first = check(found, "base_drift", [5], "factor", 1.12, 0.025)
@@ -228,6 +230,7 @@ def test_too_few_settings_say_nothing(diagnose):
     json.dumps(found.as_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_less_is_named_where_more_must_be_gained(diagnose):
     hidden = tables([5], Truth(joint=5, day=1.12), seed=1)
     assert diagnose(hidden).causes

@@ -54,6 +54,7 @@ def test_what_is_found_keeps_the_limit_and_beats_no_dither(small, tmp_path):
         assert (folder / name).stat().st_size > 500
 
 
+@pytest.mark.slow
 def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
     class Stop(Exception):
         pass
@@ -153,6 +154,7 @@ def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
     assert len([n for n in names if "verify" in n]) == 2, "the same tables were measured twice"
 
 
+@pytest.mark.slow
 def test_a_table_no_better_than_nothing_is_no_dither(small_arm, fast, tmp_path, monkeypatch):
     monkeypatch.setattr("tuning.explore.stages.score", lambda trial: 0.0)
     found = search(
