@@ -1,8 +1,9 @@
-"""``stiction view``: push the joints of an arm that sticks, in MuJoCo's viewer."""
+"""``stiction view``: push the joints of an arm that sticks, in MuJoCo's viewer or a browser."""
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,14 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 
 if TYPE_CHECKING:
+    from stiction_envs.envs.render.push_controls import PushControls
+    from stiction_envs.envs.render.push_page import PushPage
+    from stiction_envs.envs.render.push_window import PushWindow
     from stiction_envs.friction.model import StickingModel
     from stiction_envs.measured import AmplitudeRow
+
+PORT = 8080
+"""Of the page, where nothing else is said."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -20,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers,
         "view",
         summary="Push a joint of an arm that sticks, see it hold, and switch its dither on, in "
-        "MuJoCo's viewer.",
+        "MuJoCo's viewer; where there is no display, in a browser (extra `web`).",
         example="stiction view panda --joint 7",
         interrupted="the window was closed",
         run=run,
@@ -42,14 +49,23 @@ def add_parser(subparsers: Any) -> None:
         help="amplitude table (default: the robot's of the thesis, else the one that is shipped, "
         "else one in proportion to the stiction)",
     )
+    parser.add_argument(
+        "--browser",
+        type=common.whole(1),
+        nargs="?",
+        const=PORT,
+        metavar="PORT",
+        help="serve a page at this port of this machine, until Ctrl-C, instead of opening a window "
+        f"(default: {PORT})",
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Show the window until it is closed."""
+    """Show the window until it is closed, or the page until Ctrl-C."""
     arm = common.read_arm(args)
 
-    from stiction_envs.envs.render.push_window import KEYS, PushControls, PushWindow
+    from stiction_envs.envs.render.push_controls import KEYS, PushControls
     from stiction_envs.experiments.gte.cases import read_dither
     from stiction_envs.experiments.sje.push import Push
     from stiction_envs.friction.sticking import sticking_model
@@ -59,13 +75,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     push = Push(sticking, dither=rows)
     push.choose(args.joint)
     controls = PushControls(push)
-    window = PushWindow(controls)
+    face = _face(controls, args.browser)
     print(f"keys: {KEYS}", file=sys.stderr)
     try:
-        window.run(lambda line: print(line, file=sys.stderr))
+        face.run(lambda line: print(line, file=sys.stderr))
     finally:
-        window.close()
+        face.close()
     return {"command": "view", "robot": arm.name, "simulated_s": controls.time}
+
+
+def _face(controls: PushControls, port: int | None) -> PushWindow | PushPage:
+    """Open a window; a page where a port is given, or where there is no display but viser."""
+    from stiction_envs.envs.render.window import has_display
+
+    if port is None and (has_display() or importlib.util.find_spec("viser") is None):
+        from stiction_envs.envs.render.push_window import PushWindow
+
+        return PushWindow(controls)  # without a display it says what there is instead
+    from stiction_envs.envs.render.push_page import PushPage
+
+    return PushPage(controls, PORT if port is None else port)
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:

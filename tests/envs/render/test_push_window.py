@@ -1,4 +1,4 @@
-"""What keys do and what is written; the window itself is a thin face of both."""
+"""MuJoCo's viewer on an arm that a person pushes."""
 
 from __future__ import annotations
 
@@ -8,84 +8,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.render import window
-from stiction_envs.envs.render.push_window import HEIGHT, WIDTH, PushControls, PushWindow
+from stiction_envs.envs.render.push_controls import HEIGHT, UP, WIDTH
+from stiction_envs.envs.render.push_window import PushWindow
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.push import Push
-from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import AmplitudeRow
-
-SPACE, D, R, DOWN, UP = 32, 68, 82, 264, 265
-
-
-@pytest.fixture
-def controls():
-    return PushControls(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))
-
-
-def test_keys_push_a_joint_until_dither_lets_it_go(controls):
-    push = controls.push
-    assert controls.press(ord("7"))
-    assert push.joint == 7
-    assert controls.state == "rests"
-    for _ in range(9):
-        assert controls.press(UP)
-    controls.advance(20.0)
-    assert push.torque == pytest.approx(0.9 * push.holds_up_to(1.0), rel=1e-3)
-    assert controls.state == "holds"
-    assert "90 % of the +0.57 N·m that friction holds alone" in controls.lines
-    assert controls.dither == "dither off: 0.80 N·m at 15 Hz"
-    assert controls.press(SPACE)
-    assert controls.dither == "dither ON: 0.80 N·m at 15 Hz"
-    seen = set()
-    for _ in range(80):
-        controls.advance(0.05)
-        seen.add(controls.state.split(" (")[0])
-    assert seen == {"holds", "slips", "rests"}
-    assert "(let go at +0.51 N·m)" in controls.state
-
-
-def test_dither_is_held_against_the_push_without_it(controls):
-    push = controls.push
-    controls.press(ord("7"))
-    push.let_go, controls.base = 0.4, 0.8
-    push.switch_dither()
-    assert controls.state == "rests (let go at +0.40 N·m, −50 %)"
-    push.switch_dither()
-    assert controls.state == "rests (let go at +0.40 N·m)"
-
-
-def test_the_other_keys(controls):
-    push = controls.push
-    controls.press(DOWN)
-    assert push.target == pytest.approx(-0.1 * push.holds_up_to(1.0))
-    controls.press(UP)
-    assert push.target == 0.0
-    controls.press(D)
-    assert push.dithered
-    assert controls.dither == "no dither for this joint"
-    controls.press(UP)
-    controls.advance(0.5)
-    controls.press(R)
-    assert push.target == push.torque == 0.0
-    assert not controls.trace
-    for key in (ord("8"), ord("9"), ord("0"), ord("X"), 300):
-        assert not controls.press(key)
-    assert push.joint == 1
-
-
-def test_time_passes_in_whole_blocks_and_is_drawn(controls):
-    before = controls.panel()
-    assert before.shape == (HEIGHT, WIDTH, 3)
-    assert controls.advance(0.12) == pytest.approx(0.1)
-    assert controls.time == pytest.approx(0.1)
-    controls.press(UP)
-    for _ in range(40):
-        controls.advance(0.05)
-    assert len(controls.trace) == 41
-    drawn = controls.panel()
-    blue = (drawn[:, :, 2].astype(int) - drawn[:, :, 0]) > 100
-    assert blue.sum() > 20
-    assert (drawn != before).any(axis=2).sum() > 100
 
 
 def test_without_a_display_one_line_names_what_needs_none(controls, monkeypatch):

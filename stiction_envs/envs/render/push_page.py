@@ -1,0 +1,251 @@
+"""A page in a browser on an arm that sticks: what MuJoCo's viewer shows, where there is no display.
+
+Viser serves the page, client included: it asks nothing of the network. Its buttons and hotkeys are
+the window's keys.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import queue
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.envs.render.push_controls import (
+    DOWN,
+    ONE,
+    SPACE,
+    UP,
+    D,
+    PushControls,
+    R,
+    play,
+)
+from stiction_envs.envs.render.push_scene import PushScene
+from stiction_envs.errors import StictionError, missing_extra
+
+HOST = "127.0.0.1"
+"""This machine alone: a page that pushes joints is for nobody else."""
+_PERIOD = 1 / 30  # from one picture to the next [s]
+_PANEL_PERIOD = 0.1  # from one panel to the next [s]
+_FARTHER, _ASIDE = 1.3, 0.12  # than the whole picture: the panel covers its right
+_MARKS = 200  # at most
+_SHOWN = 3  # groups of geoms, as MuJoCo's viewer does at first
+_JOINTS = 9  # that have a key
+_UP = (0.0, 0.0, 1.0)
+
+
+class PushPage:
+    """The page; it runs in real time, as far as the machine is fast enough."""
+
+    def __init__(self, controls: PushControls, port: int) -> None:
+        """Serve it.
+
+        Args:
+            controls: the push.
+            port: of this machine; 0 for any that is free.
+
+        Raises:
+            StictionError: without viser, or a port that cannot be used.
+        """
+        try:
+            import viser
+        except ImportError:
+            raise missing_extra("view: a page", "viser", "web") from None
+        _check_port(port)
+        self.controls = controls
+        self._scene = PushScene(controls)
+        self._marks = mujoco.MjvScene(self._scene.model, _MARKS)
+        self._lines: dict[float, Any] = {}  # by their width
+        # the page calls back in threads of its own
+        self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._open, self._panel_due = True, 0.0
+        with _silence():
+            self._server: Any = viser.ViserServer(host=HOST, port=port, verbose=False)
+        self.url = f"http://localhost:{self._server.get_port()}"
+        self._add_scene()
+        self._add_controls()
+        self._draw()
+
+    # ---- scene -------------------------------------------------------------------------------
+
+    def _add_scene(self) -> None:
+        model, page = self._scene.model, self._server.scene
+        page.set_up_direction("+z")
+        self._bodies = [page.add_frame(f"/{b}", show_axes=False) for b in range(model.nbody)]
+        for geom in range(model.ngeom):
+            if model.geom_group[geom] < _SHOWN:
+                _add_geom(page, model, geom)
+        ground = self._scene.data.geom("stiction_floor").xpos
+        page.add_grid("/floor", 6.0, 6.0, position=ground, plane_opacity=0.5, fade_distance=20.0)
+        ball = next(iter(self._drawn()[1]))
+        self._tip = page.add_icosphere("/tip", ball.size[0], _colour(ball.rgba))
+        camera, look = self._scene.camera, self._server.initial_camera
+        azimuth, elevation = np.deg2rad([camera.azimuth, camera.elevation])
+        level = np.cos(elevation)
+        view = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+        distance = _FARTHER * camera.distance
+        at = camera.lookat + _ASIDE * distance * right
+        look.up, look.look_at, look.position = _UP, at, at - distance * view
+        look.fov = float(np.deg2rad(model.vis.global_.fovy))
+
+    def _drawn(self) -> tuple[dict[float, list[Any]], list[Any]]:
+        """Return what is drawn about the arm: lines by their width, and balls."""
+        self._scene.draw(self._marks)
+        lines: dict[float, list[Any]] = {}
+        balls = []
+        for geom in self._marks.geoms[: self._marks.ngeom]:
+            if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE:
+                balls.append(geom)
+            else:
+                lines.setdefault(round(2 * float(geom.size[0]), 6), []).append(geom)
+        return lines, balls
+
+    def _draw(self) -> None:
+        page, data = self._server.scene, self._scene.data
+        lines, balls = self._drawn()
+        with self._server.atomic():
+            for body, frame in enumerate(self._bodies):
+                frame.position, frame.wxyz = data.xpos[body], data.xquat[body]
+            self._tip.position = balls[0].pos
+            self._tip.scale = float(balls[0].size[0]) / self._tip.radius
+            for width in self._lines.keys() - lines.keys():
+                self._lines.pop(width).remove()
+            for width, geoms in lines.items():
+                points = np.array([_ends(geom) for geom in geoms], dtype=np.float32)
+                found = self._lines.get(width)
+                if found is not None and found.points.shape == points.shape:
+                    found.points = points
+                    continue
+                colours = np.array([[_colour(geom.rgba)] * 2 for geom in geoms], dtype=np.uint8)
+                self._lines[width] = page.add_line_segments(
+                    f"/marks/{width}", points, colours, thickness=width
+                )
+        if time.monotonic() >= self._panel_due:
+            self._panel.image = self.controls.panel()
+            self._panel_due = time.monotonic() + _PANEL_PERIOD
+
+    # ---- controls ----------------------------------------------------------------------------
+
+    def _add_controls(self) -> None:
+        gui = self._server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        gui.set_panel_label("Push a joint")
+        self._panel = gui.add_image(self.controls.panel(), format="png")
+        joints = [str(j + 1) for j in range(min(self.controls.push.n, _JOINTS))]
+        chosen = gui.add_button_group("joint", joints)
+        chosen.on_click(lambda event: self._keys.put(ONE - 1 + int(event.target.value)))
+        step = f"{100 * self.controls.push.settings.step:.0f} %"
+        pushed = gui.add_button_group("push", [f"− {step}", f"+ {step}"])
+        pushed.on_click(
+            lambda event: self._keys.put(UP if event.target.value.startswith("+") else DOWN)
+        )
+        for label, key in (("Dither on or off", SPACE), ("Reset the arm", R)):
+            gui.add_button(label).on_click(functools.partial(self._press, key))
+        for j in joints:
+            self._add_hotkey(f"Joint {j}", j, ONE - 1 + int(j))
+        self._add_hotkey("Push harder", "arrowup", UP)
+        self._add_hotkey("Push softer", "arrowdown", DOWN)
+        self._add_hotkey("Dither on or off", "space", SPACE)
+        self._add_hotkey("Dither on or off (D)", "D", D)
+        self._add_hotkey("Reset the arm", "R", R)
+
+    def _add_hotkey(self, label: str, hotkey: Any, key: int) -> None:
+        command = self._server.gui.add_command(label, hotkey=hotkey)
+        command.on_trigger(functools.partial(self._press, key))
+
+    def _press(self, key: int, _event: object) -> None:
+        self._keys.put(key)
+
+    # ---- time --------------------------------------------------------------------------------
+
+    def run(self, say: Callable[[str], None]) -> None:
+        """Show the arm until Ctrl-C; ``say`` is told where, and of every change of state."""
+        say(f"{self.url} shows the arm, until Ctrl-C")
+        with contextlib.suppress(KeyboardInterrupt):
+            play(
+                self.controls,
+                self._keys,
+                self._draw,
+                say,
+                is_open=lambda: self._open,
+                period=_PERIOD,
+            )
+
+    def close(self) -> None:
+        """End the server; `run` ends too."""
+        self._open = False
+        with _silence():
+            self._server.stop()
+
+
+def _silence() -> contextlib.redirect_stdout[io.StringIO]:
+    """Return what keeps viser's greetings out of standard output, which may be JSON."""
+    return contextlib.redirect_stdout(io.StringIO())
+
+
+def _check_port(port: int) -> None:
+    """Raise a StictionError where a port cannot be used; viser would look for another one."""
+    try:
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((HOST, port))
+    except (OSError, OverflowError) as error:
+        why = (getattr(error, "strerror", None) or "no such port").lower()
+        raise StictionError(
+            f"view: port {port}: {why}: expected a free one, as in --browser 8081"
+        ) from None
+
+
+def _add_geom(page: Any, model: mujoco.MjModel, geom: int) -> None:
+    """Add one of the arm's geoms to its body's frame on the page."""
+    kinds = mujoco.mjtGeom
+    kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
+    name = f"/{model.geom_bodyid[geom]}/{geom}"
+    material = model.geom_matid[geom]
+    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    place = {"position": model.geom_pos[geom], "wxyz": model.geom_quat[geom]}
+    colour = _colour(rgba)
+    look: dict[str, Any] = {"opacity": float(rgba[3]) if rgba[3] < 1 else None, **place}
+    if kind == kinds.mjGEOM_BOX:
+        page.add_box(name, colour, tuple(2 * size), **look)
+    elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+        axes = size if kind == kinds.mjGEOM_ELLIPSOID else np.full(3, size[0])
+        page.add_icosphere(name, 1.0, colour, scale=tuple(axes), **look)
+    elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        page.add_cylinder(name, size[0], 2 * size[1], colour, **look)
+        if kind == kinds.mjGEOM_CAPSULE:
+            for end in (-1.0, 1.0):  # in the cylinder's own frame
+                where = (0.0, 0.0, end * size[1])
+                page.add_icosphere(f"{name}/{end:+.0f}", size[0], colour, position=where)
+    elif kind == kinds.mjGEOM_MESH:
+        mesh = model.mesh(model.geom_dataid[geom])
+        corner, face = mesh.vertadr[0], mesh.faceadr[0]
+        page.add_mesh_simple(
+            name,
+            model.mesh_vert[corner : corner + mesh.vertnum[0]],
+            model.mesh_face[face : face + mesh.facenum[0]],
+            color=colour,
+            flat_shading=True,
+            **look,
+        )
+
+
+def _colour(rgba: NDArray[Any]) -> tuple[int, int, int]:
+    red, green, blue = (int(x) for x in np.clip(255 * np.asarray(rgba[:3]), 0, 255).round())
+    return red, green, blue
+
+
+def _ends(geom: mujoco.MjvGeom) -> NDArray[np.float64]:
+    """Return the ends (2, 3) of a capsule [m]."""
+    half = geom.size[2] * geom.mat[:, 2]
+    return np.array([geom.pos - half, geom.pos + half])

@@ -1,0 +1,109 @@
+"""The page on an arm that a person pushes: what it shows and what its buttons do."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+import urllib.request
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.envs.render.push_page import HOST, PushPage
+from stiction_envs.errors import StictionError
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture
+def page(controls):
+    page = PushPage(controls, 0)
+    yield page
+    page.close()
+
+
+def nodes(page):
+    return page._server.scene._handle_from_node_name
+
+
+def buttons(page):
+    return {h.label: h for h in page._server.gui._gui_input_handle_from_uuid.values()}
+
+
+def click(page, label, value=None):
+    handle = buttons(page)[label]
+    for callback in handle._impl.update_cb:
+        callback(SimpleNamespace(target=SimpleNamespace(value=value)))
+
+
+def test_it_serves_its_client_itself_to_this_machine_alone(page):
+    text = urllib.request.urlopen(page.url, timeout=5).read().decode()
+    assert "<html" in text
+    assert 'src="http' not in text
+    assert page._server.get_host() == HOST == "127.0.0.1"
+
+
+def test_every_geom_of_the_arm_is_where_mujoco_has_it(page):
+    scene, found = page._scene, nodes(page)
+    model, data = scene.model, scene.data
+    shown = [g for g in range(1, model.ngeom) if model.geom_group[g] < 3]
+    assert len(shown) > 30
+    for g in shown:
+        body = model.geom_bodyid[g]
+        frame, node = found[f"/{body}"], found[f"/{body}/{g}"]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, np.array(frame.wxyz))
+        place = frame.position + rotation.reshape(3, 3) @ node.position
+        np.testing.assert_allclose(place, data.geom_xpos[g], atol=1e-6)
+
+
+def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, controls):
+    click(page, "joint", "7")
+    for _ in range(15):
+        click(page, "push", "+ 10 %")
+    click(page, "push", "− 10 %")
+    click(page, "Dither on or off")
+    before = nodes(page)["/8"].wxyz.copy()
+    said = []
+    threading.Timer(1.5, page.close).start()
+    page.run(said.append)
+    push = controls.push
+    assert push.joint == 7
+    # friction at the rest pose, which the arm has left a little
+    assert push.target == pytest.approx(1.4 * push.holds_up_to(1.0), rel=1e-3)
+    assert push.dithered
+    assert said[:2] == [f"{page.url} shows the arm, until Ctrl-C", "Panda  joint 7, holds"]
+    controls.advance(30.0)  # pushed by 140 % of what holds
+    page._draw()
+    assert np.abs(nodes(page)["/8"].wxyz - before).max() > 1e-3
+
+
+def test_it_ends_with_its_threads(controls):
+    before = {t.name for t in threading.enumerate()}
+    page = PushPage(controls, 0)
+    url = page.url
+    page.close()
+    with pytest.raises(OSError):
+        urllib.request.urlopen(url, timeout=2)
+    left = [t for t in threading.enumerate() if t.name not in before and not t.daemon]
+    assert all(t.name.startswith("ThreadPoolExecutor") for t in left)
+
+
+def test_a_port_that_is_taken_is_one_line(controls):
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(StictionError, match=rf"view: port {port}: .*in use.*--browser"):
+            PushPage(controls, port)
+    with pytest.raises(StictionError, match="port 70000: no such port"):
+        PushPage(controls, 70000)
+
+
+def test_without_viser_one_line_says_what_to_install(controls, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(StictionError, match=r"stiction-envs\[web\]"):
+        PushPage(controls, 0)
