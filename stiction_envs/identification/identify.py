@@ -205,11 +205,12 @@ class Identification(Result):
             com = ", ".join(f"{x:.3f}" for x in p[1:4] / p[0])
             friction = (self.coulomb[j], self.viscous[j], self.offset[j])
             links.append([str(j + 1), f"{p[0]:.3g}", com, *(f"{x:.3g}" for x in friction)])
-        header = ["link", "mass [kg]", "centre of mass [m]", "Coulomb", "viscous", "offset"]
-        lines += table(header, links)
+        header = ["link", "mass [kg]", "centre of mass [m]"]
+        friction_of_joint = ["Coulomb [N·m]", "viscous [N·m·s/rad]", "offset [N·m]"]
+        lines += table([*header, *friction_of_joint], links)
         found = zip(self.names, self.values, self.errors, self.nominal_values, strict=True)
         lines += table(
-            ["base parameter", "value", "standard error", "nominal"],
+            ["base parameter [kg, kg·m, kg·m²]", "value", "standard error", "nominal"],
             [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in found],
         )
         if self.unsure:

@@ -18,7 +18,7 @@ from markdown_it.token import Token
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
 h1{font-size:1.7em}h2{margin-top:2em;border-bottom:1px solid #ddd;padding-bottom:.2em}
-img{max-width:100%;border:1px solid #eee}
+img{max-width:100%;box-sizing:border-box;border:1px solid #eee}
 figure{margin:1em 0;overflow-x:auto}
 blockquote{margin:1em 0;padding:0 1em;border-left:3px solid #ccc}
 a{color:#1f5fa8}td a{white-space:nowrap}
