@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -181,6 +182,18 @@ def test_every_table_of_a_room_is_read(room):
     assert {x.split(".")[0] for x in values} <= {"measured", "gap"}
 
 
+@cache
+def attributes_read() -> set[str]:
+    """Names of all attributes in the project's code but for settings."""
+    code = "\n".join(
+        p.read_text("utf-8")
+        for top in ("stiction_envs", "tuning")
+        for p in (ROOT / top).rglob("*.py")
+        if p.name != "settings.py"
+    )
+    return {n.attr for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Attribute)}
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_setting_is_used_and_documented(room):
     """Every field has a docstring under it, and some code of the project reads it."""
@@ -190,13 +203,7 @@ def test_every_setting_is_used_and_documented(room):
     for tree in trees[1:]:
         made = [n for n in tree.body if isinstance(n, ast.ClassDef)]
         classes += [n for n in made if n.name.endswith("Settings")]
-    code = "\n".join(
-        p.read_text("utf-8")
-        for top in ("stiction_envs", "tuning")
-        for p in (ROOT / top).rglob("*.py")
-        if p.name != "settings.py"
-    )
-    read = {n.attr for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Attribute)}
+    read = attributes_read()
     for node in classes:
         for i, field in enumerate(node.body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):

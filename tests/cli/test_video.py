@@ -39,7 +39,10 @@ def film(monkeypatch):
     return written
 
 
-@pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(SJE, id="sje"), pytest.param(GTE, id="gte", marks=pytest.mark.slow)],
+)
 def test_results_are_the_same_bytes_with_and_without(cli, work, film, dither, command):
     command = [*command, "--dither", dither, "--seed", 3]
     assert cli(*command, "--out", "a").code == 0

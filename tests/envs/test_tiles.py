@@ -46,7 +46,7 @@ def actions(env: VectorEnv, count: int) -> list[np.ndarray]:
     return list(space.low + share * drawn * (space.high - space.low))
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("mode", [pytest.param("NextStep", marks=pytest.mark.slow), "SameStep"])
 @pytest.mark.parametrize("name", [PANDA, PANDA_GTE])
 def test_tiles_change_no_bit(name, mode, monkeypatch):
     """Through resets of single tiles and of all, in tiles of 5, of 2, 2 and 1, and of 1."""

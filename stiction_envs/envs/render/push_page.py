@@ -40,6 +40,7 @@ _FARTHER, _ASIDE = 1.3, 0.12  # than the whole picture: the panel covers its rig
 _MARKS = 200  # at most
 _SHOWN = 3  # groups of geoms, as MuJoCo's viewer does at first
 _JOINTS = 9  # that have a key
+_GAMMA = 2.2  # of sRGB
 _UP = (0.0, 0.0, 1.0)
 
 
@@ -126,7 +127,9 @@ class PushPage:
                 if found is not None and found.points.shape == points.shape:
                     found.points = points
                     continue
-                colours = np.array([[_colour(geom.rgba)] * 2 for geom in geoms], dtype=np.uint8)
+                # viser 1.1 takes the colours of lines as linear, those of shapes as sRGB
+                linear = [_colour(geom.rgba**_GAMMA) for geom in geoms]
+                colours = np.array([[c, c] for c in linear], dtype=np.uint8)
                 self._lines[width] = page.add_line_segments(
                     f"/marks/{width}", points, colours, thickness=width
                 )

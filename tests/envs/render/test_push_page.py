@@ -60,6 +60,16 @@ def test_every_geom_of_the_arm_is_where_mujoco_has_it(page):
         np.testing.assert_allclose(place, data.geom_xpos[g], atol=1e-6)
 
 
+def test_lines_have_the_colours_of_the_window(page):
+    """Viser takes those of lines as linear, and so they are sent."""
+    lines = [h for n, h in nodes(page).items() if n.startswith("/marks/")]
+    sent = {tuple(int(x) for x in c) for h in lines for c in h.colors.reshape(-1, 3)}
+    marks = page._marks.geoms[: page._marks.ngeom]
+    drawn = {tuple(np.rint(255 * g.rgba[:3] ** 2.2).astype(int).tolist()) for g in marks}
+    assert sent <= drawn
+    assert len(sent) >= 3
+
+
 def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, controls):
     click(page, "joint", "7")
     for _ in range(15):
@@ -68,7 +78,7 @@ def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, controls):
     click(page, "Dither on or off")
     before = nodes(page)["/8"].wxyz.copy()
     said = []
-    threading.Timer(1.5, page.close).start()
+    threading.Timer(1.5, lambda: setattr(page, "_open", False)).start()
     page.run(said.append)
     push = controls.push
     assert push.joint == 7

@@ -136,7 +136,7 @@ def test_search_repeats(monkeypatch):
 # ---- the protocol as it ran ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scatter", [True, False])
+@pytest.mark.parametrize("scatter", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_every_configuration_is_measured(scatter):
     found = all_jobs(scatter)
     assert set(found) == set(configurations(7))

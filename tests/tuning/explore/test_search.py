@@ -89,7 +89,10 @@ def test_a_forbidden_band_is_never_simulated(small, tmp_path):
     assert all(r.frequency_hz >= 40.0 for r in found.final if r.amplitude_nm)
 
 
-@pytest.mark.parametrize("price", ["shaking", "power", "torque_rate"])
+@pytest.mark.parametrize(
+    "price",
+    ["shaking", *(pytest.param(x, marks=pytest.mark.slow) for x in ("power", "torque_rate"))],
+)
 def test_two_objectives_make_a_front(small, tmp_path, price):
     small("out", pareto=price, sampler="random", evaluations=8)
     front = rows(tmp_path / "out" / "pareto.csv")

@@ -278,7 +278,13 @@ PATHS = replace(
 """Triangles of 14 steps, pentagons of 21."""
 
 
-@pytest.mark.parametrize(("task", "seed"), [(RAMPS, 1), (PATHS, 1)], ids=["sje", "gte"])
+@pytest.mark.parametrize(
+    ("task", "seed"),
+    [
+        pytest.param(RAMPS, 1, id="sje"),
+        pytest.param(PATHS, 1, id="gte", marks=pytest.mark.slow),
+    ],
+)
 def test_arms_on_their_way_are_brought_back(task, seed):
     """Observations, rewards, ends and what comes after them, of arms at different times."""
     env = RecordedVecEnv(task.make(3))
