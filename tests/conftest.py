@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.browser import chromium  # noqa: F401
+
 HERE = Path(__file__).parent
 # never stale, so that workers and runs may share it; the user's own stays as it is
 os.environ.setdefault("STICTION_CACHE", str(HERE.parent / ".pytest_cache" / "stiction-envs"))

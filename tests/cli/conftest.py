@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.cli import main
+from tests.cli.short_commands import run_short, short_inputs  # noqa: F401
 from tests.robots.own_arms import chain
 
 

@@ -15,6 +15,7 @@ import pytest
 import stiction_envs
 from stiction_envs.cli.dispatch import COMMANDS
 from stiction_envs.gap.causes import registered
+from tests.browser import WIDTHS, wrong
 
 pytest.importorskip("sphinx")
 ROOT = Path(__file__).parents[2]
@@ -158,3 +159,9 @@ def test_no_generated_page_is_in_the_repository():
     assert not [
         x for x in tracked.stdout.split() if x.startswith(("docs/generated", "docs/_build"))
     ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", WIDTHS)
+def test_every_page_can_be_read_on_a_desk_and_on_a_phone(site, pages, chromium, width):
+    assert not {path.name: found for path in pages if (found := wrong(chromium, path, width))}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import sys
 import threading
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from stiction_envs.envs.render.push_page import HOST, PushPage
 from stiction_envs.errors import StictionError
@@ -117,3 +119,28 @@ def test_without_viser_one_line_says_what_to_install(controls, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(StictionError, match=r"stiction-envs\[web\]"):
         PushPage(controls, 0)
+
+
+@pytest.mark.slow
+def test_a_click_in_a_browser_switches_dither_on(page, controls, chromium):
+    """Nothing but this page is asked for, and an arm is drawn."""
+    view = chromium.new_page(viewport={"width": 1280, "height": 844})
+    asked, errors = [], []
+    view.on("request", lambda request: asked.append(request.url))
+    view.on("pageerror", lambda error: errors.append(error))
+    threading.Thread(target=page.run, args=(lambda line: None,), daemon=True).start()
+    view.goto(page.url)
+    view.get_by_text("Dither on or off").click()
+    for _ in range(200):
+        if controls.push.dithered:
+            break
+        view.wait_for_timeout(100)
+    shown = Image.open(io.BytesIO(view.screenshot())).convert("RGB").crop((320, 0, 860, 844))
+    page._open = False
+    view.close()
+    assert controls.push.dithered
+    red, green, blue = np.moveaxis(np.array(shown, int), 2, 0)
+    lever = (red > 230) & (green < 200) & (blue < 150)
+    assert lever.sum() > 200
+    assert not errors
+    assert all(url.startswith((page.url, "data:", "blob:")) for url in asked)
