@@ -30,7 +30,7 @@ from benchmarks._policies_statistics import DRAWS, LEVEL, Estimate
 from benchmarks._policies_training import TOGETHER
 from stiction_envs.envs.agents import agent_settings
 from stiction_envs.experiments.gte.protocol import load_gte_protocol
-from stiction_envs.reporting.markdown import listed, number, table
+from stiction_envs.reporting.markdown import listed, number, signed, table
 from stiction_envs.reporting.templates import write_page
 
 TEMPLATE = Path(__file__).parent / "templates" / "policies.md.j2"
@@ -81,6 +81,9 @@ def write(folder: Path, results: Results) -> None:
         cells_in_all=len(results.in_all),
         learned=results.learned,
         duels=duels,
+        duel_table=_duels(duels),
+        turned=_turned(duels),
+        moved=_moved(duels),
         ramps=ramps,
         rises={name: x for name, x in rises.items() if x is not None},
         most=_most(results, cell),
@@ -137,13 +140,37 @@ def _says(found: Against) -> str:
 
     def change(key: str) -> str:
         less = round(found.less(key))
-        return f"{abs(less)} % {'less' if less >= 0 else 'more'}"
+        return f"{abs(less)} % {'less' if less > 0 else 'more'}" if less else "as much"
 
     wanted = " and ".join(f"{change(key)} {WORDS[key]}" for key in found.wanted)
     prices = " and ".join(f"{change(key)} {WORDS[key]}" for key in found.prices)
     doubt = [key for key in found.wanted if key not in (*found.better_in, *found.worse_in)]
     unsure = f" (not significant: {listed(doubt)})" if doubt else ""
     return f"{wanted} left{unsure}, {prices}"
+
+
+def _turned(duels: dict[str, dict[float, Against]]) -> list[tuple[Against, float]]:
+    """Return where another friction changes whether the learned policy beats someone."""
+    return [
+        (one, friction)
+        for theirs in ("constant", "learned")
+        for friction, one in duels.get(theirs, {}).items()
+        if NOMINAL in duels[theirs] and one.beats != duels[theirs][NOMINAL].beats
+    ]
+
+
+def _moved(duels: dict[str, dict[float, Against]]) -> float:
+    """Return by how much another friction moves what the learned policy does to others [points]."""
+    return max(
+        (
+            abs(one.less(key) - duels[theirs][NOMINAL].less(key))
+            for theirs in ("constant", "learned")
+            for one in duels.get(theirs, {}).values()
+            if NOMINAL in duels[theirs]
+            for key in (*one.wanted, *one.prices)
+        ),
+        default=0.0,
+    )
 
 
 def _most(results: Results, cell: Cell | None) -> dict[str, float]:
@@ -165,6 +192,23 @@ def _range(found: Estimate, measure: Measure) -> str:
 
 
 # ---- tables --------------------------------------------------------------------------------------
+
+
+def _duels(duels: dict[str, dict[float, Against]]) -> str:
+    """Return a table: the learned policy against its rivals, and they each other, by friction."""
+    lines = []
+    for rivals in ("constant", "learned", "rule"):
+        for friction, one in duels.get(rivals, {}).items():
+            keys = (*one.wanted, *one.prices)
+            changes = [signed(-one.less(key), 0) for key in keys]
+            doubt = [key for key in one.wanted if key not in (*one.better_in, *one.worse_in)]
+            verdict = "yes" if one.beats else "no"
+            lines.append(
+                [one.ours, one.theirs, f"× {friction:g}", *changes, listed(doubt) or "–", verdict]
+            )
+    header = ["agent", "against", "friction"]
+    header += [f"{WORDS[key]} [%]" for key in (*ERRORS, *VIBRATIONS)]
+    return "\n".join(table([*header, "not significant", "beats it"], lines)) if lines else ""
 
 
 def _improvements(over: dict[str, Against]) -> str:
