@@ -4,9 +4,13 @@
     python -m benchmarks.freeze              # after every step: which results are other bits
     python -m benchmarks.freeze --only gte   # some of them
 
-Hashes hold on one machine only (compilers and linear algebra differ in last bits), so
-``freeze.json`` lives in ``--work`` and is not kept in the repository. ``final`` (the tuner) and
-``ladder`` (nested models of the thesis's tables) take minutes: they run with ``--all`` or by name.
+    python -m benchmarks.freeze --write-quick   # a few results into benchmarks/freeze.json
+
+Hashes hold on one machine only (compilers and linear algebra differ in last bits), so those of
+``--work`` are not kept in the repository. ``benchmarks/freeze.json`` has a few numbers instead,
+which hold on other machines with the pinned versions: `tests/test_freeze.py` compares them.
+``final`` (the tuner) and ``ladder`` (nested models of the thesis's tables) take minutes: they run
+with ``--all`` or by name.
 """
 
 from __future__ import annotations
@@ -66,7 +70,7 @@ def file_hash(*paths: Path) -> str:
 def hidden_logs(work: Path) -> dict[str, tuple[Path, list[str]]]:
     """Return log and options of every hidden case; made once, so that only `diagnose` is judged."""
     from stiction_envs.friction.parameters import QUANTITIES, dump_friction
-    from stiction_envs.testing.hidden_logs import make_case
+    from stiction_envs.hidden.hidden_logs import make_case
 
     out = {}
     for name, seed, causes, motion, joint in HIDDEN:
@@ -180,7 +184,8 @@ def final(work: Path) -> Iterable[tuple[str, str]]:
 def ladder(work: Path) -> Iterable[tuple[str, str]]:
     """Yield the nested models of the thesis's tables, and their page."""
     out = work / "ladder"
-    stiction("reproduce", "gap", "--out", out)
+    words = [sys.executable, "-m", "benchmarks.thesis", "gap", "--out", str(out), "--force"]
+    subprocess.run(words, check=True, capture_output=True)
     for path in sorted(out.rglob("ladder.json")):
         yield "ladder", file_hash(path)
 
@@ -197,14 +202,96 @@ PARTS: dict[str, Callable[[Path], Iterable[tuple[str, str]]]] = {
 }
 
 
+# ---- a few results, as numbers -------------------------------------------------------------------
+
+QUICK = Path(__file__).with_suffix(".json")
+TOLERANCE = {"sje": 1e-9, "gte": 1e-9, "calibrate": 1e-9, "rollout": 1e-6, "diagnose": 1e-6}
+"""Relative, by the first word of a result's name; observations are single precision."""
+
+
+def quick() -> dict[str, Any]:
+    """Return a few results of every room, in some seconds on one core."""
+    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.experiments.gte.measures import measure
+    from stiction_envs.experiments.gte.protocol import Case
+    from stiction_envs.experiments.settings import experiment_settings
+    from stiction_envs.experiments.sje.calibrate import calibrate
+    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from stiction_envs.experiments.sje.protocol import Configuration, Job
+    from stiction_envs.gap.diagnosis import diagnose_logs
+    from stiction_envs.hidden.hidden_logs import make_case
+    from stiction_envs.measured import AmplitudeRow, thesis_base
+    from stiction_envs.method_settings import override
+
+    dither = {7: (15.0, 0.6), 4: (30.0, 1.2)}
+    sje = SingleJointExperiment("panda", threads=1)
+    jobs = [Job(Configuration(j, "load", "+"), *x) for j in dither for x in ((0.0, 0.0), dither[j])]
+    rows = tuple(AmplitudeRow(j, *x) for j, x in dither.items())
+    gte = GeneratedTrajectoryExperiment("panda", threads=1)
+    case = Case(trajectory="triangle", stiffness=(200, 20, 0), dither=rows)
+    (run,) = gte.run([case], iterations=1)
+    rough = override(experiment_settings(), {"calibration.tolerance": 0.02}).calibration
+    friction = calibrate(thesis_base("panda"), sje, settings=rough).parameters
+    torques = {m.job: m.mean for m in sje.run(jobs, iterations=1)}
+    out: dict[str, Any] = {
+        "sje": [torques[job] for job in jobs],
+        "gte": measure(run, gte.protocol, gte.motion).rms[0].tolist(),
+        "calibrate": np.ravel(friction.stiction).tolist(),
+    }
+    for name in ROLLOUTS:
+        out[f"rollout {name}"] = _rollout(name, 5)
+    for seed, cause, motion in ((2, "coulomb_friction", "reversals"), (8, "payload", "fourier")):
+        hidden = make_case(seed, (cause,), motion=motion, seconds=10.0, size=0.7)
+        found = diagnose_logs(hidden.logs, hidden.robot, nominal=hidden.nominal)
+        out[f"diagnose {cause}"] = {
+            "verdict": found.verdict,
+            "causes": [[c.name, *c.joints, c.gain_percent] for c in found.causes],
+            "held_out_nm": found.extended_rms.tolist(),
+        }
+    return out
+
+
+def _rollout(name: str, steps: int) -> list[float]:
+    """Return the mean observation and the reward of every step."""
+    import gymnasium as gym
+
+    import stiction_envs  # noqa: F401
+
+    env = gym.make(name)
+    env.action_space.seed(5)
+    env.reset(seed=11)
+    out = []
+    for _ in range(steps):
+        observation, reward, *_ = env.step(env.action_space.sample())
+        out += [float(np.mean(observation, dtype=np.float64)), float(reward)]
+    env.close()
+    return out
+
+
+def changed(now: Any, before: Any, tolerance: float, name: str = "") -> list[str]:
+    """Return what differs between two results by more than a relative tolerance."""
+    if isinstance(now, dict) and isinstance(before, dict) and now.keys() == before.keys():
+        return [x for k in now for x in changed(now[k], before[k], tolerance, f"{name} {k}")]
+    if isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
+        pairs = enumerate(zip(now, before, strict=True))
+        return [x for k, (a, b) in pairs for x in changed(a, b, tolerance, f"{name} [{k}]")]
+    numbers = isinstance(now, float) and isinstance(before, float)
+    same = np.isclose(now, before, rtol=tolerance, atol=0.0) if numbers else now == before
+    return [] if same else [f"{name.strip()}: {before} before, {now} now"]
+
+
 def main() -> int:
     """Hash, and write or compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, default=Path("runs/freeze"), help="folder")
     parser.add_argument("--write", action="store_true", help="take these results as the true ones")
+    parser.add_argument("--write-quick", action="store_true", help=f"write {QUICK.name}, no more")
     parser.add_argument("--only", nargs="+", choices=list(PARTS), help="some results")
     parser.add_argument("--all", action="store_true", help="those too that take minutes")
     args = parser.parse_args()
+    if args.write_quick:
+        QUICK.write_text(json.dumps(quick(), indent=1) + "\n", "utf-8")
+        return 0
     work = args.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
     kept = work / "freeze.json"

@@ -32,7 +32,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from benchmarks._mutation_sample import ROOMS, ROOT, SEED, Mutant, digest, drawn
+from benchmarks.mutation_sample import ROOMS, ROOT, SEED, Mutant, digest, drawn
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.templates import render
 
@@ -41,7 +41,7 @@ START_S = 30.0
 """Processor time to import and compile everything [s]."""
 VERDICTS = Path(__file__).with_suffix(".toml")
 """What we think of each mutant that lived, by its name."""
-TEMPLATE = Path(__file__).parent / "templates" / "mutation.md.j2"
+TEMPLATE = Path(__file__).parent / "mutation.md.j2"
 
 
 def sample(room: str, work: Path) -> list[Mutant]:
@@ -306,6 +306,7 @@ def report(rooms: list[str], work: Path) -> str:
         before=total["before"],
         drawn=sum(len(sample(room, work)) for room in rooms),
         scores=table_text(COLUMNS, scores),
+        noticed=(total["killed"], total["run"] - total["equivalent"]),
         survivors=table_text(["where", "was", "became", "and now", "verdict"], listed),
     )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from stiction_envs.envs.render.ramp_video import RampVideo
+from stiction_envs.envs.render.ramp_film import RampFilm
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
@@ -24,7 +24,7 @@ def main() -> None:
     where = Configuration(7, "load", "+")
     jobs = [Job(where), Job(where, 15.0, 0.801)]
     measured = sorted(experiment.run(jobs, iterations=1), key=lambda m: m.job.amplitude_nm)
-    film = RampVideo(experiment, measured, fps=FPS)
+    film = RampFilm(experiment, measured, fps=FPS)
     frames = [Image.fromarray(f) for f in film.frames()]
     save(frames, OUT)
     seconds = len(frames) / FPS

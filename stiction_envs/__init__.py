@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from stiction_envs.identification.identify import identify
     from stiction_envs.measured.checks.files import check
     from stiction_envs.robots import load_arm
-    from tuning.explore.search import search
-    from tuning.tune import tune
+    from tuning.protocol.tune import tune
+    from tuning.search.search import search
 
 _HOME = {
     "Dither": "stiction_envs.dither.dither",
@@ -45,10 +45,8 @@ _HOME = {
     "identify": "stiction_envs.identification.identify",
     "load_arm": "stiction_envs.robots",
     "load_model": "stiction_envs.gap.extended_model",
-    "search": "tuning.explore.search",
-    "tune": "tuning.tune",
 }
-"""Where each name lives."""
+"""Where each name of the library is; other packages add some as entry points."""
 
 __all__ = [
     "Dither",
@@ -71,9 +69,15 @@ register_all()
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    else:
+        from importlib.metadata import entry_points
+
+        points = entry_points(group="stiction_envs.api", name=name)
+        if not points:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = next(iter(points)).load()
     globals()[name] = value
     return value
 

@@ -1,4 +1,4 @@
-"""The one exception a user of the package has to know."""
+"""What the package raises: `StictionError`, of which `ExperimentError` is one kind."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ class StictionError(ValueError):
     """
 
 
-class ExperimentError(RuntimeError):
-    """The input was fine, but the simulated experiment failed: exit code 1.
+class ExperimentError(StictionError):
+    """The input was fine, but the simulated experiment failed: exit code 1 on the command line.
 
     An arm that cannot be held in its pose, a joint that sticks, a calibration that does not
     converge. The message is one line.

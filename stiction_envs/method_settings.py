@@ -1,23 +1,21 @@
-"""Constants of a method as data: frozen dataclasses whose defaults stand in the room's TOML.
+"""Constants of a method as data: frozen dataclasses whose defaults are in the room's TOML.
 
     @dataclass(frozen=True, kw_only=True)
     class ClockSettings:
-        \"""When stamps are a clock.\"""
+        \"""When time stamps are a clock.\"""
 
-        on_clock: float
+        on_clock: Share
         \"""Root mean square distance from whole steps [steps]; 0.29 is chance.\"""
-
-        def __post_init__(self) -> None:
-            check_numbers(self)
 
 with, in ``settings.toml`` beside it,
 
     [clock]
     on_clock = { value = 0.15, unit = "steps", assumed = true }
 
-Every entry has ``value`` and ``unit``, and a ``source`` or ``assumed = true``. A room nests its
-dataclasses in one, loads it once and hands it down through arguments; users change some numbers by
-name (`override`), and results carry the hash of all of them (`fingerprint`).
+Every entry has ``value`` and ``unit``, and a ``source`` or ``assumed = true``. msgspec checks types
+and ranges. A room nests its dataclasses in one, loads it once and passes it down as an argument;
+users change some numbers by name (`override`), and results carry the hash of all of them
+(`fingerprint`).
 """
 
 from __future__ import annotations
@@ -32,13 +30,23 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import msgspec
 
 from stiction_envs.errors import StictionError
 
 T = TypeVar("T")
 Changes = Mapping[str, Any] | str | os.PathLike[str]
 """Dotted names (or tables) with new values, or a TOML file of them."""
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Share = Annotated[float, msgspec.Meta(gt=0, le=1)]
+"""Above 0 and at most 1."""
+Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
+"""From 0 to 1."""
+Count = Annotated[int, msgspec.Meta(ge=1)]
+Index = Annotated[int, msgspec.Meta(ge=0)]
 ENTRY = {"value", "unit", "source", "assumed"}
 
 
@@ -57,7 +65,11 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
     node: Any = _read(path)
     for part in filter(None, table.split(".")):
         node = node.get(part) if isinstance(node, dict) else None
-    return _made(cls, node, path.name, f"{table}." if table else "")
+    above = f"{table}." if table else ""
+    if not isinstance(node, dict):
+        raise StictionError(f"{path.name}: {above or 'the file'}: expected a table")
+    settings = _converted(cls, _values(node, f"{path.name}: {above}"), f"{path.name}: {above}")
+    return settings
 
 
 def override(settings: T, changes: T | Changes | None) -> T:
@@ -78,12 +90,12 @@ def override(settings: T, changes: T | Changes | None) -> T:
     if isinstance(changes, type(settings)):
         return changes
     if isinstance(changes, Mapping):
-        return _changed(settings, _nested(changes, "settings"), "settings", "")
+        return _changed(settings, _nested(changes, "settings"), "settings: ")
     if not isinstance(changes, str | os.PathLike):
         expected = f"names and values, a TOML file, or {type(settings).__name__}"
         raise StictionError(f"settings {changes!r}: expected {expected}")
     where = os.fspath(changes)
-    return _changed(settings, _nested(_read(Path(where)), where), where, "")
+    return _changed(settings, _nested(_read(Path(where)), where), f"{where}: ")
 
 
 def fingerprint(settings: Any) -> str:
@@ -95,43 +107,10 @@ def fingerprint(settings: Any) -> str:
 def flat(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted names and values of all numbers, nested ones included."""
     for name, value in _items(settings).items():
-        if _is_table(value):
+        if dataclasses.is_dataclass(value) or isinstance(value, Mapping):
             yield from flat(value, f"{above}{name}.")
         else:
             yield f"{above}{name}", value
-
-
-def check_numbers(
-    settings: Any,
-    *,
-    shares: tuple[str, ...] = (),
-    from_zero: tuple[str, ...] = (),
-    signed: tuple[str, ...] = (),
-) -> None:
-    """Every number is finite, and above 0 unless named.
-
-    Args:
-        settings: a dataclass; flags, words and nested dataclasses pass.
-        shares: fields of numbers above 0 and at most 1.
-        from_zero: fields that may be 0.
-        signed: fields that may be negative.
-
-    Raises:
-        StictionError: naming the field.
-    """
-    for f in dataclasses.fields(settings):
-        value = getattr(settings, f.name)
-        for x in value if isinstance(value, tuple) else (value,):
-            if isinstance(x, bool) or not isinstance(x, int | float):
-                continue
-            good = x > 0 or f.name in signed or (f.name in from_zero and x == 0)
-            if not (math.isfinite(x) and good and (f.name not in shares or x <= 1)):
-                least = "" if f.name in signed else " from 0" if f.name in from_zero else " above 0"
-                most = " up to 1" if f.name in shares else ""
-                raise StictionError(
-                    f"{type(settings).__name__}: {f.name} is {x!r}: expected finite numbers"
-                    f"{least}{most}"
-                )
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -144,11 +123,6 @@ def _read(path: Path) -> dict[str, Any]:
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
-def _is_table(value: Any) -> bool:
-    """Whether settings hold more settings: a dataclass, or several by name."""
-    return dataclasses.is_dataclass(value) or isinstance(value, Mapping)
-
-
 def _items(settings: Any) -> Mapping[str, Any]:
     """Return names and values of a dataclass or of several by name."""
     if isinstance(settings, Mapping):
@@ -156,62 +130,72 @@ def _items(settings: Any) -> Mapping[str, Any]:
     return {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
 
 
-def _names(cls: Any) -> str:
-    if isinstance(cls, Mapping):
-        return ", ".join(cls)
-    return ", ".join(f.name for f in dataclasses.fields(cls))
+def _values(table: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a table of the room's TOML without units and sources, which every entry must have."""
+    out = {}
+    for name, entry in table.items():
+        if isinstance(entry, dict) and not ENTRY & set(entry):
+            out[name] = _values(entry, f"{where}{name}.")
+            continue
+        if not isinstance(entry, dict) or not {"value", "unit"} <= set(entry) <= ENTRY:
+            expected = "{ value, unit, source or assumed = true }"
+            raise StictionError(f"{where}{name} is {entry!r}: expected {expected}")
+        known = entry.get("assumed") is True or isinstance(entry.get("source"), str)
+        if not (known and isinstance(entry["unit"], str)):
+            raise StictionError(f"{where}{name}: expected a unit, and a source or assumed = true")
+        out[name] = entry["value"]
+    return out
 
 
-def _made(cls: type[T], node: Any, where: str, above: str) -> T:
-    """Return a dataclass from its table."""
-    if not isinstance(node, dict):
-        raise StictionError(f"{where}: {above or 'the file'}: expected a table of {_names(cls)}")
+def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:
+    """Return checked settings: names, types, ranges, and every number finite.
+
+    Raises:
+        StictionError: one line that names the value and what is expected.
+    """
+    _check_names(cls, values, where)
+    _check_finite(values, where)
+    try:
+        return msgspec.convert(values, cls)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$.")
+        place = f"{place.removesuffix('`')}: " if place else ""
+        raise StictionError(f"{where}{place}{said[:1].lower()}{said[1:]}") from None
+
+
+def _check_names(cls: Any, values: Mapping[str, Any], where: str) -> None:
+    """msgspec passes unknown names of dataclasses."""
     kinds = get_type_hints(cls)
-    names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
-    wrong = [f"{above}{x} is unknown" for x in node if x not in names]
-    wrong += [f"{above}{x} is missing" for x in names if x not in node]
-    if wrong:
-        raise StictionError(f"{where}: {wrong[0]}: expected {_names(cls)}")
-    values = {}
+    names = [f.name for f in dataclasses.fields(cls)]
+    for name, value in values.items():
+        if name not in names:
+            raise StictionError(f"{where}{name} is unknown: expected {', '.join(names)}")
+        inner = kinds[name]
+        if dataclasses.is_dataclass(inner):
+            if not isinstance(value, Mapping):
+                raise StictionError(f"{where}{name} is {value!r}: expected a table")
+            _check_names(inner, value, f"{where}{name}.")
     for name in names:
-        if dataclasses.is_dataclass(kinds[name]):
-            values[name] = _made(kinds[name], node[name], where, f"{above}{name}.")
-        else:
-            here = f"{where}: {above}{name}"
-            values[name] = _converted(kinds[name], _entry(node[name], here), here)
-    return cls(**values)
+        if name not in values:
+            raise StictionError(f"{where}{name} is missing: expected {', '.join(names)}")
 
 
-def _entry(entry: Any, where: str) -> Any:
-    """Return the value of an entry that says its unit and where it is from."""
-    if not isinstance(entry, dict) or not {"value", "unit"} <= set(entry) <= ENTRY:
-        raise StictionError(
-            f"{where} is {entry!r}: expected {{ value, unit, source or assumed = true }}"
-        )
-    known = entry.get("assumed") is True or isinstance(entry.get("source"), str)
-    if not (known and isinstance(entry["unit"], str)):
-        raise StictionError(f"{where}: expected a unit, and a source or assumed = true")
-    return entry["value"]
-
-
-def _converted(kind: Any, value: Any, where: str) -> Any:
-    """Return a value as its field has it: whole numbers pass for floats, lists for tuples."""
-    if get_origin(kind) is tuple and isinstance(value, list | tuple):
-        return tuple(_converted(get_args(kind)[0], x, where) for x in value)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(value, int) and abs(value) > sys.float_info.max:
+def _check_finite(value: Any, where: str) -> None:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            dot = "" if where.endswith((" ", ".")) else "."
+            _check_finite(inner, f"{where}{dot}{name}")
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            _check_finite(inner, where)
+    elif isinstance(value, int) and abs(value) > sys.float_info.max:
         raise StictionError(f"{where}: a number of hundreds of digits: expected less")
-    if kind is float and number:
-        return float(value)
-    if type(value) is kind:
-        return value
-    words = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
-    expected = words.get(kind, "a list")
-    raise StictionError(f"{where} is {value!r}: expected {expected}")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise StictionError(f"{where} is {value!r}: expected finite numbers")
 
 
 def _nested(given: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return changes as tables in tables: dotted names taken apart."""
+    """Return changes as tables in tables: dotted names taken apart, plain values."""
     out: dict[str, Any] = {}
     for name, value in given.items():
         *tables, last = str(name).split(".")
@@ -220,28 +204,39 @@ def _nested(given: Mapping[str, Any], where: str) -> dict[str, Any]:
             node = node.setdefault(part, {})
             if not isinstance(node, dict):
                 raise StictionError(f"{where}: {name} is given twice: expected once")
-        if isinstance(value, Mapping) and "value" not in value:
-            value = _nested(value, where)
+        if isinstance(value, Mapping):
+            value = value["value"] if "value" in value else _nested(value, where)
         if isinstance(node.get(last), dict) and isinstance(value, dict):
             value = {**node[last], **value}
         node[last] = value
     return out
 
 
-def _changed(settings: T, changes: Mapping[str, Any], where: str, above: str) -> T:
-    of_names, values = _items(settings), {}
+def _changed(settings: T, changes: Mapping[str, Any], where: str) -> T:
+    """Return settings of the same kind; tables in them are changed first."""
+    old = dict(_items(settings))
     for name, value in changes.items():
-        here = f"{where}: {above}{name}"
-        if name not in of_names:
-            raise StictionError(f"{here}: no such setting: expected one of {_names(settings)}")
-        old = of_names[name]
-        if _is_table(old):
+        if name not in old:
+            expected = ", ".join(old)
+            raise StictionError(f"{where}{name}: no such setting: expected one of {expected}")
+        if dataclasses.is_dataclass(old[name]) or isinstance(old[name], Mapping):
             if not isinstance(value, Mapping):
-                raise StictionError(f"{here} is {value!r}: expected a table of {_names(old)}")
-            values[name] = _changed(old, value, where, f"{above}{name}.")
+                expected = ", ".join(_items(old[name]))
+                raise StictionError(f"{where}{name} is {value!r}: expected a table of {expected}")
+            old[name] = _changed(old[name], value, f"{where}{name}.")
         else:
-            plain = value["value"] if isinstance(value, Mapping) and "value" in value else value
-            values[name] = _converted(get_type_hints(type(settings))[name], plain, here)
+            old[name] = _one(type(settings), name, value, where)
     if isinstance(settings, Mapping):
-        return {**settings, **values}  # type: ignore[return-value]
-    return dataclasses.replace(settings, **values)  # type: ignore[type-var]
+        return old  # type: ignore[return-value]
+    return dataclasses.replace(settings, **{k: old[k] for k in changes})  # type: ignore[type-var]
+
+
+def _one(cls: Any, name: str, value: Any, where: str) -> Any:
+    """Return one checked value of a field."""
+    _check_finite(value, f"{where}{name}")
+    kind = get_type_hints(cls, include_extras=True)[name]
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        said = str(error).partition(" - at ")[0]
+        raise StictionError(f"{where}{name} is {value!r}: {said[:1].lower()}{said[1:]}") from None

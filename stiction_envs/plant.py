@@ -51,7 +51,7 @@ class Plant:
         nsim: int,
         *,
         parameters: FrictionParameters | None = None,
-        nthread: int = 0,
+        threads: int = 0,
         closed_loop: bool = False,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
@@ -60,7 +60,7 @@ class Plant:
             sticking: the model.
             nsim: number of simulations N ≥ 1.
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
-            nthread: threads, 0 for all processors.
+            threads: threads, 0 for all processors.
             closed_loop: whether `follow` will be used; keeps the engine's kinematics current.
         """
         if nsim < 1:
@@ -68,7 +68,7 @@ class Plant:
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch = Batch(sticking.model, nsim, nthread, persistent=closed_loop)
+        self._batch = Batch(sticking.model, nsim, threads, persistent=closed_loop)
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
         self._damping = self._batch.expand("dof_damping")
@@ -380,7 +380,7 @@ def rollout(
     *,
     record: Sequence[str] = ("qpos",),
     chunk: int = 500,
-    nthread: int = 0,
+    threads: int = 0,
 ) -> Iterator[dict[str, Array]]:
     """Step N simulations of any model under applied joint torques, in chunks of ``chunk`` steps.
 
@@ -392,7 +392,7 @@ def rollout(
         steps: steps in all.
         record: `MjData` fields.
         chunk: steps between two calls of ``torque``.
-        nthread: threads, 0 for all processors.
+        threads: threads, 0 for all processors.
 
     Yields:
         Per chunk, ``time`` (K,) at the start of each step [s] and each recorded field (N, K, ...)
@@ -401,7 +401,7 @@ def rollout(
     Raises:
         ExperimentError: a simulation that the engine stopped (NaN, divergence, full buffers).
     """
-    batch = Batch(model, len(qpos), nthread)
+    batch = Batch(model, len(qpos), threads)
     batch.bind("qpos")[:] = qpos
     applied = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     for start in range(0, steps, chunk):
@@ -421,7 +421,7 @@ def steer(
     steps: int,
     *,
     fastest: float = np.inf,
-    nthread: int = 0,
+    threads: int = 0,
 ) -> Array:
     """Step N simulations of any model, each step under the controls of a feedback law.
 
@@ -431,13 +431,13 @@ def steer(
         law: of a step's number and the batch, its (N, nu) controls.
         steps: steps in all.
         fastest: speed that is no joint's any more [rad/s].
-        nthread: threads, 0 for all processors.
+        threads: threads, 0 for all processors.
 
     Returns:
         (N, steps, nq) positions after each step, NaN after a stop of the engine or ``fastest``.
     """
     nsim = len(start["qpos"])
-    batch = Batch(model, nsim, nthread)
+    batch = Batch(model, nsim, threads)
     for name, value in start.items():
         batch.bind(name)[:] = value
     out, going = np.full((nsim, steps, model.nq), np.nan), np.arange(nsim)

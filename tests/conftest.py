@@ -20,7 +20,7 @@ LONGEST = (
     "gap/test_simulated_logs.py",
     "cli/test_gte.py",
     "cli/test_diagnose.py",
-    "tuning/test_thesis.py",
+    "tuning/protocol/test_protocol.py",
 )
 
 

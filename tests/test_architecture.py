@@ -21,9 +21,9 @@ FLOW = (
     ("stiction_envs.experiments",),
     ("stiction_envs.gap",),
     ("stiction_envs.identification",),
-    ("stiction_envs.thesis", "stiction_envs.envs", "stiction_envs.testing"),
-    ("tuning",),
+    ("stiction_envs.envs", "stiction_envs.hidden"),
     ("stiction_envs.cli",),
+    ("tuning",),
     ("benchmarks",),
     ("tests",),
 )
@@ -33,7 +33,7 @@ Rooms in one row know nothing of each other.
 """
 FACADE = "stiction_envs"
 """Hands names on to users and registers environments; the library itself never asks it."""
-FACADE_FOR = ("stiction_envs.cli", "benchmarks", "tests")
+FACADE_FOR = ("stiction_envs.cli", "tuning.commands", "benchmarks", "tests")
 
 
 def sources() -> dict[str, Path]:
@@ -135,11 +135,11 @@ def test_no_files_need_each_other():
     ("name", "target", "wrong"),
     [
         ("stiction_envs.gap.extended_mjcf", "stiction_envs.cli.common", True),
-        ("benchmarks.blind_logs", "tests.gap.small_logs", True),
-        ("stiction_envs.envs.sje", "stiction_envs.thesis.page", True),
+        ("benchmarks.accuracy.blind_logs", "tests.gap.small_logs", True),
+        ("stiction_envs.cli.sje", "tuning.protocol.tune", True),
         ("stiction_envs.plant", "stiction_envs", True),
         ("stiction_envs.cli.sje", "stiction_envs.experiments.sje.experiment", False),
-        ("stiction_envs.gap.causes.payload", "stiction_envs.gap.signals.dataset", False),
+        ("stiction_envs.gap.causes.body.payload", "stiction_envs.gap.signals.dataset", False),
     ],
 )
 def test_the_rule_tells_right_from_wrong(name, target, wrong):

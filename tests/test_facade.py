@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import SJERow, read_amplitudes, read_base, read_sje, write_sje
 from stiction_envs.reporting.result import Result
 from tests.gap.small_logs import hidden, sliding, write_csv
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 FAST = load_protocol("two").replace(ramp_rate=1.0, iterations=1, return_time=0.2)
 
@@ -90,10 +91,11 @@ def test_every_name_is_there():
 
 def test_editors_see_the_names_that_are_handed_out():
     """The block for type checkers imports each name from where `__getattr__` finds it."""
+    points = entry_points(group="stiction_envs.api")
     tree = ast.parse(Path(st.__file__).read_text("utf-8"))
     (block,) = (n for n in tree.body if isinstance(n, ast.If))
     typed = {a.name: x.module for x in block.body for a in x.names}
-    assert typed == st._HOME
+    assert typed == st._HOME | {p.name: p.load().__module__ for p in points}
     assert set(typed) | {"__version__"} == set(st.__all__)
 
 

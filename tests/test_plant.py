@@ -81,7 +81,7 @@ def test_gravity_error_and_offset_are_torques_on_the_link():
     """offset + gravity_error · g(q) is the motor torque that balances the joint."""
     model = sticking(pendulum(), stiction=1e-6, offset=[0.0, 0.3], gravity_error=[0.0, 0.05],
                      load_high=1e9)  # fmt: skip
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     plant.reset(ONE, [[0.0, 0.8]])
     # hinge about x, mass above it: gravity pulls towards larger q, so g(q) is negative
     g = -2.0 * 9.81 * 0.5 * np.sin(0.8)
@@ -96,7 +96,7 @@ def test_gravity_error_and_offset_are_torques_on_the_link():
 
 
 def test_without_friction_a_joint_is_torque_over_inertia():
-    plant = Plant(sticking(stiction=1e-6), 1, nthread=1)
+    plant = Plant(sticking(stiction=1e-6), 1, threads=1)
     torque = np.zeros((1, 500, 2))
     torque[0, :, 0] = 0.7
     q = plant.run(torque)[0]
@@ -145,7 +145,7 @@ def test_stiff_spring_is_a_rigid_joint(stiffness):
     common = {"timestep": 5e-5, "stiction": 0.5, "viscous": 0.1}
     torque = np.zeros((1, 400, 2))
     torque[0, :, 0] = np.linspace(0, 4, 400)
-    rigid = Plant(sticking(**common, bristle_damping_ratio=0.4), 1, nthread=1).run(torque)
+    rigid = Plant(sticking(**common, bristle_damping_ratio=0.4), 1, threads=1).run(torque)
     # same σ1 for both: the elastic joint's is set by its rotor alone
     ratio = 0.4 * np.sqrt((J_A + 0.05) / 0.05)
     springs = sticking(
@@ -154,7 +154,7 @@ def test_stiff_spring_is_a_rigid_joint(stiffness):
         joint_damping_ratio=1.0,
         bristle_damping_ratio=[ratio, 0.4],
     )
-    elastic = Plant(springs, 1, nthread=1).run(torque)
+    elastic = Plant(springs, 1, threads=1).run(torque)
     gap = np.abs(elastic - rigid).max() / np.abs(rigid).max()
     assert gap < 5e3 / stiffness * 0.03
     assert gap > 0.0
@@ -202,7 +202,7 @@ def test_bearing_load_is_the_moment_across_the_axis():
 
 def test_warm_up_lowers_friction_over_time():
     """F(t) = F (1 + w e^(−t/T)), refreshed every 20 ms."""
-    plant = Plant(sticking(warm_up_friction=0.5, warm_up_time=0.4), 1, nthread=1)
+    plant = Plant(sticking(warm_up_friction=0.5, warm_up_time=0.4), 1, threads=1)
     assert plant.stiction[0, 0] == pytest.approx(0.6 * 1.5)
     for k in range(1, 5):
         plant.run(np.zeros((1, 200, 2)))
@@ -221,7 +221,7 @@ def test_cold_joint_holds_what_a_warm_one_does_not():
     torque[0, :, 0] = 0.68 * np.clip(t / 2, 0, 1) + 0.002 * np.sin(2 * np.pi * t)
     q = {}
     for w in (0.0, 0.5):
-        plant = Plant(sticking(warm_up_friction=w, warm_up_time=8.0), 1, nthread=1)
+        plant = Plant(sticking(warm_up_friction=w, warm_up_time=8.0), 1, threads=1)
         q[w] = plant.run(torque)[0, :, 0]
     assert q[0.0][3000] > 0.01
     assert q[0.5][3000] < 0.005
@@ -231,7 +231,7 @@ def test_cold_joint_holds_what_a_warm_one_does_not():
 def test_viscous_friction_warms_up_too():
     """Terminal speed under one torque rises as σ2 falls."""
     model = sticking(viscous=1.0, warm_up_viscous=2.0, warm_up_time=2.0)
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     torque = np.zeros((1, 1, 2))
     torque[0, :, 0] = 3.48  # 0.48 is F_c: 3 N·m are left for σ2 v
     plant.run(np.tile(torque, (1, 1000, 1)))
@@ -247,7 +247,7 @@ def test_viscous_friction_warms_up_too():
 def test_ripple_is_a_sine_of_the_angle(q0, phase):
     """The motor feels A sin(Nq + φ); seen as the acceleration of a joint without friction."""
     model = sticking(stiction=1e-6, ripple_amplitude=0.2, ripple_periods=20.0, ripple_phase=phase)
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     plant.reset(ONE, [[q0, 0.0]])
     plant.run(np.zeros((1, 1, 2)))
     torque = plant.velocity[0, 0] / DT * (J_A + 0.05)
@@ -258,7 +258,7 @@ def test_ripple_is_a_sine_of_the_angle(q0, phase):
 
 
 def test_servo_holds_against_torque():
-    plant = Plant(sticking(), 1, nthread=1)
+    plant = Plant(sticking(), 1, threads=1)
     plant.set_servo(ONE, np.full((1, 2), 500.0), np.full((1, 2), 20.0), np.zeros((1, 2)))
     torque = np.zeros((1, 3000, 2))
     torque[0, :, 0] = 5.0
@@ -355,7 +355,7 @@ def test_friction_of_other_arms_is_refused():
 def test_physics_is_stepped_in_the_plant_only():
     """House rule: no other file of the package calls the engine's stepping functions.
 
-    Only `testing` may: its logs stand in for another robot, and another's simulator.
+    Only `hidden` may: its logs stand in for another robot, and another's simulator.
     """
     package = Path(plant_module.__file__).parent
     stepping = re.compile(r"mj_step|\.rollout\(|batch\.step\(")
@@ -363,4 +363,4 @@ def test_physics_is_stepped_in_the_plant_only():
         p.relative_to(package).as_posix(): p.read_text("utf-8") for p in package.rglob("*.py")
     }
     found = {name for name, text in sources.items() if stepping.search(text)}
-    assert {name for name in found if not name.startswith("testing/")} == {"plant.py"}
+    assert {name for name in found if not name.startswith("hidden/")} == {"plant.py"}

@@ -48,10 +48,10 @@ def mixed(asymmetric: bool) -> tuple[np.ndarray, FrictionParameters, np.ndarray]
     return q, p, 8 * t + amplitude * np.sin(2 * np.pi * hz * t)
 
 
-def angles(rows: list[int], nthread: int, blocks: list[int], asymmetric: bool) -> np.ndarray:
+def angles(rows: list[int], threads: int, blocks: list[int], asymmetric: bool) -> np.ndarray:
     """Run the simulations ``rows`` of `mixed` as a batch of their own, in blocks of steps."""
     q, p, torque = mixed(asymmetric)
-    plant = Plant(panda(), len(rows), parameters=p.rows(rows), nthread=nthread)
+    plant = Plant(panda(), len(rows), parameters=p.rows(rows), threads=threads)
     plant.reset(np.arange(len(rows)), q[rows])
     plant.set_friction(np.arange(len(rows)), p.rows(rows))
     cuts = np.cumsum([0, *blocks])
@@ -67,13 +67,13 @@ def reference(asymmetric: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("nthread", [1, 2])
+@pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
     "rows", [[0], [63], [9, 3, 40, 41, 8, 2, 60], list(range(64))[::-1]], ids=["1", "1'", "7", "64"]
 )
-def test_same_bits_in_any_batch(rows, nthread, asymmetric):
+def test_same_bits_in_any_batch(rows, threads, asymmetric):
     """Batch size, position in the batch and threads change nothing, bit for bit."""
-    out = angles(rows, nthread, [K], asymmetric)
+    out = angles(rows, threads, [K], asymmetric)
     assert out.tobytes() == reference(asymmetric)[rows].tobytes()
 
 
@@ -90,7 +90,7 @@ def test_asymmetric_neighbour_changes_nothing():
     q, p, torque = mixed(asymmetric=False)
     lame = p.stiction.copy()
     lame[1, :, 1] *= 1.3
-    plant = Plant(panda(), MANY, parameters=p.replace(stiction=lame), nthread=2)
+    plant = Plant(panda(), MANY, parameters=p.replace(stiction=lame), threads=2)
     plant.reset(np.arange(MANY), q)
     plant.set_friction(np.arange(MANY), p.replace(stiction=lame))
     out = plant.run(torque)
@@ -127,7 +127,7 @@ def test_subset_leaves_the_others_alone():
     """Simulations with clocks of their own: run in any order they end the same."""
     q, p, torque = mixed(asymmetric=False)
     rows = np.arange(4)
-    plant = Plant(panda(), 4, parameters=p.rows(rows), nthread=2)
+    plant = Plant(panda(), 4, parameters=p.rows(rows), threads=2)
     plant.reset(rows, q[rows])
     plant.set_friction(rows, p.rows(rows))
     out = {i: [] for i in range(4)}
@@ -152,7 +152,7 @@ def test_subset_leaves_the_others_alone():
 def test_reset_forgets_everything():
     """After a reset a simulation that has run is a new one."""
     q, p, torque = mixed(asymmetric=True)
-    plant = Plant(panda(), 2, parameters=p.rows([0, 1]), nthread=1)
+    plant = Plant(panda(), 2, parameters=p.rows([0, 1]), threads=1)
     plant.run(torque[[5, 6]])
     plant.reset(np.arange(2), q[:2])
     plant.set_friction(np.arange(2), p.rows([0, 1]))
@@ -161,7 +161,7 @@ def test_reset_forgets_everything():
 
 def test_one_joint_report_is_the_column_of_all():
     q, p, torque = mixed(asymmetric=False)
-    plant = Plant(panda(), MANY, parameters=p, nthread=2)
+    plant = Plant(panda(), MANY, parameters=p, threads=2)
     plant.reset(np.arange(MANY), q)
     plant.set_friction(np.arange(MANY), p)
     joint = np.arange(MANY) % 7
@@ -182,17 +182,17 @@ JOBS = [
 
 @cache
 def alone() -> dict[Job, bytes]:
-    bench = SingleJointExperiment("panda", protocol=QUICK, nthread=1)
+    bench = SingleJointExperiment("panda", protocol=QUICK, threads=1)
     return {
         job: next(iter(bench.run([job], iterations=2))).tau.tobytes()
         for job in (JOBS[0], JOBS[10], JOBS[29])
     }
 
 
-@pytest.mark.parametrize(("simulations", "nthread"), [(1, 1), (7, 2), (64, 1), (64, 2)])
-def test_experiment_has_the_same_bits_in_any_batch(simulations, nthread):
+@pytest.mark.parametrize(("simulations", "threads"), [(1, 1), (7, 2), (64, 1), (64, 2)])
+def test_experiment_has_the_same_bits_in_any_batch(simulations, threads):
     """A job gives the same torques alone, with 7 or 64, first or last, on 1 or 2 threads."""
-    bench = SingleJointExperiment("panda", protocol=QUICK, nthread=nthread)
+    bench = SingleJointExperiment("panda", protocol=QUICK, threads=threads)
     jobs = [j for j in JOBS if j in alone()] if simulations == 1 else JOBS[::-1]
     found = {m.job: m.tau.tobytes() for m in bench.run(jobs, iterations=2, simulations=simulations)}
     assert {job: found[job] for job in alone()} == alone()

@@ -23,7 +23,7 @@ def run(model, push, steps=400, **options):
     """Angles (N, K) of pendulums from rest at angles of ±0.1 rad under a torque of their speed."""
     start = {"qpos": np.array([[0.1], [-0.1]]), "qvel": np.zeros((2, 1))}
     law = lambda k, batch: push[:, None] * batch.bind("qvel")  # noqa: E731
-    return steer(model, start, law, steps, nthread=1, **options)[..., 0]
+    return steer(model, start, law, steps, threads=1, **options)[..., 0]
 
 
 def test_a_law_drives_each_simulation_by_itself():

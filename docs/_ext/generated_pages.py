@@ -17,7 +17,7 @@ from gymnasium.envs.registration import load_env_creator
 from sphinx.application import Sphinx
 
 import stiction_envs
-from stiction_envs.cli.dispatch import build_parser
+from stiction_envs.cli.dispatch import all_commands, build_parser
 from stiction_envs.gap.causes import Cause, registered
 from stiction_envs.reporting.markdown import table_text
 
@@ -80,7 +80,7 @@ def environment_pages() -> dict[str, str]:
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
     """Return the parser of each command."""
-    for action in build_parser()._actions:
+    for action in build_parser(all_commands())._actions:
         if isinstance(action, argparse._SubParsersAction):
             return dict(action.choices)
     raise LookupError("the parser has no commands")

@@ -46,10 +46,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.reporting.output_folder import check_file, default_folder
 
     # a file of one's own arm may call it differently
-    table = read_base(args.table, arm.name if arm.registered else None, arm.n)
+    table = read_base(args.table, arm.registered_name, arm.n)
     files = common.model_files(args)
     experiment = SingleJointExperiment(
-        arm, friction=args.friction, scatter=False, seed=args.seed, nthread=args.threads
+        arm, friction=args.friction, scatter=False, seed=args.seed, threads=args.threads
     )
     out = args.out or default_folder("calibrate", arm.name) / "friction.toml"
     check_file(out, ".toml", force=args.force)

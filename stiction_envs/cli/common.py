@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
@@ -274,9 +274,9 @@ def read_arm(args: argparse.Namespace) -> Arm:
 
 def arm_name(args: argparse.Namespace) -> str:
     """Return what output folders are called after."""
-    from stiction_envs.robots.chain import title
+    from stiction_envs.robots.chain import chain_title
 
-    return str(args.robot) if args.chain is None else title(Path(args.robot).stem, args.chain)
+    return str(args.robot) if args.chain is None else chain_title(Path(args.robot).stem, args.chain)
 
 
 def output_folder(
@@ -316,7 +316,7 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
     """
     if args.video is None:
         return None
-    from stiction_envs.envs.render.mp4 import check_film
+    from stiction_envs.envs.render.film import check_film
     from stiction_envs.reporting.output_folder import check_file
 
     path: Path = args.video
@@ -334,7 +334,7 @@ def unless_it_fails(write_video: Callable[[], None]) -> str | None:
     """Write a video after all else has been written; return why there is none, if so."""
     try:
         write_video()
-    except (StictionError, ExperimentError, OSError) as error:
+    except (StictionError, OSError) as error:
         return f"no video: {one_line(str(error))}; all else is written"
     return None
 
@@ -358,7 +358,7 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
 def model_files(args: argparse.Namespace) -> dict[str, Path]:
     """Return the files of the arm and of its friction."""
     from stiction_envs.friction.sticking import friction_file
-    from stiction_envs.robots.files import robot_files
+    from stiction_envs.robots.registry import robot_files
 
     friction = friction_file(args.robot, getattr(args, "friction", None))
     return {**robot_files(args.robot), "friction": friction}

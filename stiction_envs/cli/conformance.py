@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Test; write ``conformance.csv`` and provenance."""
     from stiction_envs.experiments.conformance import conformance
-    from stiction_envs.robots.files import robot_files
+    from stiction_envs.robots.registry import robot_files
 
     folder = common.output_folder(args, common.arm_name(args), robot_files(args.robot))
     with Progress("tests") as progress:
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             args.robot,
             args.stiction,
             chain=args.chain,
-            nthread=args.threads,
+            threads=args.threads,
             progress=lambda k, n: progress.set("conformance", k, n),
         )
     with common.working(), folder:

@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.gap.diagnose import default_nominal, diagnose
     from stiction_envs.gap.stages import Stages
     from stiction_envs.measured.logs.files import is_log
-    from stiction_envs.robots.files import robot_files
+    from stiction_envs.robots.registry import robot_files
 
     for log in [*files, *args.check]:
         if not is_log(log):
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             cutoff_hz=args.cutoff,
             method=args.method,
             seed=args.seed,
-            nthread=args.threads,
+            threads=args.threads,
             progress=say,
         )
         with common.working(), folder:
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def show(result: dict[str, Any]) -> str:
     """Return the verdict and the causes as readable lines."""
-    from stiction_envs.gap.result import describe
+    from stiction_envs.gap.report.result import describe
 
     text = describe(result["verdict"], result["summary"], result["causes"])
     return f"{text}\nwritten to {result['out']}: report.html"

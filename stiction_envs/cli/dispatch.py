@@ -6,7 +6,8 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from importlib.metadata import entry_points
 from typing import Any, TextIO
 
 from stiction_envs.cli import (
@@ -14,15 +15,11 @@ from stiction_envs.cli import (
     check,
     conformance,
     diagnose,
-    evaluate,
     excite,
     export,
     gte,
     identify,
-    reproduce,
     sje,
-    train,
-    tune,
     view,
 )
 from stiction_envs.cli.common import Failed, Parser, one_line
@@ -32,15 +29,19 @@ from stiction_envs.reporting.json_text import to_text
 from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
-COMMANDS = (
-    *(sje, gte, tune, train, evaluate, calibrate, excite, identify, check, diagnose, export),
-    *(view, conformance, reproduce),
-)
+COMMANDS = (sje, gte, calibrate, excite, identify, check, diagnose, export, view, conformance)
 """Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
+GROUP = "stiction_envs.commands"
+"""Entry points of other packages' modules of that kind."""
 
 
-def build_parser() -> Parser:
-    """Return the parser of all commands."""
+def all_commands() -> list[Any]:
+    """Return the modules of all commands: ours, then those of installed packages."""
+    return [*COMMANDS, *(point.load() for point in entry_points(group=GROUP))]
+
+
+def build_parser(commands: Iterable[Any]) -> Parser:
+    """Return the parser of these commands."""
     parser = Parser(
         prog="stiction",
         description="Robot joints that stick in MuJoCo, and the dither that frees them.",
@@ -50,16 +51,17 @@ def build_parser() -> Parser:
     subparsers = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, parser_class=Parser
     )
-    for module in COMMANDS:
+    for module in commands:
         module.add_parser(subparsers)
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = None) -> int:
     """Run one command.
 
     Args:
         argv: arguments; None for those of the process.
+        commands: their modules; None for `all_commands`.
 
     Returns:
         0 done, 1 failed while working, 2 bad input or usage. One line on standard error says why;
@@ -70,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # a terminal that does not know "·"
     interrupted = "nothing was written"
     try:
-        args = build_parser().parse_args(argv)
+        args = build_parser(all_commands() if commands is None else commands).parse_args(argv)
         interrupted = args.interrupted
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -85,10 +87,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
     except SystemExit as end:  # --help
         return end.code if isinstance(end.code, int) else BAD_INPUT
-    except StictionError as error:
-        return _say(str(error), BAD_INPUT)
     except (Failed, ExperimentError) as error:
         return _say(str(error), FAILED)
+    except StictionError as error:
+        return _say(str(error), BAD_INPUT)
     except KeyboardInterrupt:
         return _say(f"interrupted: {interrupted}", FAILED)
     except BrokenPipeError:

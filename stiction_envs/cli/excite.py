@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from stiction_envs.identification.excitation import excite
     from stiction_envs.identification.settings import identification_settings
-    from stiction_envs.robots.files import robot_files
+    from stiction_envs.robots.registry import robot_files
 
     given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
     settings = identification_settings().excitation.replace(**given)

@@ -143,8 +143,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     arm = common.read_arm(args)
 
     from stiction_envs.control.settings import ImpedanceSettings
-    from stiction_envs.experiments.gte.cases import read_dither, read_trajectory, with_and_without
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+    from stiction_envs.experiments.gte.protocol import (
+        read_dither,
+        read_trajectory,
+        with_and_without,
+    )
 
     controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
@@ -174,7 +178,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         controller_model=controller_model,
         scatter=not args.no_scatter,
         seed=args.seed,
-        nthread=args.threads,
+        threads=args.threads,
     )
     compensation = None
     if args.compensation is not None:
@@ -216,14 +220,14 @@ def _write_video(
     path: Path, bench: GeneratedTrajectoryExperiment, cases: Sequence[Case], progress: Progress
 ) -> str | None:
     """Write the video; return why there is none, if so: all else is there."""
-    from stiction_envs.envs.render.mp4 import write_film
-    from stiction_envs.envs.render.path_video import PathVideo
+    from stiction_envs.envs.render.film import write_film
+    from stiction_envs.envs.render.path_film import PathFilm
 
     def show_frames(done: int, total: int) -> None:
         progress.set("video", done, total, "frames")
 
     return common.unless_it_fails(
-        lambda: write_film(PathVideo(bench, cases), path, progress=show_frames)
+        lambda: write_film(PathFilm(bench, cases), path, progress=show_frames)
     )
 
 

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Identify; write ``identification.json``, report, model, a plot and provenance."""
     from stiction_envs.measured.logs.files import is_log
     from stiction_envs.robots import load_arm
-    from stiction_envs.robots.files import robot_files
+    from stiction_envs.robots.registry import robot_files
 
     arm = load_arm(args.robot, chain=args.chain)
     for log in args.logs:

@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.experiments.sje.protocol import load_protocol
 
-    protocol = load_protocol(arm.name)
+    protocol = load_protocol(arm.registered_name)
     if args.ramp_rate is not None:
         protocol = protocol.replace(ramp_rate=args.ramp_rate)
     experiment = SingleJointExperiment(
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ),
         scatter=not args.no_scatter,
         seed=args.seed,
-        nthread=args.threads,
+        threads=args.threads,
     )
     jobs = experiment.jobs(
         args.joint, loads=args.load, directions=args.direction, dither=args.dither
@@ -140,13 +140,13 @@ def _write_video(
     path: Path, experiment: SingleJointExperiment, result: BreakawayTorques, progress: Progress
 ) -> str | None:
     """Write the video; return why there is none, if so: all else is there."""
-    from stiction_envs.envs.render.mp4 import write_film
-    from stiction_envs.envs.render.ramp_video import RampVideo, shown
+    from stiction_envs.envs.render.film import write_film
+    from stiction_envs.envs.render.ramp_film import RampFilm, shown
 
     def show_frames(done: int, total: int) -> None:
         progress.set("video", done, total, "frames")
 
-    film = RampVideo(experiment, shown(result.measurements))
+    film = RampFilm(experiment, shown(result.measurements))
     return common.unless_it_fails(lambda: write_film(film, path, progress=show_frames))
 
 

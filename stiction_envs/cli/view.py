@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 
 if TYPE_CHECKING:
-    from stiction_envs.envs.render.push_controls import PushControls
     from stiction_envs.envs.render.push_page import PushPage
+    from stiction_envs.envs.render.push_view import PushView
     from stiction_envs.envs.render.push_window import PushWindow
     from stiction_envs.friction.model import StickingModel
     from stiction_envs.measured import AmplitudeRow
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Show the window until it is closed, or the page until Ctrl-C."""
     arm = common.read_arm(args)
 
-    from stiction_envs.envs.render.push_controls import KEYS, PushControls
-    from stiction_envs.experiments.gte.cases import read_dither
+    from stiction_envs.envs.render.push_view import KEYS, PushView
+    from stiction_envs.experiments.gte.protocol import read_dither
     from stiction_envs.experiments.sje.push import Push
     from stiction_envs.friction.sticking import sticking_model
 
@@ -74,27 +74,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rows = usual_dither(sticking) if args.dither is None else read_dither(args.dither, arm)
     push = Push(sticking, dither=rows)
     push.choose(args.joint)
-    controls = PushControls(push)
-    face = _face(controls, args.browser)
+    shown = PushView(push)
+    face = _face(shown, args.browser)
     print(f"keys: {KEYS}", file=sys.stderr)
     try:
         face.run(lambda line: print(line, file=sys.stderr))
     finally:
         face.close()
-    return {"command": "view", "robot": arm.name, "simulated_s": controls.time}
+    return {"command": "view", "robot": arm.name, "simulated_s": shown.time}
 
 
-def _face(controls: PushControls, port: int | None) -> PushWindow | PushPage:
+def _face(view: PushView, port: int | None) -> PushWindow | PushPage:
     """Open a window; a page where a port is given, or where there is no display but viser."""
     from stiction_envs.envs.render.window import has_display
 
     if port is None and (has_display() or importlib.util.find_spec("viser") is None):
         from stiction_envs.envs.render.push_window import PushWindow
 
-        return PushWindow(controls)  # without a display it says what there is instead
+        return PushWindow(view)  # without a display it says what there is instead
     from stiction_envs.envs.render.push_page import PushPage
 
-    return PushPage(controls, PORT if port is None else port)
+    return PushPage(view, PORT if port is None else port)
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
@@ -105,21 +105,21 @@ def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     """
     import numpy as np
 
+    from stiction_envs.dither.tables import HERE
     from stiction_envs.envs.agents import agent_settings
     from stiction_envs.experiments.gte.rows import thesis_final_dither
     from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
-    from tuning.explore.tables import HERE
 
-    arm, usual = sticking.arm, agent_settings().usual
-    if arm.name in thesis_robots("4.9"):
+    arm, usual = sticking.arm, agent_settings()
+    if arm.registered_name in thesis_robots("4.9"):
         return list(thesis_final_dither())
-    shipped = HERE / f"{arm.name}.csv"
-    if shipped.is_file() and arm.registered:
+    shipped = HERE / f"{arm.registered_name}.csv"
+    if shipped.is_file():
         return read_amplitudes(shipped, n_joints=arm.n)
     p = sticking.parameters
     stiction = p.stiction_at(p.load_low).mean(axis=-1)
-    amplitude = np.minimum(usual.amplitude * stiction, 0.5 * arm.limits.torque)
-    return [AmplitudeRow(j + 1, usual.frequency, float(a)) for j, a in enumerate(amplitude)]
+    amplitude = np.minimum(usual.usual_amplitude * stiction, 0.5 * arm.limits.torque)
+    return [AmplitudeRow(j + 1, usual.usual_frequency, float(a)) for j, a in enumerate(amplitude)]
 
 
 def show(result: dict[str, Any]) -> str:

@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.control.kernels import pose_error
-from stiction_envs.control.settings import gte_default
+from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured.csv_text import read_lines
@@ -74,10 +74,9 @@ class Compensation:
         if gain.ndim != 1 or not len(gain):
             raise StictionError("compensation gain: expected one number per joint [N·m]")
         values = {"gain": gain}
-        for name, default in (("speed", f"{self.kind}_speed"), ("error", "push_error")):
+        for name in ("speed", "error"):
             given = getattr(self, name)
-            empty = np.size(given) == 0
-            value = gte_default(f"compensation.{default}") if empty else given
+            value = given if np.size(given) else usual(self.kind, name)
             values[name] = _numbers(name, value, len(gain))
         for name, array in values.items():
             bad = array < 0 if name == "gain" else array <= 0
@@ -122,6 +121,12 @@ class Compensation:
         return cls(kind=kind, gain=tuple(factor * breakaway), **options)
 
 
+def usual(kind: str, name: str) -> float:
+    """Default ``speed`` [rad/s] or ``error`` [rad] of a kind."""
+    default = GTE_DEFAULTS["compensation"][f"{kind}_speed" if name == "speed" else "push_error"]
+    return float(default)
+
+
 def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Compensation:
     """Read a table of gains, ``joint,gain_nm[,speed_rad_s][,error_rad]``; joints it lacks get none.
 
@@ -152,9 +157,7 @@ def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Com
             value = line.number(column)
             if value <= 0:
                 raise line.error(f"{column} is {value:g}: expected > 0")
-            default = f"{kind}_speed" if name == "speed" else "push_error"
-            usual = gte_default(f"compensation.{default}")
-            options.setdefault(name, np.full(n, usual))[joint - 1] = value
+            options.setdefault(name, np.full(n, usual(kind, name)))[joint - 1] = value
     if not gain.any():
         raise StictionError(f"{path}: compensates no joint: expected a gain_nm above 0")
     return Compensation(kind=kind, gain=tuple(gain), **{k: tuple(v) for k, v in options.items()})

@@ -1,9 +1,9 @@
 """Cartesian impedance control of N arms in lockstep: thesis 2.5, equations 2.9 to 2.17.
 
-    τ = sat( Jᵀ(−K e − D J q̇ + F) + P τ_0 + dither ),   τ_0 = k_n (q_d − q) − d_n q̇
+    τ = sat( Jᵀ(−K e − D J q̇) + P τ_0 + dither ),   τ_0 = k_n (q_d − q) − d_n q̇
 
 without gravity, which the robot adds, and with the reference's own velocity left out of the
-damping, as in the package the thesis used (Mayr & Salt-Ducaju; physics.md 6.1). Everything is
+damping, as in the package the thesis used (Mayr & Salt-Ducaju; sources.md 6.1). Everything is
 computed simulation by simulation: results are the same bits for any N.
 
 Passive are the Cartesian part alone (k_n = 0, equal stiffness about the three axes of rotation) and
@@ -24,7 +24,7 @@ from stiction_envs.control.filters import Filtered, Rows, fill, rows_of
 from stiction_envs.control.kernels import impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, pseudoinverse_projector, renew
 from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
-from stiction_envs.control.settings import ImpedanceSettings, stiffness_matrix
+from stiction_envs.control.settings import FILTERS, ImpedanceSettings, stiffness_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
 
@@ -79,11 +79,8 @@ class CartesianImpedance:
         step = settings.filter_step
         self._stiffness = Filtered((nsim, 6, 6), step("stiffness_filter"))
         self._null_stiffness = Filtered((nsim, n), step("stiffness_filter"))
-        self._null_q = Filtered((nsim, n), step("nullspace_filter"))
-        self._external = Filtered((nsim, 6), step("wrench_filter"))
         self._position = Filtered((nsim, 3), step("pose_filter"))
-        filters = ("stiffness_filter", "nullspace_filter", "wrench_filter", "pose_filter")
-        self._filtering = any(step(name) < 1.0 for name in filters)
+        self._filtering = any(step(name) < 1.0 for name in FILTERS)
         self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self._quaternion_target = self._quaternion.copy()
         self._error_matrix = error_matrix(self._quaternion)
@@ -95,7 +92,7 @@ class CartesianImpedance:
         self._root, self._inverse_root, self._modes, self._inertia = np.zeros((4, nsim, 6, 6))
         self._projector = np.zeros((nsim, n, n))
         self._state = np.zeros((nsim, 12))
-        self._q, self._wanted, self._sent, self._command = np.zeros((4, nsim, n))
+        self._q, self._null_q, self._wanted, self._sent, self._command = np.zeros((5, nsim, n))
         self._nothing, self._everyone = np.zeros((nsim, n)), np.arange(nsim)
         s = settings
         self._write_stiffness(
@@ -129,12 +126,11 @@ class CartesianImpedance:
             q: (M, n) joint angles [rad].
             torque: (M, n) command from which the rate limit goes on [N·m].
 
-        The external wrench is taken away; the stiffness set last is kept.
+        The stiffness set last is kept.
         """
         rows = rows_of(ids)
         self._put_pose(rows, position, quaternion, now=True)
-        self._null_q.put(rows, q, now=True)
-        self._external.put(rows, 0.0, now=True)
+        self._null_q[rows] = q
         for filtered in (self._stiffness, self._null_stiffness):
             filtered.put(rows, filtered.target[rows], now=True)
         self._refresh(rows)
@@ -145,14 +141,6 @@ class CartesianImpedance:
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike, ids: Ids = None) -> None:
         """Move the reference to (M, 3) [m] and (M, 4) w, x, y, z, in the base frame."""
         self._put_pose(rows_of(ids), position, quaternion, now=False)
-
-    def set_nullspace(self, q: ArrayLike, ids: Ids = None) -> None:
-        """Move the nullspace configuration q_d to (M, n) [rad]."""
-        self._null_q.put(rows_of(ids), q)
-
-    def set_wrench(self, wrench: ArrayLike, ids: Ids = None) -> None:
-        """Let the end effector push with force and torque (M, 6), base frame [N, N·m]."""
-        self._external.put(rows_of(ids), wrench)
 
     def set_stiffness(
         self,
@@ -365,9 +353,8 @@ class CartesianImpedance:
             self._position.value,
             self._error_matrix,
             self._gain,
-            self._external.value,
             self._null_active,
-            self._null_q.value,
+            self._null_q,
             self._null_stiffness.value,
             self._null_damping,
             self._projector,
@@ -379,15 +366,13 @@ class CartesianImpedance:
         )
 
     def advance_filters(self) -> None:
-        """Move stiffness, wrench and poses one cycle towards what was set; `torque` does it."""
+        """Move stiffness and poses one cycle towards what was set; `torque` does it."""
         if not self._filtering:
             return
         if self._stiffness.advance():
             np.negative(self._stiffness.value, out=self._gain[:, :, :6])
         if self._null_stiffness.advance():
             self._damp_nullspace(slice(None))
-        self._null_q.advance()
-        self._external.advance()
         if self._position.advance():
             self._quaternion = slerp(self._quaternion, self._quaternion_target, self._position.step)
             write_error_matrix(self._quaternion, self._error_matrix)

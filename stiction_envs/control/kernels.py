@@ -83,7 +83,6 @@ def impedance_cycle(
     reference: Array,
     error_matrix: Array,
     gain: Array,
-    external: Array,
     null_active: bool,
     null_q: Array,
     null_stiffness: Array,
@@ -97,59 +96,34 @@ def impedance_cycle(
 ) -> None:
     """Write the commands (N, n) of a `CartesianImpedance`, behind its filters.
 
-    Torques are (N, n) [N·m]; the others are as in the functions below. ``dither_after`` adds the
-    dither behind the saturation. Written are ``state``, ``seen`` (the angles), ``wanted`` (before
-    the saturation), ``sent`` (behind it) and ``command``.
-    """
-    impedance_torque(
-        position, quaternion, jacobian, dq, reference, error_matrix, gain, external, state, wanted
-    )
-    if null_active:
-        add_nullspace(q, dq, null_q, null_stiffness, null_damping, projector, wanted)
-    for i in range(wanted.shape[0]):
-        for j in range(wanted.shape[1]):
-            seen[i, j] = q[i, j]
-            wanted[i, j] += coriolis[i, j]
-            wanted[i, j] += gravity_correction[i, j]
-            if not dither_after:
-                wanted[i, j] += dither[i, j]
-    saturate(wanted, rate, limit, sent)
-    for i in range(wanted.shape[0]):
-        for j in range(wanted.shape[1]):
-            command[i, j] = sent[i, j]
-            if dither_after:
-                command[i, j] = _between(sent[i, j] + dither[i, j], -limit[j], limit[j])
-
-
-@compiled
-def impedance_torque(
-    position: Array,
-    quaternion: Array,
-    jacobian: Array,
-    dq: Array,
-    reference: Array,
-    error_matrix: Array,
-    gain: Array,
-    external: Array,
-    state: Array,
-    tau: Array,
-) -> None:
-    """Write the error and what the Cartesian impedance makes of it.
-
     Args:
         position: (N, 3) measured [m].
         quaternion: (N, 4) measured.
         jacobian: (N, 6, n).
+        q: (N, n) [rad].
         dq: (N, n) [rad/s].
+        coriolis: (N, n) as the next two added to the torque [N·m].
+        gravity_correction: (N, n).
+        dither: (N, n).
+        dither_after: whether dither is added behind the saturation.
+        rate: largest change of the torque per cycle [N·m].
+        limit: (n,) [N·m].
         reference: (N, 3) [m].
         error_matrix: (N, 4, 4) of `rotation.error_matrix`.
         gain: (N, 6, 12) wrench per state.
-        external: (N, 6) wrench to add [N, N·m].
+        null_active: whether the next four are used.
+        null_q: (N, n) q_d [rad].
+        null_stiffness: (N, n) k_n [N·m/rad].
+        null_damping: (N, n) d_n [N·m·s/rad].
+        projector: (N, n, n) P.
         state: (N, 12), written: error [m, rad], then J q̇ [m/s, rad/s].
-        tau: (N, n), written: Jᵀ (gain · state + external) [N·m].
+        seen: (N, n), written: the angles [rad].
+        wanted: (N, n), written: torque before the saturation [N·m].
+        sent: (N, n), the last torque behind it, written [N·m].
+        command: (N, n), written [N·m].
     """
-    wrench = np.empty(6)
     n = dq.shape[1]
+    wrench, joint = np.empty(6), np.empty(n)
     for i in range(len(position)):
         pose_error(position[i], quaternion[i], reference[i], error_matrix[i], state[i])
         for k in range(6):
@@ -158,15 +132,34 @@ def impedance_torque(
                 speed += jacobian[i, k, j] * dq[i, j]
             state[i, 6 + k] = speed
         for k in range(6):
-            total = external[i, k]
+            total = 0.0
             for m in range(12):
                 total += gain[i, k, m] * state[i, m]
             wrench[k] = total
         for j in range(n):
+            seen[i, j] = q[i, j]
             total = 0.0
             for k in range(6):
                 total += jacobian[i, k, j] * wrench[k]
-            tau[i, j] = total
+            wanted[i, j] = total
+        if null_active:  # P (k_n (q_d − q) − d_n q̇)
+            for j in range(n):
+                spring = null_stiffness[i, j] * (null_q[i, j] - q[i, j])
+                joint[j] = spring - null_damping[i, j] * dq[i, j]
+            for j in range(n):
+                total = 0.0
+                for m in range(n):
+                    total += projector[i, j, m] * joint[m]
+                wanted[i, j] += total
+        for j in range(n):
+            wanted[i, j] += coriolis[i, j]
+            wanted[i, j] += gravity_correction[i, j]
+            if not dither_after:
+                wanted[i, j] += dither[i, j]
+            low, high = max(sent[i, j] - rate, -limit[j]), min(sent[i, j] + rate, limit[j])
+            sent[i, j] = command[i, j] = _between(wanted[i, j], low, high)
+            if dither_after:
+                command[i, j] = _between(sent[i, j] + dither[i, j], -limit[j], limit[j])
 
 
 @compiled
@@ -175,7 +168,7 @@ def pose_error(
 ) -> None:
     """Write the error of one arm into the first six of ``error`` [m, rad].
 
-    Arguments are rows of those of `impedance_torque`.
+    Arguments are rows of those of `impedance_cycle`.
     """
     turned = np.empty(4)
     for k in range(3):
@@ -191,56 +184,6 @@ def pose_error(
     factor = np.copysign(factor, turned[0])
     for k in range(3):
         error[3 + k] = factor * turned[1 + k]
-
-
-@compiled
-def add_nullspace(
-    q: Array,
-    dq: Array,
-    wanted: Array,
-    stiffness: Array,
-    damping: Array,
-    projector: Array,
-    tau: Array,
-) -> None:
-    """Add P (k_n (q_d − q) − d_n q̇) to the torque (N, n) [N·m].
-
-    Args:
-        q: (N, n) [rad].
-        dq: (N, n) [rad/s].
-        wanted: (N, n) q_d [rad].
-        stiffness: (N, n) k_n [N·m/rad].
-        damping: (N, n) d_n [N·m·s/rad].
-        projector: (N, n, n) P.
-        tau: (N, n), changed [N·m].
-    """
-    n = q.shape[1]
-    joint = np.empty(n)
-    for i in range(len(q)):
-        for j in range(n):
-            joint[j] = stiffness[i, j] * (wanted[i, j] - q[i, j]) - damping[i, j] * dq[i, j]
-        for j in range(n):
-            total = 0.0
-            for m in range(n):
-                total += projector[i, j, m] * joint[m]
-            tau[i, j] += total
-
-
-@compiled
-def saturate(wanted: Array, rate: float, limit: Array, sent: Array) -> None:
-    """Follow what is wanted as far as torque rate and torque limits allow.
-
-    Args:
-        wanted: (N, n) [N·m].
-        rate: largest change per cycle [N·m].
-        limit: (n,) [N·m].
-        sent: (N, n) the last command, written: the next [N·m].
-    """
-    for i in range(len(wanted)):
-        for j in range(len(limit)):
-            sent[i, j] = _between(
-                wanted[i, j], max(sent[i, j] - rate, -limit[j]), min(sent[i, j] + rate, limit[j])
-            )
 
 
 @compiled

@@ -176,7 +176,7 @@ def _project(jacobian: Array, inertia: Array, minv_jt: Array, out: Array) -> Non
 
 
 def pseudoinverse_projector(jacobian: Array, damping: float) -> Array:
-    """P = I − Jᵀ (Jᵀ)^#, (M, n, n), of Jacobians (M, 6, n); physics.md 6.1.
+    """P = I − Jᵀ (Jᵀ)^#, (M, n, n), of Jacobians (M, 6, n); sources.md 6.1.
 
     (Jᵀ)^# has the singular values σ/(σ² + λ²), λ = ``damping``: it is (J Jᵀ + λ²)⁻¹ J.
     """

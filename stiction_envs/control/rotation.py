@@ -14,39 +14,13 @@ from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
 
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 # a ⊗ b = B(b) a with the entries of b in this order and with these signs
 _RIGHT = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _RIGHT_SIGN = np.array(
     [[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]]
 )
-_ERROR_SIGN = _RIGHT_SIGN * _CONJUGATE[_RIGHT]
-# 4 q qᵀ, row by row, from the nine entries of the matrix
-_OUTER = np.zeros((16, 9))
-_OUTER_CONSTANT = np.eye(4).ravel()
-for _row, _plus, _minus in (
-    (0, (0, 4, 8), ()),
-    (1, (7,), (5,)),
-    (2, (2,), (6,)),
-    (3, (3,), (1,)),
-    (5, (0,), (4, 8)),
-    (6, (1, 3), ()),
-    (7, (2, 6), ()),
-    (10, (4,), (0, 8)),
-    (11, (5, 7), ()),
-    (15, (8,), (0, 4)),
-):
-    _mirror = 4 * (_row % 4) + _row // 4
-    for _sign, _entries in ((1.0, _plus), (-1.0, _minus)):
-        for _entry in _entries:
-            _OUTER[_row, _entry] = _OUTER[_mirror, _entry] = _sign
-_DIAGONAL = np.array([0, 5, 10, 15])
+_ERROR_SIGN = _RIGHT_SIGN * np.array([1.0, -1.0, -1.0, -1.0])[_RIGHT]
 _TINY = np.finfo(float).tiny
-
-
-def conjugate(q: Array) -> Array:
-    """Inverse rotation of unit quaternions q (..., 4)."""
-    return q * _CONJUGATE
 
 
 def multiply(a: Array, b: Array) -> Array:
@@ -89,7 +63,7 @@ def rotation_vector(q: Array, out: Array | None = None) -> Array:
 
 
 def rotation_error(q: Array, reference: Array) -> Array:
-    """Angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); physics.md 6.1.
+    """Angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); sources.md 6.1.
 
     Args:
         q: (..., 4) measured orientation.
@@ -101,16 +75,9 @@ def rotation_error(q: Array, reference: Array) -> Array:
     return rotation_vector(np.einsum("...ij,...j->...i", error_matrix(reference), q))
 
 
-def angle_between(a: Array, b: Array) -> Array:
-    """Angle of the rotation from a to b (..., 4) [rad], (...), in [0, π]."""
-    q = multiply(a, conjugate(b))
-    length = np.sqrt(np.einsum("...i,...i->...", q[..., 1:], q[..., 1:]))
-    return 2.0 * np.arctan2(length, np.abs(q[..., 0]))
-
-
 @compiled
 def angle_one(a: Array, b: Array) -> float:
-    """`angle_between` two quaternions (4,), for other compiled functions."""
+    """Angle of the rotation from b to a (4,) [rad], in [0, π]; for other compiled functions."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2]
     y = a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3]
@@ -127,22 +94,6 @@ def from_rotation_vector(vector: ArrayLike) -> Array:
     # np.sinc(x) = sin(πx)/(πx) is 1 at 0
     np.multiply(v, 0.5 * np.sinc(half / np.pi)[..., None], out=out[..., 1:])
     return out
-
-
-def from_matrix(matrix: Array) -> Array:
-    """Quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
-
-    The row of 4 q qᵀ with the largest diagonal entry, normalised (Shepperd 1978).
-    """
-    flat = np.ascontiguousarray(matrix).reshape(*matrix.shape[:-2], 9)
-    outer = np.einsum("...i,ki->...k", flat, _OUTER)
-    outer += _OUTER_CONSTANT
-    best = np.argmax(np.take(outer, _DIAGONAL, axis=-1), axis=-1)
-    # take_along_axis would cost more than everything else here
-    row = best.ravel() + np.arange(0, 4 * best.size, 4)
-    q = outer.reshape(-1, 4)[row].reshape(*best.shape, 4)
-    length = np.sqrt(np.einsum("...i,...i->...", q, q))
-    return q / np.copysign(length, q[..., 0])[..., None]
 
 
 def to_matrix(q: Array) -> Array:

@@ -2,7 +2,7 @@
 
     command (+ dither) --hold--> rate limit --> first-order low-pass --> torque limit --> joint
 
-as on the Panda (libfranka 0.9: physics.md 1.8). Dither is added to the command before all of it,
+as on the Panda (libfranka 0.9: sources.md 1.8). Dither is added to the command before all of it,
 as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms for M simulations.
 """
 
@@ -63,7 +63,7 @@ class TorqueInterface:
 
     @property
     def lowpass_gain(self) -> float:
-        """The g of y ← y + g(u − y): Δt/(Δt + 1/(2πf_c)), physics.md 1.8; 1 is off [-]."""
+        """The g of y ← y + g(u − y): Δt/(Δt + 1/(2πf_c)), sources.md 1.8; 1 is off [-]."""
         if self.lowpass_hz == 0:
             return 1.0
         dt = 1.0 / CONTROL_RATE_HZ

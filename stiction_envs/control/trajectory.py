@@ -1,6 +1,6 @@
 """Straight lines between poses with trapezoidal speed, and the experiment's paths made of them.
 
-What the trajectory generator of the thesis's package does (physics.md 6.2), for N arms at once:
+What the trajectory generator of the thesis's package does (sources.md 6.2), for N arms at once:
 a goal starts from the pose **measured** when it is accepted, so the standing error of the arm is
 forgotten at every corner. Everything works element by element: an arm's reference is the same bits
 whatever N is.
@@ -9,16 +9,17 @@ whatever N is.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
-from functools import partial
-from typing import Any
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, get_type_hints
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.rotation import from_rpy, multiply, rotation_error
-from stiction_envs.control.settings import gte_default
+from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.control.trapezoid import (
     Index,
     Profile,
@@ -29,7 +30,8 @@ from stiction_envs.control.trapezoid import (
     sample,
 )
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import read_header, read_lines
+from stiction_envs.measured.csv_text import header_of, read_lines
+from stiction_envs.method_settings import Positive
 
 Array = NDArray[np.float64]
 POSITION = ("x", "y", "z")
@@ -38,51 +40,45 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file (assumed)
 
 
-def _default(name: str) -> Callable[[], Any]:
-    return partial(gte_default, f"motion.{name}")
+_DEFAULT = GTE_DEFAULTS["motion"]
+_Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
     """How fast a reference moves and when a goal is reached; ``gte.toml`` has the sources."""
 
-    translational_speed: float = field(default_factory=_default("translational_speed"))
+    translational_speed: _Finite = _DEFAULT["translational_speed"]
     """[m/s]."""
-    rotational_speed: float = field(default_factory=_default("rotational_speed"))
+    rotational_speed: _Finite = _DEFAULT["rotational_speed"]
     """[rad/s]."""
-    translational_acceleration: float = field(
-        default_factory=_default("translational_acceleration")
-    )
+    translational_acceleration: _Finite = _DEFAULT["translational_acceleration"]
     """[m/s²]."""
-    rotational_acceleration: float = field(default_factory=_default("rotational_acceleration"))
+    rotational_acceleration: _Finite = _DEFAULT["rotational_acceleration"]
     """[rad/s²]."""
-    translational_deceleration: float = field(
-        default_factory=_default("translational_deceleration")
-    )
+    translational_deceleration: _Finite = _DEFAULT["translational_deceleration"]
     """[m/s²]."""
-    rotational_deceleration: float = field(default_factory=_default("rotational_deceleration"))
+    rotational_deceleration: _Finite = _DEFAULT["rotational_deceleration"]
     """[rad/s²]."""
-    synchronised: bool = field(default_factory=_default("synchronised"))
+    synchronised: bool = _DEFAULT["synchronised"]
     """Whether the shorter of translation and rotation is stretched in time to the longer."""
-    publish_rate_hz: float = field(default_factory=_default("publish_rate_hz"))
+    publish_rate_hz: _Finite = _DEFAULT["publish_rate_hz"]
     """How often a controller gets a new reference and goals are looked at [Hz]."""
-    position_tolerance: float = field(default_factory=_default("position_tolerance"))
+    position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
-    rotation_tolerance: float = field(default_factory=_default("rotation_tolerance"))
+    rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]
     """Largest angle from a goal that is reached [rad]; inf: time alone decides."""
-    patience: float = field(default_factory=_default("patience"))
+    patience: Positive = _DEFAULT["patience"]
     """A goal counts as reached this long after its movement's end, however far it is [s]."""
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "synchronised":
-                if value not in (True, False):
-                    raise StictionError(f"motion synchronised is {value!r}: expected a bool")
-            elif not (isinstance(value, int | float) and value > 0):
-                raise StictionError(f"motion {f.name} is {value!r}: expected a number > 0")
-            elif value == np.inf and not f.name.endswith(("tolerance", "patience")):
-                raise StictionError(f"motion {f.name} is {value}: expected a finite number > 0")
+        for name, kind in get_type_hints(MotionLimits, include_extras=True).items():
+            value = getattr(self, name)
+            try:
+                msgspec.convert(value, kind)
+            except msgspec.ValidationError as error:
+                said = str(error).replace("Expected", "expected")
+                raise StictionError(f"motion {name} is {value!r}: {said}") from None
 
 
 class Segment:
@@ -360,7 +356,7 @@ def triangle(side: float | None = None, slope: float | None = None) -> Path:
         slope: of its plane downwards from the base's x [rad]; None likewise.
     """
     side = _size("triangle_side", side)
-    slope = gte_default("path.triangle_slope") if slope is None else slope
+    slope = GTE_DEFAULTS["path"]["triangle_slope"] if slope is None else slope
     forward = side * np.sqrt(0.75)
     x, z = forward * np.cos(slope), -forward * np.sin(slope)
     return _constant("triangle", [[x, -0.5 * side, z], [x, 0.5 * side, z], [0.0, 0.0, 0.0]])
@@ -379,7 +375,7 @@ def pentagon(side: float | None = None) -> Path:
 
 
 def _size(name: str, value: float | None) -> float:
-    value = gte_default(f"path.{name}") if value is None else value
+    value = GTE_DEFAULTS["path"][name] if value is None else value
     if not 0 < value < np.inf:
         raise StictionError(f"path {name.replace('_', ' ')} is {value} m: expected > 0")
     return value
@@ -401,7 +397,7 @@ def read_path(path: str | os.PathLike[str]) -> Path:
             quaternion whose length is not 1; the message names file, line and column.
     """
     turns: tuple[str, ...] = ()
-    header = read_header(path)
+    header = header_of(path)
     for columns in (QUATERNION, RPY):
         if any(name in header for name in columns):
             turns = columns

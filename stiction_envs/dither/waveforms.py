@@ -74,7 +74,7 @@ class Waveform(ABC):
         """Return the mean of sign(x + w) over a period in closed form; None where none is known.
 
         It is the share of Coulomb friction that an oscillation of the speed with this shape leaves
-        (Zames and Shneydor 1976; `friction.averaging`).
+        (Zames and Shneydor 1976).
         """
         return None
 

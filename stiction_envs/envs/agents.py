@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
-from stiction_envs.method_settings import check_numbers, load_settings
+from stiction_envs.method_settings import Positive, load_settings
 
 Array = NDArray[np.float64]
 Table = str | Path | Sequence[AmplitudeRow]
@@ -36,52 +35,19 @@ State = tuple[NDArray[Any], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class UsualSettings:
-    """The table of an arm about which nothing is known."""
-
-    amplitude: float
-    """Over the stiction [-]."""
-    frequency: float
-    """[Hz]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GateSettings:
-    """Where dither fades with speed."""
-
-    speed: float
-    """v_gate [rad/s]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RuleSettings:
-    """How much a joint is dithered that is pushed; see `TorqueRule`."""
-
-    factor: float
-    """Largest amplitude over the table's [-]."""
-    share: float
-    """Torque from which the amplitude is the largest, over the stiction [-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@dataclass(frozen=True, kw_only=True)
 class AgentSettings:
     """All of `agents.toml`."""
 
-    usual: UsualSettings
-    """Tables."""
-    gate: GateSettings
-    """Gates."""
-    rule: RuleSettings
-    """The torque-and-speed rule."""
+    usual_amplitude: Positive
+    """Of the table of an arm about which nothing is known, over the stiction [-]."""
+    usual_frequency: Positive
+    """Of that table [Hz]."""
+    gate_speed: Positive
+    """v_gate, at which dither fades [rad/s]."""
+    rule_factor: Positive
+    """Largest amplitude over the table's, see `TorqueRule` [-]."""
+    rule_share: Positive
+    """Torque from which that amplitude is the largest, over the stiction [-]."""
 
 
 @cache
@@ -173,14 +139,11 @@ class RandomDither(Agent):
         self._seed = seed
 
     def _act(self, observation: NDArray[Any]) -> Array:
-        rows = np.ascontiguousarray(observation, dtype=np.float32)
-        share = [
-            np.random.default_rng([self._seed, *np.frombuffer(row.tobytes(), np.uint32)]).uniform(
-                size=2 * self.n
-            )
-            for row in rows
-        ]
-        return self.low + np.array(share).reshape(-1, 2 * self.n) * (self.high - self.low)
+        share = np.empty((len(observation), 2 * self.n))
+        for out, row in zip(share, np.ascontiguousarray(observation, np.float32), strict=True):
+            seed = [self._seed, *np.frombuffer(row.tobytes(), np.uint32)]
+            out[:] = np.random.default_rng(seed).uniform(size=2 * self.n)
+        return self.low + share * (self.high - self.low)
 
 
 class ConstantTable(Agent):
@@ -209,23 +172,22 @@ class ConstantTable(Agent):
             rows = read_amplitudes(Path(table), n_joints=self.n)
         else:
             rows = table
+        waveform = env.unwrapped.core.waveform
         amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
         gate = np.full(self.n, np.inf)
         for row in rows:
             if not 1 <= row.joint <= self.n:
                 raise StictionError(f"{where}: joint {row.joint}: expected 1 to {self.n}")
-            if row.waveform != DEFAULT_WAVEFORM or row.offset_nm != 0:
+            if row.waveform != waveform or row.offset_nm != 0:
                 raise StictionError(
                     f"{where}: joint {row.joint}: {row.waveform} with offset {row.offset_nm:g} "
-                    f"N·m: expected {DEFAULT_WAVEFORM} without offset, as in the environments"
+                    f"N·m: expected {waveform} without offset, as in the environment"
                 )
             if row.amplitude_nm == 0:
                 continue
             j = row.joint - 1
-            for value, k, unit in (
-                (row.amplitude_nm, j, "N·m"),
-                (row.frequency_hz, j + self.n, "Hz"),
-            ):
+            drive = ((row.amplitude_nm, j, "N·m"), (row.frequency_hz, j + self.n, "Hz"))
+            for value, k, unit in drive:
                 if not self.low[k] <= value <= self.high[k] * (1 + 1e-6):
                     raise StictionError(
                         f"{where}: joint {row.joint}: {value:g} {unit}: expected "
@@ -264,7 +226,7 @@ class GatedTable(ConstantTable):
             StictionError: as `ConstantTable`, or a speed that is not above 0.
         """
         super().__init__(env, table)
-        speed = agent_settings().gate.speed if speed is None else speed
+        speed = agent_settings().gate_speed if speed is None else speed
         if not speed > 0:
             raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
@@ -278,7 +240,7 @@ class TorqueRule(GatedTable):
 
     The amplitude is factor · A · min(1, |τ| / (share · stiction)), faded as in `GatedTable`, with
     the table's A and the torque τ that the controller asks for without dither: a joint that is
-    where it should be is left in peace.
+    where it should be is not dithered.
     """
 
     def __init__(
@@ -287,7 +249,7 @@ class TorqueRule(GatedTable):
         table: Table | None = None,
         *,
         speed: float | None = None,
-        settings: RuleSettings | None = None,
+        settings: AgentSettings | None = None,
     ) -> None:
         """Make it; amplitudes over the environment's are cut.
 
@@ -301,11 +263,11 @@ class TorqueRule(GatedTable):
             StictionError: as `GatedTable`.
         """
         super().__init__(env, table, speed=speed)
-        self.rule = agent_settings().rule if settings is None else settings
+        self.settings = agent_settings() if settings is None else settings
 
     def _factor(self, observation: NDArray[Any]) -> Array:
-        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / self.rule.share)
-        return self.rule.factor * pushed * super()._factor(observation)
+        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / self.settings.rule_share)
+        return self.settings.rule_factor * pushed * super()._factor(observation)
 
 
 AGENTS: dict[str, type[Agent]] = {
@@ -320,9 +282,11 @@ AGENTS: dict[str, type[Agent]] = {
 
 def usual_table(env: Any) -> tuple[AmplitudeRow, ...]:
     """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
-    core, usual = env.unwrapped.core, agent_settings().usual
-    if core.arm.name in thesis_robots("4.9"):
+    core, usual = env.unwrapped.core, agent_settings()
+    if core.arm.registered_name in thesis_robots("4.9"):
         return thesis_final_dither()
     top = core.action_space.high[: core.n].astype(float)
-    amplitude = np.minimum(top, usual.amplitude * core.stiction)
-    return tuple(AmplitudeRow(j + 1, usual.frequency, float(amplitude[j])) for j in range(core.n))
+    amplitude = np.minimum(top, usual.usual_amplitude * core.stiction)
+    return tuple(
+        AmplitudeRow(j + 1, usual.usual_frequency, float(amplitude[j])) for j in range(core.n)
+    )

@@ -17,8 +17,8 @@ import gymnasium as gym
 import numpy as np
 
 from stiction_envs.envs.agents import AGENTS
-from stiction_envs.envs.registration import KINDS
-from stiction_envs.envs.render.mp4 import check_film, write_frames
+from stiction_envs.envs.registration import EXPERIMENTS
+from stiction_envs.envs.render.film import check_film, write_frames
 from stiction_envs.envs.render.window import has_display
 from stiction_envs.errors import ExperimentError, StictionError, unknown
 
@@ -42,10 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         show(given.environment, given.agent, seed=given.seed, path=given.path, out=given.out)
     except StictionError as error:
         print(f"demo: {error}", file=sys.stderr)
-        return 2
-    except ExperimentError as error:
-        print(f"demo: {error}", file=sys.stderr)
-        return 1
+        return 1 if isinstance(error, ExperimentError) else 2
     return 0
 
 
@@ -66,7 +63,9 @@ def show(
         StictionError: no such environment, an option or a seed that is none, no encoder or no
             OpenGL for a video, or a file that is there already.
     """
-    known = sorted(x for x in gym.registry if x.endswith(tuple(KINDS)))
+    known = sorted(
+        x for x in gym.registry if x.endswith(tuple(e.suffix for e in EXPERIMENTS.values()))
+    )
     if name not in known:
         raise unknown("environment", name, known)
     if seed < 0:
@@ -76,9 +75,9 @@ def show(
     if out is not None:
         check_film()
         if out.exists():
-            raise StictionError(f"{out} is there already: expected a new file (--out)")
+            raise StictionError(f"{out} is there already: expected a new file")
         if not out.parent.is_dir():
-            raise StictionError(f"{out.parent}: no such folder: expected one that is there (--out)")
+            raise StictionError(f"{out.parent}: no such folder: expected one that is there")
     env = gym.make(name, render_mode="human" if out is None else "rgb_array")
     try:
         acting = AGENTS[agent](env)

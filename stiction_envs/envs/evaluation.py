@@ -17,10 +17,9 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from stiction_envs.envs.batch_core import BatchCore
 from stiction_envs.envs.gym_env import ArmVectorEnv
-from stiction_envs.envs.sje_core import SJECore
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.measured.csv_text import write_lines
 
 Array = NDArray[np.float64]
@@ -131,7 +130,8 @@ def evaluate(
         over = step.terminated | step.truncated
         for m in np.flatnonzero(over).tolist():
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
-            row |= _summary(mine, bool(step.terminated[m])) | _final(step, m, core)
+            row |= _summary(mine, bool(step.terminated[m]))
+            row |= core.columns({name: values[m] for name, values in step.measures.items()})
         going[ids[over]] = False
     return rows
 
@@ -166,7 +166,7 @@ def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
     return list(options)
 
 
-def _summed(core: BatchCore) -> list[str]:
+def _summed(core: Episodes) -> list[str]:
     """Return the columns that are sums over steps, in their order."""
     return ["return", "steps", *(f"reward_{name}" for name in core.terms), "power", "torque_rate"]
 
@@ -193,30 +193,4 @@ def _summary(sums: Mapping[str, float], terminated: bool) -> Row:
         **{name: value for name, value in sums.items() if name.startswith("reward_")},
         "power": sums["power"] / steps,
         "torque_rate": float(np.sqrt(sums["torque_rate"] / steps)),
-    }
-
-
-def _final(step: Any, m: int, core: BatchCore) -> Row:
-    """Return what the outcome of an episode's last step says, of its row ``m``."""
-    if isinstance(core, SJECore):
-        return {
-            "reduction": float(step.reduction[m]),
-            "tau_sje_nm": float(step.tau_sje[m]),
-            "tau_base_nm": float(step.tau_base[m]),
-            "oscillation_mrad": 1e3 * float(step.shaking[m]),
-            "time_s": float(step.time[m]),
-        }
-    row: Row = {}
-    for name in ("", "undithered_"):
-        for what, field in (("left", "error_left"), ("resting", "resting_error")):
-            position, orientation = getattr(step, f"{name}{field}")[m]
-            row[f"{name}position_{what}_m"] = float(position)
-            row[f"{name}orientation_{what}_rad"] = float(orientation)
-    return row | {
-        "settling_error": float(step.settling_error[m]),
-        "tracking_error": float(step.tracking_error[m]),
-        "vibration_moving_mm": 1e3 * float(step.shaking[m]),
-        "vibration_at_rest_mm": 1e3 * float(step.shaking_at_rest[m]),
-        "undithered_vibration_mm": 1e3 * float(step.undithered_shaking[m]),
-        "duration_s": float(step.duration[m]),
     }

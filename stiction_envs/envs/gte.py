@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 from gymnasium.vector import AutoresetMode
+from numpy.typing import ArrayLike
 
-from stiction_envs.envs.gte_core import GTECore
-from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.envs.render.frames_gte import PathRenderer
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.envs.gym_env import ArmArguments, ArmEnv, ArmVectorEnv
+from stiction_envs.envs.render.gte_frames import PathRenderer
+from stiction_envs.experiments.gte.episodes import GTEEpisodes
+from stiction_envs.robots import Arm
+
+
+class GTEArguments(ArmArguments, total=False):
+    """Arguments of `GTEEnv`, which explains them."""
+
+    scatter_seed: int
+    settings: ImpedanceSettings | None
+    motion: MotionLimits | None
+    start: ArrayLike | None
+    tool: ArrayLike | None
+    compensation: str | Compensation | None
+    controller_model: Arm | None
+    random_paths: int | None
+    settling_weight: float | None
 
 
 class GTEEnv(ArmEnv):
@@ -175,7 +194,8 @@ class GTEEnv(ArmEnv):
       observation and reward, bounds and controller remain the nominal arm's. Default none.
     * `friction_factor`: true stiction and load coefficient over the nominal ones: a friction that
       nobody knows of, as in `randomise`. Default 1.
-    * `nthread`: threads of the physics, 0 for all processors. Default 0.
+    * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
+    * `threads`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
       and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).
 
@@ -183,18 +203,21 @@ class GTEEnv(ArmEnv):
     * v0: first version.
     """
 
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+    episodes = GTEEpisodes
+    renderer = PathRenderer
+
+    def __init__(
+        self, *, render_mode: str | None = None, **arguments: Unpack[GTEArguments]
+    ) -> None:
         """Make the environment; the class explains the arguments."""
-        super().__init__(GTECore, PathRenderer, render_mode, arguments)
+        super().__init__(render_mode=render_mode, **arguments)
 
 
 class GTEVectorEnv(ArmVectorEnv):
-    """N arms of `GTEEnv`, stepped in one batch; infos are Gymnasium's dict of arrays.
+    """N arms of `GTEEnv`, stepped in one batch; see `ArmVectorEnv`."""
 
-    `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
-    those of `GTEEnv` for all, or a sequence with one dict per environment; ``"reset_mask"`` (bool
-    array) among them resets only some. An episode that autoreset starts knows `fixed_options` only.
-    """
+    episodes = GTEEpisodes
+    renderer = PathRenderer
 
     def __init__(
         self,
@@ -202,14 +225,9 @@ class GTEVectorEnv(ArmVectorEnv):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **arguments: Any,
+        **arguments: Unpack[GTEArguments],
     ) -> None:
-        """Make the environments.
-
-        Args:
-            num_envs: how many.
-            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
-            render_mode: one frame per environment; `human` is for the single environment.
-            arguments: as for `GTEEnv`.
-        """
-        super().__init__(num_envs, GTECore, PathRenderer, autoreset_mode, render_mode, arguments)
+        """Make the environments; see `ArmVectorEnv`."""
+        super().__init__(
+            num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode, **arguments
+        )

@@ -1,9 +1,16 @@
-"""Gymnasium's `Env` and `VectorEnv` around a core: what every environment of the project shares."""
+"""Gymnasium's `Env` and `VectorEnv` over any experiment: what every environment shares.
+
+An environment is a class with a page as its docstring and ``episodes``, the experiment's
+`Episodes`; see `sje` and `gte`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, ClassVar, TypedDict
 
 import gymnasium
 import numpy as np
@@ -12,42 +19,59 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stiction_envs.envs.batch_core import BatchCore, Index, Outcome
-from stiction_envs.envs.render.frames import RENDER_MODES, Renderer, check_render_mode
+from stiction_envs.envs.render.env_frames import RENDER_MODES, Renderer, check_render_mode
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.episodes import Episodes, Index, Outcome
+from stiction_envs.friction.parameters import FrictionParameters
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
+AnyOptions = Mapping[str, Any] | Sequence[Mapping[str, Any] | None] | None
+"""Reset options of all environments, or of each."""
+
+
+class ArmArguments(TypedDict, total=False):
+    """Arguments of every environment; its class explains them."""
+
+    robot: str | Path
+    payload: Sequence[float] | None
+    tilt: Sequence[float]
+    chain: Sequence[str] | None
+    scatter: bool
+    friction: str | Path | FrictionParameters | None
+    control_interval_s: float
+    power_weight: float | None
+    torque_rate_weight: float | None
+    shaking_weight: float | None
+    max_episode_steps: int
+    fixed_options: Mapping[str, Any] | None
+    randomise: Mapping[str, float] | None
+    friction_factor: float
+    waveform: str
+    threads: int
 
 
 class ArmEnv(gymnasium.Env[Observation, Action]):
-    """A core of one simulation as a Gymnasium environment; subclasses say which core."""
+    """One arm in an experiment as a Gymnasium environment; subclasses say which experiment."""
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+    episodes: ClassVar[type[Episodes]]
+    """Of the experiment."""
+    renderer: ClassVar[type[Any] | None] = None
+    """A `Renderer` of the episodes; None for an experiment without pictures."""
 
-    def __init__(
-        self,
-        make_core: Callable[..., BatchCore],
-        make_renderer: Callable[[Any], Renderer],
-        render_mode: str | None,
-        arguments: Mapping[str, Any],
-    ) -> None:
-        """Make the environment.
+    def __init_subclass__(cls) -> None:
+        _show_arguments(cls)
 
-        Args:
-            make_core: called with the number of simulations, ``record`` and ``arguments``.
-            make_renderer: called with the core at the first frame.
-            render_mode: one of `RENDER_MODES`, or None.
-            arguments: of the core.
-        """
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        """Make the environment; the class explains the arguments."""
         check_render_mode(render_mode)
         self.render_mode = render_mode
-        self.core: Any = make_core(1, record=render_mode is not None, **arguments)
+        self.core: Any = self.episodes(1, record=render_mode is not None, **arguments)
         self.metadata = _metadata(self.core)
         self.action_space = self.core.action_space
         self.observation_space = self.core.observation_space
-        self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
 
     @property
@@ -71,23 +95,22 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Dither with ``action`` [N·m, Hz] for one control interval."""
         step = self.core.step(_ONE, np.asarray(action)[None])
-        ended = bool(step.terminated[0] or step.truncated[0])
+        terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         info = self._describe()
-        info |= {name: _first(getattr(step, name)) for name in self.core.each}
-        info["reward_terms"] = {name: float(step.terms[name][0]) for name in self.core.terms}
-        if ended:
-            info |= {name: _first(getattr(step, name)) for name in self.core.final}
+        info |= {name: _first(step.measures[name]) for name in self.core.each}
+        info["reward_terms"] = {name: float(x[0]) for name, x in step.terms.items()}
+        if terminated or truncated:
+            info |= {name: _first(step.measures[name]) for name in self.core.final}
         self._show()
         observation = self.core.observe(_ONE)[0]
-        reward = float(step.reward[0])
-        return observation, reward, bool(step.terminated[0]), bool(step.truncated[0]), info
+        return observation, float(step.reward[0]), terminated, truncated, info
 
     def render(self) -> Any:
         """Return the frame of the present moment, None in human mode."""
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = self._make_renderer(self.core)
+            self._renderer = _renderer(self, self.core)
         return self._renderer.frame(0, self.render_mode)
 
     def _show(self) -> None:
@@ -102,18 +125,38 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
 
 
 class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
-    """N simulations, stepped in tiles of one batch each; infos are Gymnasium's dict of arrays."""
+    """N arms, stepped in tiles of one batch each; infos are Gymnasium's dict of arrays.
+
+    `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
+    those of the single environment for all, or a sequence with one dict per environment;
+    ``"reset_mask"`` (bool array) among them resets only some. An episode that autoreset starts
+    knows `fixed_options` only.
+    """
+
+    episodes: ClassVar[type[Episodes]]
+    """Of the experiment."""
+    renderer: ClassVar[type[Any] | None] = None
+    """As of `ArmEnv`."""
+
+    def __init_subclass__(cls) -> None:
+        _show_arguments(cls)
 
     def __init__(
         self,
-        num_envs: int,
-        make_core: type[BatchCore],
-        make_renderer: Callable[[Any], Renderer],
-        autoreset_mode: str | AutoresetMode,
-        render_mode: str | None,
-        arguments: Mapping[str, Any],
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **arguments: Any,
     ) -> None:
-        """Make the environments; arguments as for `ArmEnv` and the subclass."""
+        """Make the environments.
+
+        Args:
+            num_envs: how many.
+            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
+            render_mode: one frame per environment; `human` is for the single environment.
+            arguments: as for the single environment.
+        """
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -122,7 +165,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self.tiles = Tiles(make_core, num_envs, record=render_mode is not None, **arguments)
+        self.tiles = Tiles(self.episodes, num_envs, record=render_mode is not None, **arguments)
         # of one tile; spaces, names and experiment are those of all
         self.core = self.tiles.cores[0]
         self.metadata = {**_metadata(self.core), "autoreset_mode": self.autoreset_mode}
@@ -132,7 +175,6 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self.observation_space = batch_space(self.core.observation_space, num_envs)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, dtype=bool)
-        self._make_renderer = make_renderer
         self._renderers: dict[int, Renderer] = {}
 
     @property
@@ -153,7 +195,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: Mapping[str, Any] | Sequence[Mapping[str, Any] | None] | None = None,
+        options: AnyOptions = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``."""
         ids, per_env = self._targets(options)
@@ -268,18 +310,16 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
     ) -> None:
         """Add what ``step`` of environments ``ids`` says about those of ``which``."""
         for name in self.core.each:
-            self._put(infos, name, ids[which], getattr(step, name)[which])
+            self._put(infos, name, ids[which], step.measures[name][which])
         terms: dict[str, Any] = {}
-        for name in self.core.terms:
-            self._put(terms, name, ids[which], step.terms[name][which])
-        infos["reward_terms"], infos["_reward_terms"] = (
-            terms,
-            terms[f"_{self.core.terms[0]}"].copy(),
-        )
+        for name, values in step.terms.items():
+            self._put(terms, name, ids[which], values[which])
+        infos["reward_terms"] = terms
+        infos["_reward_terms"] = terms[f"_{self.core.terms[0]}"].copy()
         final = which & (step.terminated | step.truncated)
         if final.any():
             for name in self.core.final:
-                self._put(infos, name, ids[final], getattr(step, name)[final])
+                self._put(infos, name, ids[final], step.measures[name][final])
 
     def _put(self, infos: dict[str, Any], name: str, ids: Index, values: NDArray[Any]) -> None:
         """Add an info of some environments, with its mask: what `_add_info` makes, at once."""
@@ -298,7 +338,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
     def _frame(self, i: int, mode: str) -> Any:
         tile, place = self.tiles.locate(i)
         if tile not in self._renderers:
-            self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
+            self._renderers[tile] = _renderer(self, self.tiles.cores[tile])
         return self._renderers[tile].frame(place, mode)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -319,5 +359,23 @@ def _first(values: NDArray[Any]) -> Any:
     return row.item() if isinstance(row, np.generic) else row
 
 
-def _metadata(core: BatchCore) -> dict[str, Any]:
+def _metadata(core: Episodes) -> dict[str, Any]:
     return {**ArmEnv.metadata, "render_fps": max(1, round(1 / core.interval))}
+
+
+def _renderer(env: ArmEnv | ArmVectorEnv, core: Episodes) -> Renderer:
+    if env.renderer is None:
+        raise StictionError(f"{type(env).__name__} has no pictures: expected no render_mode")
+    made: Renderer = env.renderer(core)
+    return made
+
+
+def _show_arguments(cls: Any) -> None:
+    """Give a class the signature that it has in fact: every argument, with its default."""
+    known = [
+        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
+        for f in fields(cls.episodes.arguments)
+        if f.name != "record"
+    ]
+    own = list(inspect.signature(cls.__init__).parameters.values())[1:-1]
+    cls.__signature__ = inspect.Signature([*own, *known])

@@ -12,13 +12,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from stiction_envs.envs import gte_base, sje_base
-from stiction_envs.envs.settings import gte_settings
 from stiction_envs.experiments.gte import random_paths
+from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES, episode_settings
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje import poses
+from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.precomputed import store
@@ -35,9 +35,7 @@ def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]
     sje = SingleJointExperiment(robot)
     sje_base.base_torques(sje, configurations(sje.n))
     gte = GeneratedTrajectoryExperiment(robot)
-    gte_base.undithered(
-        gte, [(t, k) for t in TRAJECTORIES for k in gte_settings().episode.stiffness]
-    )
+    gte_base.undithered(gte, [(t, k) for t in TRAJECTORIES for k in episode_settings().stiffness])
     found = random_paths.random_paths(gte.sticking, gte.start, gte.tool, paths)
     gte_base.undithered(gte, [(p.path.name, p.stiffness) for p in found.values()])
     of = gte_base.fingerprint(gte)
@@ -66,7 +64,7 @@ def main(folder: Path = store.SHIPPED) -> None:
     """Make all results anew and put them in place of those in ``folder``."""
     os.environ["STICTION_CACHE"] = "off"
     store.forget()
-    paths = range(gte_settings().random.paths)
+    paths = range(episode_settings().random_paths)
     found = {k: v for robot in BUILTIN for k, v in entries(robot, paths).items()}
     for old in folder.glob("*.json"):
         old.unlink()

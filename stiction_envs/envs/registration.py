@@ -1,34 +1,96 @@
-"""Names of the environments. Light on purpose: nothing here imports MuJoCo."""
+"""The experiments that have environments, a line each. Light: nothing here imports MuJoCo.
+
+A further experiment calls `register_experiment`; its folder holds what `experiments.base` names.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
 import gymnasium
 
+from stiction_envs.errors import StictionError
 from stiction_envs.robots.registry import ArmFiles, on_arm
 
-_SJE = ("stiction_envs.envs.sje:SJEEnv", "stiction_envs.envs.sje:SJEVectorEnv")
-_GTE = ("stiction_envs.envs.gte:GTEEnv", "stiction_envs.envs.gte:GTEVectorEnv")
-KINDS = {"SJE-v0": _SJE, "GTE-v0": _GTE}
-"""End of an identifier: entry points of the single and the vector environment."""
+
+@dataclass(frozen=True)
+class Registered:
+    """An experiment by its name, and where its environments are."""
+
+    name: str
+    """As commands call it, such as ``sje``."""
+    single: str
+    """``module:Class`` of its `gym_env.ArmEnv`."""
+    vector: str
+    """``module:Class`` of its `gym_env.ArmVectorEnv`."""
+    returns: str = "return"
+    """What an episode's return is, as an axis of a plot."""
+    undithered_return: float | None = None
+    """Mean return without dither, where the rewards define it."""
+
+    @property
+    def suffix(self) -> str:
+        """End of an environment's identifier, its version in it: ``SJE-v0``."""
+        return f"{self.name.upper()}-v0"
+
+    def vector_class(self) -> Any:
+        """Return the vector environment's class; its ``episodes`` is the experiment's."""
+        module, _, name = self.vector.partition(":")
+        return getattr(import_module(module), name)
 
 
-def register_all() -> None:
-    """Register the environments of every arm whose TOML names one, known now or later.
+EXPERIMENTS: dict[str, Registered] = {}
+"""By name."""
 
-    An arm with ``environment = "Panda"`` has ``PandaSJE-v0`` and ``PandaGTE-v0``.
+
+def register_experiment(new: Registered) -> None:
+    """Make an experiment known; every arm that names an environment has it, now or later.
+
+    An arm with ``environment = "Panda"`` in its TOML has ``PandaSJE-v0`` and ``PandaGTE-v0``. No
+    `max_episode_steps`: the environments truncate by themselves, alone and in a batch.
+
+    Raises:
+        StictionError: a name that is taken.
     """
+    if new.name in EXPERIMENTS:
+        raise StictionError(f"experiment {new.name!r}: expected one not in {sorted(EXPERIMENTS)}")
+    EXPERIMENTS[new.name] = new
+
+    def register_arm(arm: ArmFiles) -> None:
+        name = f"{arm.environment}{new.suffix}"
+        if arm.environment is not None and name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point=new.single,
+                vector_entry_point=new.vector,
+                kwargs={"robot": arm.name},
+            )
+
     on_arm(register_arm)
 
 
-def register_arm(arm: ArmFiles) -> None:
-    """Register the environments of an arm that Gymnasium does not know yet.
+_OWN = (
+    Registered(
+        name="sje",
+        single="stiction_envs.envs.sje:SJEEnv",
+        vector="stiction_envs.envs.sje:SJEVectorEnv",
+        returns="return [1 − |τ_SJE| / |τ_base|, less penalties]",
+        undithered_return=0.0,
+    ),
+    Registered(
+        name="gte",
+        single="stiction_envs.envs.gte:GTEEnv",
+        vector="stiction_envs.envs.gte:GTEVectorEnv",
+        returns="return [−error / undithered error, less penalties]",
+        undithered_return=-1.0,
+    ),
+)
 
-    No `max_episode_steps`: the environments truncate by themselves, alone and in a batch.
-    """
-    if arm.environment is None:
-        return
-    for kind, (single, vector) in KINDS.items():
-        if (name := f"{arm.environment}{kind}") not in gymnasium.registry:
-            gymnasium.register(
-                name, entry_point=single, vector_entry_point=vector, kwargs={"robot": arm.name}
-            )
+
+def register_all() -> None:
+    """Register the environments of the package's own experiments, once."""
+    for new in _OWN:
+        if new.name not in EXPERIMENTS:
+            register_experiment(new)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 from gymnasium.vector import AutoresetMode
 
-from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.envs.render.frames_sje import JointRenderer
-from stiction_envs.envs.sje_core import SJECore
+from stiction_envs.envs.gym_env import ArmArguments, ArmEnv, ArmVectorEnv
+from stiction_envs.envs.render.sje_frames import JointRenderer
+from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
 
 class SJEEnv(ArmEnv):
@@ -113,7 +113,7 @@ class SJEEnv(ArmEnv):
     * `power_weight`, `torque_rate_weight`: weights of the penalties [-]. Default 0.01 each.
     * `shaking_weight`: likewise [-]. Default 100000: 0.47 mrad all along would cost the whole
       torque. Without it the largest amplitude at the lowest frequency is best on most joints, with
-      it the best frequency is inside the bounds on all; `benchmarks/landscape.png` shows both.
+      it the best frequency is inside the bounds on all: see `benchmarks/learning/landscape.md`.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.
     * `fixed_options`: reset options of all episodes; those of a single reset come before them.
     * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
@@ -122,7 +122,8 @@ class SJEEnv(ArmEnv):
       observation and reward, bounds and controller remain the nominal arm's. Default none.
     * `friction_factor`: true stiction and load coefficient over the nominal ones: a friction that
       nobody knows of, as in `randomise`. Default 1.
-    * `nthread`: threads of the physics, 0 for all processors. Default 0.
+    * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
+    * `threads`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
       `depth_array` (the scene only, metres, 450 × 460).
 
@@ -130,18 +131,21 @@ class SJEEnv(ArmEnv):
     * v0: first version.
     """
 
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+    episodes = SJEEpisodes
+    renderer = JointRenderer
+
+    def __init__(
+        self, *, render_mode: str | None = None, **arguments: Unpack[ArmArguments]
+    ) -> None:
         """Make the environment; the class explains the arguments."""
-        super().__init__(SJECore, JointRenderer, render_mode, arguments)
+        super().__init__(render_mode=render_mode, **arguments)
 
 
 class SJEVectorEnv(ArmVectorEnv):
-    """N arms of `SJEEnv`, stepped in one batch; infos are Gymnasium's dict of arrays.
+    """N arms of `SJEEnv`, stepped in one batch; see `ArmVectorEnv`."""
 
-    `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
-    those of `SJEEnv` for all, or a sequence with one dict per environment; ``"reset_mask"`` (bool
-    array) among them resets only some. An episode that autoreset starts knows `fixed_options` only.
-    """
+    episodes = SJEEpisodes
+    renderer = JointRenderer
 
     def __init__(
         self,
@@ -149,14 +153,9 @@ class SJEVectorEnv(ArmVectorEnv):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **arguments: Any,
+        **arguments: Unpack[ArmArguments],
     ) -> None:
-        """Make the environments.
-
-        Args:
-            num_envs: how many.
-            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
-            render_mode: one frame per environment; `human` is for the single environment.
-            arguments: as for `SJEEnv`.
-        """
-        super().__init__(num_envs, SJECore, JointRenderer, autoreset_mode, render_mode, arguments)
+        """Make the environments; see `ArmVectorEnv`."""
+        super().__init__(
+            num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode, **arguments
+        )

@@ -8,7 +8,6 @@ does not depend on the tile: in a core, no arm knows how many there are.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.batch_core import BatchCore, Index, Outcome
+from stiction_envs.experiments.episodes import Episodes, Index, Outcome
 
 
 class Tiles:
@@ -25,7 +24,7 @@ class Tiles:
     Wherever simulations ``ids`` (M,) are asked for, they are sorted.
     """
 
-    def __init__(self, make_core: type[BatchCore], num_envs: int, **arguments: Any) -> None:
+    def __init__(self, make_core: type[Episodes], num_envs: int, **arguments: Any) -> None:
         """Make the simulations.
 
         Args:
@@ -33,7 +32,7 @@ class Tiles:
             num_envs: number of simulations N.
             arguments: of the core.
         """
-        threads = arguments.get("nthread") or os.cpu_count() or 1
+        threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // (make_core.arms_per_thread * threads)))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
@@ -55,14 +54,14 @@ class Tiles:
         rngs: Sequence[np.random.Generator],
         options: Sequence[Mapping[str, Any] | None],
     ) -> None:
-        """Start an episode in simulations ``ids``; see `BatchCore.reset`."""
+        """Start an episode in simulations ``ids``; see `Episodes.reset`."""
         for core, _, part in self._parts(ids):
             core.check_reset(options[part])  # of all before any changes
         for core, mine, part in self._parts(ids):
             core.reset(mine, rngs[part], options[part])
 
     def step(self, ids: Index, action: NDArray[Any]) -> Outcome:
-        """Dither simulations ``ids`` with ``action`` (M, 2n); see `BatchCore.step`."""
+        """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
         for core, mine, part in self._parts(ids):
             core.check_step(mine, action[part])  # of all before any moves
         return _joined([core.step(mine, action[part]) for core, mine, part in self._parts(ids)])
@@ -72,7 +71,7 @@ class Tiles:
         return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return what the episodes of simulations ``ids`` are; see `BatchCore.describe`."""
+        """Return what the episodes of simulations ``ids`` are; see `Episodes.describe`."""
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
@@ -86,10 +85,9 @@ def _joined(parts: Sequence[Outcome]) -> Outcome:
     if len(parts) == 1:
         return parts[0]
 
-    def join(values: list[Any]) -> Any:
-        if isinstance(values[0], dict):
-            return {name: join([v[name] for v in values]) for name in values[0]}
-        return np.concatenate(values)
-
-    names = [f.name for f in dataclasses.fields(parts[0])]
-    return type(parts[0])(**{name: join([getattr(p, name) for p in parts]) for name in names})
+    return Outcome(
+        terms={name: np.concatenate([p.terms[name] for p in parts]) for name in parts[0].terms},
+        terminated=np.concatenate([p.terminated for p in parts]),
+        truncated=np.concatenate([p.truncated for p in parts]),
+        measures={k: np.concatenate([p.measures[k] for p in parts]) for k in parts[0].measures},
+    )

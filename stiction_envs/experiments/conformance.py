@@ -12,16 +12,14 @@ Per joint that carries friction, in both directions, with gravity, contacts and 
 * **ramp**: the torque grows at a few constant rates; the largest dry friction torque on the way to
   0.1 rad is the breakaway torque. It is reported, not judged: that it falls with the rate is LuGre.
 
-MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (physics.md 3.5).
+MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (sources.md 3.5).
 """
 
 from __future__ import annotations
 
-import argparse
 import copy
 import dataclasses
 import hashlib
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -29,16 +27,17 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance_report import JointResult, Report
+from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
 from stiction_envs.plant import rollout
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
-from stiction_envs.robots.files import robot_files
-from stiction_envs.robots.own import as_it_is
+from stiction_envs.robots.registry import robot_files
+from stiction_envs.robots.user_arm import compile_file
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -52,7 +51,7 @@ def conformance(
     qpos: ArrayLike | None = None,
     rates: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
-    nthread: int = 0,
+    threads: int = 0,
     settings: ConformanceSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Report:
@@ -70,7 +69,7 @@ def conformance(
         rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings.
         chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
             other joints are locked; None for all hinges.
-        nthread: threads, 0 for all processors.
+        threads: threads, 0 for all processors.
         settings: constants of the test; None for those of ``settings.toml``.
         progress: called with the tests done and their number.
 
@@ -95,7 +94,7 @@ def conformance(
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
-    bench = _Bench(bare, joints, level, _start(bare, qpos), nthread, s)
+    bench = _Bench(bare, joints, level, _start(bare, qpos), threads, s)
     say = progress or (lambda *_: None)
     deflection, still, creep = bench.hold()
     say(1, len(rates) + 2)
@@ -145,11 +144,11 @@ class _Bench:
         joints: Index,
         level: Array,
         qpos: Array,
-        nthread: int,
+        threads: int,
         settings: ConformanceSettings,
     ) -> None:
         self.settings = settings
-        self.model, self.nthread = model, nthread
+        self.model, self.threads = model, threads
         self.qpos, self.n = qpos, len(joints)
         self.level = level
         self.dof = model.jnt_dofadr[joints]
@@ -178,7 +177,7 @@ class _Bench:
         start = np.tile(self.qpos, (m, 1))
         steps = round(time / self.model.opt.timestep)
         adr = np.tile(self.adr, len(signs))
-        for part in rollout(self.model, start, applied, steps, record=record, nthread=self.nthread):
+        for part in rollout(self.model, start, applied, steps, record=record, threads=self.threads):
             q = part["qpos"][np.arange(m), :, adr] - self.qpos[adr][:, None]
             yield part, sign[:, None] * q
 
@@ -248,8 +247,7 @@ class _Bench:
 
 def _rise(x: Array) -> Array:
     """Return the minimum-jerk rise from 0 to 1."""
-    x = np.clip(x, 0.0, 1.0)
-    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+    return minimum_jerk(np.clip(x, 0.0, 1.0))
 
 
 def _compiled(
@@ -271,7 +269,7 @@ def _compiled(
                 f"{text}: no such file, and no robot of that name: expected one of "
                 f"{', '.join(ARMS)}, or a path"
             )
-        return as_it_is(Path(text), ends)
+        return compile_file(Path(text), ends)
     try:
         return mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
@@ -288,7 +286,7 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     motor = out.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR
     out.actuator_group[~motor] = _SILENT
     out.opt.disableactuator |= 1 << _SILENT
-    out.actuator_gainprm[motor, 4:7] = 0.0  # kp, ki, kd (physics.md 3.5)
+    out.actuator_gainprm[motor, 4:7] = 0.0  # kp, ki, kd (sources.md 3.5)
     return out
 
 
@@ -337,30 +335,3 @@ def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
             name = model.joint(int(joint)).name
             raise StictionError(f"joint {name}: position {q[at]} is outside [{low}, {high}]")
     return q
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the report of one model: exit code 0 if it sticks, 1 if not, 2 for bad input."""
-    parser = argparse.ArgumentParser(
-        prog="python -m stiction_envs.experiments.conformance",
-        description="Does every joint of a MuJoCo model stick under 90 % of its stiction?",
-    )
-    parser.add_argument("model", help=f"{', '.join(ARMS)}, or the path of an MJCF")
-    parser.add_argument(
-        "--stiction", type=float, nargs="+", metavar="NM", help="of every hinge [N·m], 0 to skip"
-    )
-    args = parser.parse_args(argv)
-    try:
-        report = conformance(args.model, args.stiction)
-    except StictionError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except ExperimentError as error:
-        print(f"does not stick: {error}", file=sys.stderr)
-        return 1
-    print(report.text())
-    return 0 if report.passed else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.torque_path import TorqueInterface, TorquePath
+from stiction_envs.control.torque_path import TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.hold import Servos
+from stiction_envs.experiments.base import Experiment
+from stiction_envs.experiments.servos import Servos
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, Plant
 
@@ -24,39 +24,36 @@ class Rig:
 
     def __init__(
         self,
-        sticking: StickingModel,
+        experiment: Experiment,
         nsim: int,
         *,
         approach: Protocol,
-        interface: TorqueInterface,
-        scatter: bool,
-        seed: int,
-        parameters: FrictionParameters | None,
-        nthread: int,
+        parameters: FrictionParameters | None = None,
         columns: int | None = None,
         closed_loop: bool = False,
     ) -> None:
         """Make the arms.
 
         Args:
-            sticking: the model.
+            experiment: arm, torque interface and scatter.
             nsim: number of arms.
             approach: numbers of the move to a pose, and of the scatter.
-            interface: what the robot does to commanded torques.
-            scatter: whether iterations differ by pose, friction and dither.
-            seed: of that scatter.
             parameters: friction of one arm or of each, None for the model's.
-            nthread: threads, 0 for all processors.
             columns: torques and dithers of an arm; None: one per joint.
             closed_loop: whether the torque depends on the state in every control step.
         """
+        sticking, self.interface = experiment.sticking, experiment.interface
         self.plant = Plant(
-            sticking, nsim, parameters=parameters, nthread=nthread, closed_loop=closed_loop
+            sticking,
+            nsim,
+            parameters=parameters,
+            threads=experiment.threads,
+            closed_loop=closed_loop,
         )
-        self.approach_protocol, self.interface = approach, interface
+        self.approach_protocol = approach
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
-        self.scatter, self.seed = scatter, seed
+        self.scatter, self.seed = experiment.scatter, experiment.seed
         self.dither = Dither.none(nsim, self.columns)
         self.dither_phase = np.zeros((nsim, self.n))
         """(N, n) phase drawn for the dither of this iteration [rad]."""
@@ -64,7 +61,7 @@ class Rig:
         """(N,) seed drawn for the waveform ``random``."""
         self.step = np.zeros(nsim, dtype=np.int64)
         """(N,) control steps of the present stage."""
-        self._path = TorquePath(interface, nsim, self.columns)
+        self._path = TorquePath(self.interface, nsim, self.columns)
         self._servos = Servos(sticking, approach)
 
     # ---- where arms are put ------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Constants of the experiments that are of the method, not of an arm; values in ``settings.toml``.
+"""Constants of the experiments' method, the same for every arm; values in ``settings.toml``.
 
 Protocols, which differ between arms, are in ``sje/sje.toml`` and ``gte/gte.toml``.
 """
@@ -10,36 +10,35 @@ from functools import cache
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
-from stiction_envs.method_settings import check_numbers, load_settings
+from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConformanceSettings:
-    """When a simulated joint sticks."""
+    """Test whether a simulated joint sticks."""
 
-    under: float
-    """Load over stiction under which it must hold [-]."""
-    over: float
-    """Load over stiction under which it must go [-]."""
-    hold_time: float
+    under: Share
+    """Load over stiction under which the joint must hold [-]."""
+    over: Positive
+    """Load over stiction under which it must move [-]."""
+    hold_time: Positive
     """Length of a hold [s]."""
-    watched_time: float
+    watched_time: Positive
     """End of a hold in which the joint may not move [s]."""
-    rise_time: float
-    """In which the load of a hold rises [s]."""
-    go_time: float
-    """Longest time to move away under the larger load [s]."""
-    go_rise_time: float
-    """In which that load rises [s]."""
-    still: float
+    rise_time: Positive
+    """Time in which the load of a hold rises [s]."""
+    go_time: Positive
+    """Longest time until the joint moves under the larger load [s]."""
+    go_rise_time: Positive
+    """Time in which that load rises [s]."""
+    still: Positive
     """Largest motion of a joint that holds [rad]."""
-    gone: float
-    """Least motion of a joint that goes [rad]."""
-    ramp_rates: tuple[float, ...]
-    """At which breakaway torques are measured [N·m/s]."""
+    gone: Positive
+    """Least motion of a joint that moves away [rad]."""
+    ramp_rates: tuple[Positive, ...]
+    """Torque rates at which breakaway torques are measured [N·m/s]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, shares=("under",))
         if self.over <= 1 or self.watched_time >= self.hold_time:
             raise StictionError(
                 f"ConformanceSettings: over is {self.over:g}, watched_time {self.watched_time:g} s "
@@ -49,101 +48,98 @@ class ConformanceSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings:
-    """How the load and the no-load pose of a joint are searched."""
+    """Search for the load and the no-load pose of a joint."""
 
-    swing: float
-    """The joint is moved this far each way by the experiment [rad]."""
-    margin: float
+    swing: Positive
+    """The experiment moves the joint this far each way [rad]."""
+    margin: Positive
     """Distance of the joint under test from its limits [rad]: swing, start tolerance, overshoot."""
-    others_margin: float
+    others_margin: NotNegative
     """Distance of the other joints from their limits [rad]."""
-    floor: float
+    floor: Positive
     """Least height of the outer links of an upright arm over its base plane [m]."""
-    rest_pull: float
-    """Load that the root mean square distance from the rest pose, over the range, weighs [N·m]."""
-    samples: int
+    rest_pull: NotNegative
+    """Weight of the distance (root mean square, over the range) from the rest pose [N·m]."""
+    samples: Count
     """Random poses at the beginning."""
-    kept: int
-    """Best of them that go on from round to round."""
-    rounds: int
-    """Of random steps about the kept ones."""
-    first_step: float
-    """Standard deviation of the first round's steps over the range [-]."""
-    shrink: float
+    kept: Count
+    """Number of the best poses that each round keeps."""
+    rounds: Count
+    """Rounds of random steps about the kept poses."""
+    first_step: Positive
+    """Standard deviation of the first round's steps, over the range [-]."""
+    shrink: Share
     """Factor of the steps from round to round [-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("shrink",), from_zero=("rest_pull", "others_margin"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSettings:
-    """When a friction reproduces base torques."""
+    """When the calibrated friction reproduces the base torques."""
 
-    tolerance: float
+    tolerance: NotNegative
     """Rounds end when every base torque agrees this well, relative [-]."""
-    converged: float
-    """Times `tolerance` that the best round may be off [-]."""
-    same_load: float
-    """Loads of the two poses that differ by less cannot explain different friction [N·m]."""
-    rounds: int
+    converged: Positive
+    """Largest error of the best round, over `tolerance` [-]."""
+    same_load: Positive
+    """If the loads of two poses differ by less, they cannot explain different friction [N·m]."""
+    rounds: Count
     """Most rounds of simulate and correct."""
-    far: float
-    """Relative error past which the table is a better start than the arm's friction [-]."""
-    least_friction: float
-    """Part of the table's friction that stiction keeps at least [-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("least_friction",), from_zero=("tolerance",))
+    far: Positive
+    """Above this relative error the table is a better start than the arm's friction [-]."""
+    least_friction: Share
+    """Least stiction over the table's friction [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OscillationSettings:
-    """How far a dither shakes the joint under test before it breaks away."""
+    """How far a dither moves the joint under test before it breaks away."""
 
-    share: float
+    share: Share
     """The ramp counts until the joint has moved by this part of the threshold [-]."""
-    highpass: float
-    """Corner over the dither's frequency of the high-pass that takes creep out of the speed [-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("share", "highpass"))
+    highpass: Share
+    """Corner over the dither's frequency of the high-pass that removes creep from the speed [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PushSettings:
-    """How a person pushes a joint, and when it has stopped."""
+    """How a person pushes a joint, and when the joint has stopped."""
 
-    step: float
-    """By which a push grows at a time, over what the joint holds [-]."""
-    rise_time: float
-    """In which the torque grows by what the joint holds [s]."""
-    watched_time: float
-    """A joint has stopped that is in the mean where it was this much earlier [s]."""
-    still: float
-    """How far apart those two places may be [rad]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("step",))
+    step: Share
+    """Step by which a push grows, over the torque that the joint holds [-]."""
+    rise_time: Positive
+    """Time in which the torque grows by the torque that the joint holds [s]."""
+    watched_time: Positive
+    """A joint has stopped if its mean position equals that of this much earlier [s]."""
+    still: Positive
+    """Largest difference between those two positions [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoldSettings:
-    """How joints are held that are not under test."""
+class ServoSettings:
+    """How the joints that are not under test are held."""
 
-    torque_margin: float
-    """Least torque limit, over what resists the joint, that a servo's stiffness counts with [-]."""
+    torque_margin: Positive
+    """A servo's stiffness assumes a torque limit of at least this many times the resistance [-]."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self)
+
+@dataclass(frozen=True, kw_only=True)
+class ActionSettings:
+    """Bounds of an environment's dither; see `observation.action_bounds`."""
+
+    stiction_factor: Positive
+    """Largest amplitude over the joint's largest stiction [-]."""
+    lowest_frequency: Positive
+    """Lowest frequency [Hz]."""
+    highest_frequency: Positive
+    """Highest frequency [Hz]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
-    """All of this room."""
+    """All settings of this package."""
 
     conformance: ConformanceSettings
-    """Does a joint stick."""
+    """Test whether a joint sticks."""
     poses: PoseSettings
     """Load and no-load poses."""
     calibration: CalibrationSettings
@@ -152,8 +148,10 @@ class ExperimentSettings:
     """Displacement by dither."""
     push: PushSettings
     """A joint that a person pushes."""
-    hold: HoldSettings
+    servos: ServoSettings
     """Servos of the other joints."""
+    action: ActionSettings
+    """Dither in the environments."""
 
 
 @cache

@@ -46,5 +46,4 @@ def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
     """
     if friction is not None:
         return ASSUMED if is_assumed(friction) else ""
-    known = arm.registered and friction_path(arm.name) != GENERIC
-    return "" if known else FROM_LOGS
+    return FROM_LOGS if friction_path(arm.registered_name) == GENERIC else ""

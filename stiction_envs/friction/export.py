@@ -13,7 +13,7 @@ from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.friction.sticking import (
     Friction,
     Robot,
-    friction_file,
+    friction_origin,
     model_sha256,
     sticking_model,
 )
@@ -72,11 +72,8 @@ def export(robot: Robot, friction: Friction | None = None) -> ExportedModel:
         StictionError: an arm or friction that cannot be loaded, or do not fit each other.
     """
     sticking = sticking_model(robot, friction)
-    name = "an arm with its friction"
-    if not isinstance(robot, StickingModel) and (
-        friction is None or isinstance(friction, str | Path)
-    ):
-        name = friction_file(sticking.arm.name if sticking.arm.registered else "own", friction).name
+    origin = friction_origin(robot, friction)
+    name = origin.name if isinstance(origin, Path) else "an arm with its friction"
     return ExportedModel(
         sticking=sticking,
         xml=plain_mjcf(sticking, friction_name=name),

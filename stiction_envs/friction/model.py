@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FEEDFORWARD = 4  # MjSpec's ctrlspec for <dcmotor input="ff">
 MOTOR_CONSTANT = 1.0  # cancels out: with input="ff" the control is joint torque
-# columns of actuator_biasprm and actuator_dynprm that hold the law (physics.md 3.5)
+# columns of actuator_biasprm and actuator_dynprm that hold the law (sources.md 3.5)
 RIPPLE, COULOMB, STICTION, STRIBECK = 0, 3, 4, 5
 BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6
 
@@ -137,12 +137,12 @@ def build(
 
     Raises:
         StictionError: step too long, parameters for another number of joints, or a bristle
-            that would chatter at this step (physics.md 3.5).
+            that would chatter at this step (sources.md 3.5).
     """
     if not 0 < timestep <= 1e-3:
         raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
-        parameters = load_friction(arm.name if arm.registered else "generic", arm.n)
+        parameters = load_friction(arm.registered_name, arm.n)
     if parameters.n != arm.n:
         raise StictionError(f"friction of {parameters.n} joints, but {arm.name} has {arm.n}")
     elastic = parameters.elastic
@@ -156,7 +156,7 @@ def build(
 
     spec = arm.spec()
     spec.option.timestep = timestep
-    # implicit integrators add a phantom inertia h·σ1 to a sliding LuGre joint (physics.md 3.5)
+    # implicit integrators add a phantom inertia h·σ1 to a sliding LuGre joint (sources.md 3.5)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     for body in spec.bodies:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import possible
+from stiction_envs.robots.tables import check_range
 
 Array = NDArray[np.float64]
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -212,12 +212,12 @@ def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> 
 def bristle_damping(
     stiffness: Array, damping_ratio: Array, inertia: Array, timestep: float
 ) -> Array:
-    """Return σ1 = max(2ζ√(σ0 J), 3 h σ0) [N·m·s/rad]: physics.md 3.5, 5.1."""
+    """Return σ1 = max(2ζ√(σ0 J), 3 h σ0) [N·m·s/rad]: sources.md 3.5, 5.1."""
     return np.maximum(2 * damping_ratio * np.sqrt(stiffness * inertia), 3 * timestep * stiffness)
 
 
 def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: float) -> None:
-    """Raise if a stuck joint would chatter in MuJoCo's Euler: physics.md 3.5.
+    """Raise if a stuck joint would chatter in MuJoCo's Euler: sources.md 3.5.
 
     Args:
         stiffness: σ0 (n,) or (N, n) [N·m/rad].
@@ -297,20 +297,19 @@ def check_possible(parameters: FrictionParameters, where: str) -> None:
         StictionError: naming the table, the number and what is expected.
     """
     for name, quantity in QUANTITIES.items():
-        endless = quantity.default == np.inf
-        possible(getattr(parameters, name), quantity.unit, f"{where}: [{name}]", endless=endless)
+        value, inf = getattr(parameters, name), quantity.default == np.inf
+        check_range(value, quantity.unit, f"{where}: [{name}]", allow_inf=inf)
 
 
-def friction_path(robot: str | Path) -> Path:
+def friction_path(robot: str | Path | None) -> Path:
     """Return the TOML of a robot's name, or the path itself; `generic.toml` for unknown arms."""
-    path = Path(robot)
-    if path.suffix == ".toml":
-        return path
-    known = ARMS.get(path.stem)
+    if robot is not None and Path(robot).suffix == ".toml":
+        return Path(robot)
+    known = ARMS.get(str(robot))
     return known.friction if known is not None and known.friction.exists() else GENERIC
 
 
-def friction_text(robot: str | Path) -> dict[str, Any]:
+def friction_text(robot: str | Path | None) -> dict[str, Any]:
     """Return the parsed TOML, with its sources.
 
     Raises:
@@ -325,8 +324,29 @@ def friction_text(robot: str | Path) -> dict[str, Any]:
         raise StictionError(f"friction file {path}: not TOML ({error})") from None
 
 
-def load_friction(robot: str | Path, n: int = 7) -> FrictionParameters:
-    """Load the friction of a robot by name, or of a TOML path.
+def friction_sources(
+    given: str | Path | FrictionParameters | None,
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Return where each quantity of a friction is from, and the ``[meta]`` of its TOML.
+
+    Args:
+        given: name of a robot or TOML path, as in `load_friction`; or parameters, which do not say.
+
+    Raises:
+        StictionError: unreadable, or not TOML.
+    """
+    if isinstance(given, FrictionParameters):
+        return dict.fromkeys(QUANTITIES, "parameters in memory"), {}
+    table, name = friction_text(given), friction_path(given).name
+    sources = {
+        k: str(table[k].get("source", "assumed")) if k in table else f"assumed: not in {name}"
+        for k in QUANTITIES
+    }
+    return sources, table.get("meta", {})
+
+
+def load_friction(robot: str | Path | None, n: int = 7) -> FrictionParameters:
+    """Load the friction of a robot by name, or of a TOML path; None is an arm that is not known.
 
     An arm without a TOML of its own gets `generic.toml` (all assumed; nine joints, cut to n).
 
@@ -345,7 +365,7 @@ def dump_friction(
     parameters: FrictionParameters,
     *,
     sources: dict[str, str],
-    meta: dict[str, str],
+    meta: dict[str, Any],
     provenance: dict[str, str],
 ) -> str:
     """Return the TOML text of one arm's parameters; floats read back exactly.

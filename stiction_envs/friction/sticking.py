@@ -15,7 +15,8 @@ from stiction_envs.friction.parameters import (
     friction_path,
     load_friction,
 )
-from stiction_envs.robots import ARMS, Arm, load_arm
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.registry import known_arm
 
 Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
@@ -25,17 +26,33 @@ TIMESTEP = 1e-3
 """Of a model that is not told [s]."""
 
 
-def friction_file(robot: str | Path, given: str | Path | None = None) -> Path:
+def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
     """Return the friction TOML that counts: the one given, the robot's, or the generic one.
+
+    Args:
+        robot: name, model file, or arm.
+        given: path to a friction TOML.
 
     Raises:
         StictionError: what is given is no path to a TOML.
     """
     if given is None:
-        return friction_path(robot if str(robot) in ARMS else "generic")
+        if isinstance(robot, Arm):
+            return friction_path(robot.registered_name)
+        known = known_arm(robot)
+        return friction_path(None if known is None else known.name)
     if Path(given).suffix != ".toml":
         raise StictionError(f"friction file {given}: expected a path to a .toml")
     return Path(given)
+
+
+def friction_origin(robot: Robot, friction: Friction | None) -> Path | FrictionParameters:
+    """Return the TOML that the friction of `sticking_model` is from, or parameters without one."""
+    if friction is None and isinstance(robot, StickingModel):
+        return robot.parameters
+    if isinstance(friction, FrictionParameters):
+        return friction
+    return friction_file(arm_of(robot), friction)
 
 
 def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
@@ -46,7 +63,7 @@ def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
     """
     if isinstance(given, FrictionParameters):
         return given
-    return load_friction(friction_file(arm.name if arm.registered else "own", given), arm.n)
+    return load_friction(friction_file(arm, given), arm.n)
 
 
 def arm_of(robot: Robot) -> Arm:

@@ -1,7 +1,7 @@
-"""A smooth torque over the angle is judged by angles that were left out.
+"""Judge a smooth torque over the angle by ranges of the angle that were left out.
 
-Blocks of time see the same angles again and again: a curve with enough coefficients predicts them
-all and means nothing where the joint has not been. Left-out ranges of the joint's angle tell.
+Blocks of time contain the same angles again and again. A curve with enough coefficients predicts
+all of them, but is arbitrary where the joint has not been. Left-out ranges of the angle show this.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from stiction_envs.gap.candidates import Candidate, RegressorLibrary
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns
+from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, t_statistic
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.slope import slope
 
 Array = NDArray[np.float64]
 
@@ -23,7 +22,7 @@ Array = NDArray[np.float64]
 def equal_travel(data: Data, joint: int, count: int) -> NDArray[np.int64]:
     """Return (T,) number of the range of a joint's angle, −1 where a row is in no block.
 
-    The joint travels as far in one range as in the next; of poses at rest each has as many.
+    The joint travels equally far in each range; poses at rest are divided equally among them.
     """
     rows = data.block >= 0
     step = np.abs(data.dq[:, joint]) * rows
@@ -37,10 +36,10 @@ def equal_travel(data: Data, joint: int, count: int) -> NDArray[np.int64]:
 
 
 class AngleRanges:
-    """A joint of a model, fitted to all ranges of its angle but each.
+    """A joint of a model, fitted with each range of its angle left out in turn.
 
-    What acts on other joints too (a payload, a tilt, a delay) stays as it was fitted to all; the
-    joint's other terms are fitted anew with each range left out.
+    Terms that act on other joints too (a payload, a tilt, a delay) keep their fit to all ranges.
+    The joint's other terms are fitted anew with each range left out.
     """
 
     def __init__(
@@ -61,8 +60,8 @@ class AngleRanges:
     def with_and_without(self, term: Candidate) -> tuple[Array, Array, float]:
         """Return (R,) squared errors without a term of the joint, with it, and its slope.
 
-        Errors are in units of noise variance; the slope is that of what came over what the term
-        predicts beyond the others, in standard errors between ranges.
+        Errors are in units of noise variance. The slope compares the observed torque with what the
+        term predicts beyond the others, in standard errors between ranges.
         """
         library, j, own = self._library, term.joint, [*self._own, term]
         columns = [library.columns(t, j) for t in own]
@@ -79,13 +78,13 @@ class AngleRanges:
 
         model, without = first(size), first(rest)
         pe, pp = grams.cross_predicted(model, without, np.arange(size) >= rest)
-        return grams.held_out(without)[0], grams.held_out(model)[0], slope(pe[0], pp[0])
+        return grams.held_out(without)[0], grams.held_out(model)[0], t_statistic(pe[0], pp[0])
 
-    def bear_out(self, term: Candidate | None = None) -> bool:
-        """Whether the term predicts what is left out, and no simpler one does as well.
+    def predicts_left_out(self, term: Candidate | None = None) -> bool:
+        """Whether the term predicts left-out ranges, and no simpler term does so as well.
 
-        One of a cause that it gives way to must predict it clearly less well, one of its own with
-        fewer columns, that is borne out itself, less well.
+        A simpler cause, to which this one gives way, must predict them clearly less well. The same
+        cause with fewer columns must predict less well too, if ranges confirm it.
         """
         term = term or self._term
         before, after, came = self.with_and_without(term)
@@ -102,7 +101,7 @@ class AngleRanges:
             if other.cause != term.cause:
                 if less.sum() <= after.sum() or _worse(less, after) <= limit:
                     return False
-            elif _worse(less, after) <= 0 and self.bear_out(other):
+            elif _worse(less, after) <= 0 and self.predicts_left_out(other):
                 return False
         return True
 
@@ -110,16 +109,16 @@ class AngleRanges:
 def simpler_by_angle(library: RegressorLibrary, term: Candidate, other: Candidate) -> bool:
     """Whether left-out ranges of angle choose between a term and a simpler one of its joint."""
     cause = library.causes[term.cause]
-    if not cause.judged_by_angle or other.joint != term.joint:
+    if not cause.simpler_over_angle or other.joint != term.joint:
         return False
     fewer = other.cause == term.cause and other.shape < term.shape
-    return fewer or other.cause in cause.rather
+    return fewer or other.cause in cause.simpler_over_angle
 
 
 def _worse(one: Array, other: Array) -> float:
     """Return by how many standard errors between ranges errors (R,) exceed others, as a factor.
 
-    As a factor, since the outermost ranges, beyond what is fitted, have most of the error.
+    It is a factor because the outermost ranges, beyond what is fitted, have most of the error.
     """
     more = np.log(np.maximum(one, 1e-300) / np.maximum(other, 1e-300))
     error = float(more.std(ddof=1) / np.sqrt(len(more))) if len(more) > 1 else np.inf
@@ -129,5 +128,5 @@ def _worse(one: Array, other: Array) -> float:
 def holds_over_angle(
     library: RegressorLibrary, terms: Sequence[Candidate], term: Candidate
 ) -> bool:
-    """Whether a term says what its joint's torque is at angles that its fit has not seen."""
-    return AngleRanges(library, terms, term).bear_out()
+    """Whether a term predicts its joint's torque at angles that its fit has not seen."""
+    return AngleRanges(library, terms, term).predicts_left_out()

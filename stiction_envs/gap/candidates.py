@@ -18,27 +18,31 @@ from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
 ARM = -1
-"""In the place of a joint, in a `Candidate` of all of them."""
+"""Stands for all joints in place of a joint's number in a `Candidate`."""
 ROOM = 256
-"""Columns of a joint that there is room for at first."""
+"""Initial capacity for columns of a joint."""
 THREADS = 4
-"""That make columns, at most: each takes memory of its own."""
+"""Largest number of threads that make columns: each needs memory of its own."""
+SURE = 0.9
+"""Part of the steady level above which friction counts as steady [-]."""
+MOSTLY = 0.8
+"""Part of rows at rest above which they have the same weight as the others [-]."""
 
 
 def certain(data: Data, joint: int) -> Array:
-    """Return (T,) weights: less where a joint rests between two directions, else one."""
+    """Return (T,) weights: less than one where a joint rests between two directions, else one."""
     s = data.settings.candidates
     speed = np.abs(rate(data.reversal_path[:, joint], data.runs(), data.dt))
-    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.direction(joint)) < s.sure)
-    # a joint that hardly ever moves has nothing else to tell
-    return np.where(off, s.uncertain, 1.0) if off.mean() < s.mostly else np.ones(len(off))
+    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.direction(joint)) < SURE)
+    # a joint that hardly ever moves has no other rows
+    return np.where(off, s.uncertain, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
 
 
 @dataclass(frozen=True, order=True)
 class Candidate:
     """One cause on one joint (from 0), or on all of them, with its nonlinear parameters.
 
-    Those that a model is made of are its terms.
+    The candidates in a model are its terms.
     """
 
     cause: str
@@ -47,13 +51,13 @@ class Candidate:
 
 
 class RegressorLibrary:
-    """Columns of every candidate that these data allow, summed up per block."""
+    """Columns of every candidate that these data allow, with their sums per block."""
 
     def __init__(self, data: Data, causes: Sequence[Cause]) -> None:
-        """Make all columns; nonlinear causes choose the parameters to try."""
+        """Compute all columns; nonlinear causes choose the parameters to try."""
         self.data, self.causes = data, {c.name: c for c in causes}
         self.not_identifiable: dict[tuple[str, int], str] = {}
-        """Why a cause cannot be seen on a joint."""
+        """Why these data cannot show a cause on a joint."""
         self.candidates: list[Candidate] = []
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
@@ -65,17 +69,17 @@ class RegressorLibrary:
         share = own.diagnosed if data.model.diagnosed else own.given
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
-        """(n,) root mean square over the noise of what the nominal model's friction may be off."""
+        """(n,) root mean square error assumed for the nominal model's friction, over the noise."""
         self.independent_rows = 1.0
-        """Rows that are one observation."""
+        """Number of rows that form one independent observation."""
         if np.isfinite(data.dt) and np.isfinite(data.cutoff):
-            # neighbours within half a period of the filter are
+            # neighbours within half a period of the filter are dependent
             self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
         self.prior_rows = own.prior_rows * self.independent_rows
-        """Rows that a prior weighs as much as."""
+        """Weight of a prior in rows."""
         arm_wide = [c for c in causes if c.arm_wide]
         each = [c for c in causes if not c.arm_wide]
-        first = self._made(0, each)  # makes what all of them ask the recording for
+        first = self._made(0, each)  # computes what all joints need from the recording
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
             for offered in chain(
                 [first], pool.map(lambda j: self._made(j, each), range(1, data.n))
@@ -92,7 +96,7 @@ class RegressorLibrary:
         self.grams = JointGrams([self._gram(j) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
-        """Return (T,) residual without what the common linear causes explain."""
+        """Return (T,) residual after the common linear causes were subtracted."""
         parts = [
             cause.columns(self.data, joint, ())
             for cause in self.causes.values()
@@ -105,7 +109,7 @@ class RegressorLibrary:
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
     def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Array]]]:
-        """Return the candidates of a joint with their columns; joints do not know one another."""
+        """Return the candidates of a joint with their columns; joints are independent here."""
         left = self._cleaned(joint)
         return [x for cause in causes for x in self._offered(cause, joint, left)]
 
@@ -134,7 +138,7 @@ class RegressorLibrary:
     def _rows(self, term: Candidate) -> list[Array]:
         """Return the (k, T) columns on each joint that a candidate acts on.
 
-        Rows of their own: a view would keep all that it is a part of.
+        The rows are copies: a view would keep the whole array in memory.
         """
         cause, joints = self.causes[term.cause], self.affected_joints(term)
         if cause.coupled:
@@ -153,7 +157,7 @@ class RegressorLibrary:
             self._size(t)
             + len(t.shape)
             - self.causes[t.cause].dependent_parameters
-            # what usually comes with another is the less simple name
+            # a cause that usually comes with another is the less simple name
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms
         )
@@ -167,7 +171,7 @@ class RegressorLibrary:
         self.candidates.append(term)
 
     def _put(self, joint: int, start: int, columns: Array) -> None:
-        """Keep (k, T) columns, in room for more: what is not used yet takes no memory."""
+        """Store (k, T) columns with spare capacity; unused capacity takes no memory."""
         end = start + len(columns)
         if end > len(self._rows_of[joint]):
             before = self._rows_of[joint][:start]
@@ -176,7 +180,7 @@ class RegressorLibrary:
         self._rows_of[joint][start:end] = columns
 
     def refine(self, terms: Iterable[Candidate]) -> None:
-        """Add candidates with other nonlinear parameters, and sum up again."""
+        """Add candidates with other nonlinear parameters, and update the sums."""
         for term in terms:
             if term not in self.candidates:
                 self._add(term, self._rows(term))
@@ -189,7 +193,7 @@ class RegressorLibrary:
         return Gram.of(columns, self.residual[:, joint], d.block, weight, d.blocks)
 
     def _grown(self, joint: int) -> Gram:
-        """Return the sums with columns that have come since."""
+        """Return the sums with the columns that were added since."""
         gram, d = self.grams.joints[joint], self.data
         had = gram.xr.shape[1]
         if had == self._width[joint]:
@@ -200,11 +204,11 @@ class RegressorLibrary:
         return gram.with_columns(columns[:, :had], columns[:, had:], residual, d.block, weight)
 
     def _store(self, joint: int) -> Array:
-        """Return (T, P) all columns of a joint, each of them in one piece."""
+        """Return (T, P) all columns of a joint, each of them contiguous."""
         return self._rows_of[joint][: self._width[joint]].T
 
     def _reweigh(self) -> None:
-        """Let what no linear model explains (spikes, contacts) weigh less."""
+        """Reduce the weight of what no linear model explains (spikes, contacts)."""
         huber, d = self.data.settings.candidates.huber, self.data
         model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
 
@@ -256,7 +260,7 @@ class RegressorLibrary:
         )
 
     def _held(self, term: Candidate) -> tuple[list[float], list[float], list[float]]:
-        """Return lowest and highest coefficients of a candidate, and their prior's precision."""
+        """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
         if term not in self._limits:
             low, high = self.bounds(term)
             firm = self.prior_rows / np.square(self.prior(term))
@@ -269,7 +273,7 @@ class RegressorLibrary:
         return low[: self._size(term)], high[: self._size(term)]
 
     def prior(self, term: Candidate) -> Array:
-        """Return (k,) standard deviations of a candidate's coefficients before anything is seen."""
+        """Return (k,) prior standard deviations of a candidate's coefficients."""
         return self.causes[term.cause].prior(self.data, term.joint)[: self._size(term)]
 
     def _size(self, term: Candidate) -> int:
@@ -277,7 +281,7 @@ class RegressorLibrary:
         return len(self._at[term, self.affected_joints(term)[0]])
 
     def own(self, terms: Sequence[Candidate], some: Sequence[Candidate]) -> NDArray[np.bool_]:
-        """Return (P,) which coefficients of a model are those of some of its terms."""
+        """Return (P,) which coefficients of a model belong to some of its terms."""
         sizes = [self._size(t) for t in terms]
         return np.repeat(np.array([t in some for t in terms], dtype=bool), sizes)
 

@@ -19,7 +19,7 @@ def confused_with(
     own: Gain,
     c: Array,
 ) -> tuple[str, ...]:
-    """Return the causes that explain the same part: held-out gain of one once the other is in."""
+    """Return the causes that explain the same part: the held-out gain of one given the other."""
     name, rest = mine[0].cause, [t for t in terms if t not in mine]
     data, cause = library.data, library.causes[name]
     out = list(dict.fromkeys(x for t in mine for x in cause.indistinguishable_from(data, t.joint)))
@@ -69,7 +69,7 @@ def _looks_the_same(
 def _hardly_two(
     library: RegressorLibrary, other: str, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> bool:
-    """Whether two causes of a model on the same joints are hardly two along this motion."""
+    """Whether two causes of a model on the same joints can hardly be distinguished here."""
     most = library.data.settings.estimates.hardly_own
     parts = dict(zip(terms, library.split(terms, c), strict=True))
     for term in mine:
@@ -104,7 +104,7 @@ def _best_swap(
     cause = library.causes[other]
     mine = [t for t in library.candidates if t.cause == other and t not in rest]
     if cause.changes_arm and not cause.arm_wide:
-        return _best(library, rest, mine)  # a link's torque is on other joints than its own
+        return _best(library, rest, mine)  # a link's torque acts on other joints than its own
     for joint in [ARM] if cause.arm_wide else sorted(joints):
         best = _best(library, [*rest, *swap], [t for t in mine if t.joint == joint])
         if best is None:
@@ -116,7 +116,7 @@ def _best_swap(
 def _best(
     library: RegressorLibrary, terms: list[Candidate], options: list[Candidate]
 ) -> list[Candidate] | None:
-    """Return the one of some candidates that leaves least; None of none."""
+    """Return the candidate that leaves the least; None without candidates."""
     if not options:
         return None
     left = [float(library.grams.errors(library.model_columns([*terms, x])).sum()) for x in options]
@@ -126,7 +126,7 @@ def _best(
 def other_links(
     library: RegressorLibrary, terms: list[Candidate], mine: list[Candidate]
 ) -> tuple[int, ...]:
-    """Return links (from 1) whose mass and centre explain what one of ``mine`` does as well.
+    """Return links (from 1) whose mass and centre explain the torque of one of ``mine`` as well.
 
     Torques show sums of neighbours' masses and moments (base parameters), not each of them.
     """

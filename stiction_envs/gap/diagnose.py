@@ -14,26 +14,25 @@ from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.causes import default_settings
-from stiction_envs.gap.check import check_logs, hold
-from stiction_envs.gap.diagnosis import diagnose as diagnose_logs
-from stiction_envs.gap.model_file import Nominal, read, resolve
-from stiction_envs.gap.result import DiagnosisResult
-from stiction_envs.gap.save import LogDiagnosis
-from stiction_envs.gap.settings import GapSettings
+from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.model_file import Nominal, nominal_of
+from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.from_files import diagnose_files
+from stiction_envs.gap.validation.check import check_logs, check_model
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.measured.logs.sources import Log, log_sources, torque_side
-from stiction_envs.measured.settings import MeasuredSettings
+from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.provenance import provenance
-from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.files import robot_files
+from stiction_envs.robots import Arm
+from stiction_envs.robots.registry import robot_files
 
 METHODS = ("auto", "lsm")
-"""The tool's result, or the thesis's least squares (equation 3.1) with it."""
+"""The tool's result, or also the thesis's least squares (equation 3.1)."""
 
 
 def diagnose(
@@ -52,35 +51,36 @@ def diagnose(
     cutoff_hz: float | None = None,
     method: str = "auto",
     seed: int = 0,
-    nthread: int = 0,
+    threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
     settings: GapSettings | Changes | None = None,
 ) -> DiagnosisResult:
     """Name what a simulation gets wrong about measurements of one robot.
 
     Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``, logs of libfranka, ROS bags) or torque tables
-    (the form of ``sje.csv``, base torques and dithered ones) are told from what is in them.
+    (the form of ``sje.csv``, base torques and dithered ones) are recognised by their content.
 
     Args:
         data: a file or several of one kind, or logs that were read.
         robot: name, model file or arm.
-        torque: side of the gear on which a log's torque was measured, "motor" or "link"; None for
+        torque: side of the gear on which a log's torque was measured, "motor" or "link"; None takes
             what the log says (those of libfranka, franka_ros, iiwa_ros: link), else motor.
         joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
         topic: of ROS bags that have several with joint states.
-        nominal: the simulation to judge: "rigid" (of logs the default), "shipped" (of tables the
-            default), a TOML (friction, or an earlier ``model.toml``), or parameters.
+        nominal: the simulation to judge: "rigid" (default for logs), "shipped" (default for
+            tables), a TOML (friction, or an earlier ``model.toml``), or parameters.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
-        check: logs that take no part, against which the finished model is held (`gap.check`).
+        check: logs that are not used for the diagnosis and test the finished model
+            (`gap.validation.check`).
         payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
-            that of an earlier diagnosis, or none.
-        tilt: known roll and pitch of the base [rad]; None likewise.
+            that of an earlier diagnosis, or none. What that diagnosis found is added to it.
+        tilt: known roll and pitch of the base [rad]; None as for ``payload``.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
         cutoff_hz: bandwidth of a log's zero-phase filter; None chooses it from the data.
         method: "lsm" adds the thesis's least squares to a log's result.
         seed: of the bootstrap.
-        nthread: threads, 0 for all processors.
-        progress: called with a stage and its part done.
+        threads: threads, 0 for all processors.
+        progress: called with a stage and the part of it that is done.
         settings: constants of the method for logs that differ from ``settings.toml``: by name
             (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
@@ -94,8 +94,8 @@ def diagnose(
     given = [data] if isinstance(data, str | Path | JointLog) else list(data)
     check = [check] if isinstance(check, str | Path | JointLog) else list(check)
     if not given and not poses:
-        raise StictionError("no log given: expected one or more logs, or poses (--poses)")
-    torque_side(torque, ())  # a side that is none is said first
+        raise StictionError("no log given: expected one or more logs, or poses")
+    torque_side(torque, ())  # report an invalid side first
     if method not in METHODS:
         raise unknown("method", method, METHODS)
     of_tables = _of_tables(given)
@@ -108,13 +108,15 @@ def diagnose(
             raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
     for table in (x for x in check if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"check: {table} is a torque table: expected joint logs")
-    own = override(default_settings(), settings)
-    arm, judged = _models(robot, nominal, payload, tilt, chain)
+    own = override(gap_settings(), settings)
+    if isinstance(robot, Arm) and not (payload is tilt is chain is None):
+        raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
+    arm, judged = nominal_of(robot, nominal, payload=payload, tilt=tilt, chain=chain)
     sources = log_sources([*given, *poses]) | log_sources(check, "check")
     naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
-    logs = [] if of_tables else _read(given, poses, arm, naming, own.measured)
-    # what is wrong with these is said before the work
-    others = _read(check, (), arm, naming, own.measured) if check else []
+    logs = [] if of_tables else _read(given, poses, arm, naming, own.motion)
+    # report problems of these logs before the long computation
+    others = _read(check, (), arm, naming, own.motion) if check else []
     side = torque_side(torque, [*logs, *others])
     arguments = {
         "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
@@ -142,36 +144,36 @@ def diagnose(
         "nominal_name": _name(nominal),
         "sources": sources,
         "provenance": provenance("diagnose", arguments, seed=seed, inputs=inputs),
-        "nthread": nthread,
+        "threads": threads,
     }
     if of_tables:
         files = [x for x in given if isinstance(x, str | Path)]
         return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
-    beside = check_logs(others, logs, arm, own, cutoff_hz=cutoff_hz) if others else None
+    to_check = check_logs(others, logs, arm, own, cutoff_hz=cutoff_hz) if others else None
     found = diagnose_logs(
         logs,
         arm,
         nominal=judged,
-        link_side=side == "link",
+        torque=side,
         cutoff_hz=cutoff_hz,
         seed=seed,
         progress=progress,
         settings=own,
     )
-    held = None
-    if beside is not None:
+    checked = None
+    if to_check is not None:
         if progress is not None:
             progress("check", 0.0)
-        held = hold(found, beside)
+        checked = check_model(found, to_check)
     return LogDiagnosis(
-        diagnosis=found, torque=side, with_lines=method == "lsm", check=held, **shared
+        diagnosis=found, torque=side, with_lines=method == "lsm", check=checked, **shared
     )
 
 
 def default_nominal(data: Sequence[Log]) -> str:
-    """Return what is judged where nobody says: of logs the arm as most people simulate it.
+    """Return the default nominal model: for logs the arm as most people simulate it.
 
-    Joints without friction have no breakaway torque, so that of tables it is ours.
+    Joints without friction have no breakaway torque, so tables are compared with our friction.
     """
     return "shipped" if _of_tables(data) else "rigid"
 
@@ -195,36 +197,16 @@ def _read(
     poses: Sequence[str | Path],
     arm: Arm,
     naming: Naming,
-    settings: MeasuredSettings,
+    motion: MotionThresholds,
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
     n = arm.n
-    how: dict[str, Any] = {"limits": arm.limits, "naming": naming, "settings": settings}
+    limits = arm.limits
     files = [x for x in given if isinstance(x, str | Path)]
-    from_files = iter(read_logs(files, n, **how) if files else [])
+    read = read_logs(files, n, limits=limits, naming=naming, motion=motion) if files else []
+    from_files = iter(read)
     logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
-    return logs + [read_poses(x, n, **how) for x in poses]
-
-
-def _models(
-    robot: str | Path | Arm,
-    nominal: str | Path | FrictionParameters | Nominal,
-    payload: Sequence[float] | None,
-    tilt: Sequence[float] | None,
-    chain: Sequence[str] | None,
-) -> tuple[Arm, Nominal]:
-    """Return the arm and what is judged; an earlier diagnosis knows its payload and tilt."""
-    if isinstance(robot, Arm):
-        if payload is not None or tilt is not None or chain is not None:
-            raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
-        return robot, resolve(nominal, robot)
-    if isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml":
-        before = read(Path(nominal))
-        if before.robot is not None:
-            payload = before.payload if payload is None else payload
-            tilt = before.tilt if tilt is None else tilt
-    arm = load_arm(robot, payload=payload, tilt=tilt or (0.0, 0.0), chain=chain)
-    return arm, resolve(nominal, arm)
+    return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]
 
 
 def _name(nominal: str | Path | FrictionParameters | Nominal) -> str:

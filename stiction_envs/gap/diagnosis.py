@@ -1,4 +1,4 @@
-"""What the simulation gets wrong, by name: `diagnose(logs, robot) -> Diagnosis`.
+"""Name what the simulation gets wrong: `diagnose(logs, robot) -> Diagnosis`.
 
 logs -> signals -> residual of the nominal model -> significant causes -> parameters
 """
@@ -21,24 +21,23 @@ from stiction_envs.gap.causes import (
     Part,
     TorqueShift,
     cause_named,
-    default_settings,
     registered,
 )
 from stiction_envs.gap.confusion import confused_with, other_links
-from stiction_envs.gap.contest import contested
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
-from stiction_envs.gap.model_file import Nominal, resolve
+from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
-from stiction_envs.gap.refit import found_again, given_what_was_found, settle
-from stiction_envs.gap.selection import Chooser, gain, pruned
-from stiction_envs.gap.settings import GapSettings
+from stiction_envs.gap.refit import given_arm_causes, refine_delay, same_arm_causes
+from stiction_envs.gap.selection import Chooser, gain, prefer_arm_causes, pruned
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
+from stiction_envs.gap.signals.torque_sign import signs
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
@@ -50,30 +49,30 @@ class NamedCause:
 
     name: str
     joints: tuple[int, ...]
-    """From 1, where it is significant; all for causes of the whole arm."""
+    """The joints (from 1) where it is significant; all joints for causes of the whole arm."""
     gain_percent: float
-    """What is lost when it is taken out by itself [%]."""
+    """Loss of agreement when this cause alone is removed [%]."""
     parameters: dict[int, dict[str, Estimate]]
-    """By joint (from 1), 0 for the whole arm."""
+    """By joint (from 1); 0 for the whole arm."""
     evidence: str
     confused_with: tuple[str, ...]
     tell_apart: str
-    """The motion that would distinguish it from those."""
+    """The motion that would distinguish it from ``confused_with``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """The result, and what it was worked out from."""
+    """The result, and the data behind it."""
 
     robot: str
     verdict: str
     causes: tuple[NamedCause, ...]
     minor: tuple[NamedCause, ...] = ()
-    """What also helps a little, and is not to be believed alone."""
+    """Causes that improve the fit a little; alone they are not reliable."""
     nominal_rms: Array
-    """(n,) held out [N·m]."""
+    """(n,) held-out error of the nominal model [N·m]."""
     extended_rms: Array
-    """(n,) held out [N·m]."""
+    """(n,) held-out error of the extended model [N·m]."""
     noise: Array
     """(n,) noise floor, given the causes (`noise_left`) [N·m]."""
     not_identifiable: dict[str, str]
@@ -89,11 +88,13 @@ class Diagnosis:
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
     """The nominal model."""
+    torque_sign: int
+    """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
     notes: tuple[str, ...] = field(default=())
 
     @property
     def settings(self) -> GapSettings:
-        """Constants of the method that found it."""
+        """Constants of the method."""
         return self.data.settings
 
     @property
@@ -135,7 +136,7 @@ class Diagnosis:
 
 
 def _parameters(cause: NamedCause) -> dict[str, Any]:
-    """Return the parameters: of the arm or a single joint as such, else by joint."""
+    """Return the parameters: directly for the arm or a single joint, else by joint."""
 
     def numbers(found: dict[str, Estimate]) -> dict[str, Any]:
         return {
@@ -151,12 +152,12 @@ def _parameters(cause: NamedCause) -> dict[str, Any]:
     return out
 
 
-def diagnose(
+def diagnose_logs(
     logs: Sequence[str | Path] | Sequence[JointLog],
     robot: str | Path | Arm,
     *,
     nominal: str | Path | FrictionParameters | Nominal = "rigid",
-    link_side: bool = False,
+    torque: str = "motor",
     causes: Sequence[Cause] | None = None,
     cutoff_hz: float | None = None,
     seed: int = 0,
@@ -170,21 +171,21 @@ def diagnose(
         robot: name, model file or arm.
         nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
             parameters.
-        link_side: whether torque was measured behind the gear.
-        causes: hypotheses, which are registered; None for all that are.
+        torque: side of the gear on which torque was measured, "motor" or "link".
+        causes: registered hypotheses; None for all of them.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         seed: of the bootstrap.
-        progress: called with a stage and its part done.
+        progress: called with a stage and the part of it that is done.
         settings: constants of the method that differ from ``settings.toml``: by name
             (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Raises:
-        StictionError: settings that are none, logs that cannot be read or do not fit the robot, or
-            a cause that is not registered.
+        StictionError: invalid settings, logs that cannot be read or do not fit the robot, or a
+            cause that is not registered.
     """
     say = progress or (lambda *_: None)
-    own = override(default_settings(), settings)
-    arm = robot if isinstance(robot, Arm) else load_arm(robot)
+    own = override(gap_settings(), settings)
+    arm, baseline = nominal_of(robot, nominal)
     if not logs:
         raise StictionError("no logs: expected one or more")
     read: list[JointLog] = []
@@ -192,14 +193,17 @@ def diagnose(
         if isinstance(log, JointLog):
             read.append(log)
         else:
-            naming = Naming(robot=arm.joint_names)
-            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, settings=own.measured)
+            read += read_logs(
+                [log],
+                arm.n,
+                limits=arm.limits,
+                naming=Naming(robot=arm.joint_names),
+                motion=own.measured.motion,
+            )
         say("reading", len(read) / len(logs))
     causes = registered() if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
-    causes = [cause.given(own) for cause in causes]
-    baseline = resolve(nominal, arm)
     read, signals = correct_torques(
         read,
         arm,
@@ -207,12 +211,13 @@ def diagnose(
             x, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own
         ),
         own,
+        baseline.torque_sign,
     )
     say("inverse dynamics", 0.0)
-    base = assemble(arm, signals, friction=baseline.friction, link_side=link_side, settings=own)
+    base = assemble(arm, signals, friction=baseline.friction, torque=torque, settings=own)
     data = baseline.extend(base)
     say("columns of all causes", 0.0)
-    if not np.isfinite(data.dt):  # poses without any motion
+    if not np.isfinite(data.dt):  # only poses without motion
         causes = [c for c in causes if c.shown_at_rest]
     library = RegressorLibrary(data, causes)
 
@@ -224,23 +229,23 @@ def diagnose(
     say("choosing causes", 0.0)
     terms = choose(library, stage="choosing causes")
     say("refitting", 0.0)
-    if (given := given_what_was_found(library, terms)) is not None:
+    if (given := given_arm_causes(library, terms)) is not None:
         del library  # two at once take too much memory
         library = RegressorLibrary(*given)
         refitted = choose(library)
-        if found_again(terms, refitted):
+        if same_arm_causes(terms, refitted):
             terms = refitted
         else:
             library = RegressorLibrary(data, causes)
     say("refitting", 0.6)
-    terms = settle(library, sharpen(library, terms))
-    terms = contested(library, terms)
+    terms = refine_delay(library, sharpen(library, terms))
+    terms = prefer_arm_causes(library, terms)
     say("refitting", 0.8)
     kept = pruned(library, terms)
     if len(kept) < len(terms):
-        # what is none after all may have kept out something better
+        # a cause that was dropped may have kept out a better one
         gone = [t for t in terms if t not in kept]
-        terms = settle(library, sharpen(library, choose(library, kept, gone)))
+        terms = refine_delay(library, sharpen(library, choose(library, kept, gone)))
         terms = pruned(library, terms)
     return _conclude(baseline, base, read, signals, library, terms, seed, say)
 
@@ -276,7 +281,7 @@ def _conclude(
         if not its_gain.significant:
             continue
         without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
-        lost = float(100 * np.mean((without - extended_rms) / nominal_rms))
+        lost = percent_lost(without, extended_rms, nominal_rms)
         s = data.settings.verdict
         if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
             little.add(name)
@@ -319,12 +324,34 @@ def _conclude(
         coefficients=c,
         base=base,
         baseline=baseline,
-        notes=(*signals.notes, *of_noise, *_told(logs)),
+        torque_sign=_torque_sign(logs, signals, baseline, data),
+        notes=(*signals.notes, *of_noise, *_log_notes(logs)),
     )
 
 
-def _told(logs: list[JointLog]) -> list[str]:
-    """Return what was corrected in logs and what was found and not corrected, each with its log."""
+def percent_lost(without: Array, extended: Array, nominal: Array) -> float:
+    """Return the loss when one cause is removed, mean over joints [%].
+
+    A fit without it may be worse on a joint than the nominal model; the loss is limited to that.
+
+    Args:
+        without: (n,) error of the extended model without the cause [N·m].
+        extended: (n,) error with it [N·m].
+        nominal: (n,) error of the nominal model [N·m].
+    """
+    return float(100 * np.mean((np.minimum(without, nominal) - extended) / nominal))
+
+
+def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data: Data) -> int:
+    """Return the sign of the robot's torques, if these or earlier logs show it."""
+    if any(c.kind == "sign" for log in logs for c in log.corrections):
+        return -1
+    shown = any(s.vote for s in signs(signals, data.recording.arm, data.settings))
+    return 1 if shown else baseline.torque_sign
+
+
+def _log_notes(logs: list[JointLog]) -> list[str]:
+    """Return corrections of the logs and uncorrected findings, each with its log."""
     said = [(log, x) for log in logs for x in (*(c.text for c in log.corrections), *log.warnings)]
     return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
 
@@ -332,7 +359,7 @@ def _told(logs: list[JointLog]) -> list[str]:
 def _described(
     library: RegressorLibrary, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> str:
-    """Return what is wrong, with the links that may be meant as well."""
+    """Return what is wrong, with the other links that may be the cause."""
     cause = library.causes[mine[0].cause]
     text = cause.describe(library.split(terms, c)[terms.index(mine[0])])
     if assumed := cause.assumption(library.data, mine[0].shape):
@@ -378,7 +405,7 @@ def _verdict(
 
 
 def _motion(library: RegressorLibrary, name: str) -> str:
-    """Return the motion that shows a cause, of those too that are no hypothesis here."""
+    """Return the motion that shows a cause, also for names that are not hypotheses here."""
     return (library.causes.get(name) or cause_named(name)).what_to_record
 
 
@@ -399,11 +426,11 @@ def _what_to_record(
 
 
 def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
-    """Return what a diagnosis found on top of its baseline.
+    """Return the torque that a diagnosis adds to its baseline.
 
     Args:
         diagnosis: the result.
-        coefficients: (P,) others than those of the fit to all data.
+        coefficients: (P,) coefficients in place of those fitted to all data.
     """
     before = diagnosis.baseline
     data, arm = diagnosis.data, diagnosis.data.arm
@@ -434,4 +461,5 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         payload=arm.payload,
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
+        torque_sign=diagnosis.torque_sign,
     )

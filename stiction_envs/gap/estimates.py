@@ -1,4 +1,4 @@
-"""Parameters of the significant causes: refined, and with intervals of the block bootstrap."""
+"""Parameters of the significant causes: refinement and block-bootstrap intervals."""
 
 from __future__ import annotations
 
@@ -11,10 +11,19 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
 from stiction_envs.gap.settings import EstimateSettings
 
 Array = NDArray[np.float64]
+FAR = 5.0
+"""Number of robust standard deviations at which resamples are clipped [-]."""
+RESIZED = 2
+"""Number of rounds in which nonlinear parameters are adapted to sizes."""
+RESIZED_REACH = 0.15
+"""Size of the later changes of a parameter's logarithm [-]."""
+TANGENT = 0.1
+"""Step in the logarithm of a nonlinear parameter for its tangent [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +37,12 @@ class Estimate:
 
 
 def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
-    """Refine nonlinear parameters between the grid's neighbours, and by the sizes that are found.
+    """Refine nonlinear parameters between the grid's neighbours, and adapt them to the sizes found.
 
-    What hangs on a size is worked out anew with it, as often as ``resized``.
+    Parameters that depend on a size are computed anew with it, `RESIZED` times.
     """
-    s = library.data.settings.estimates
     out = _refined(library, terms)
-    for _ in range(s.resized):
+    for _ in range(RESIZED):
         c = library.split(out, library.grams.fit(library.model_columns(out)))
         level = library.data.friction.level.copy()
         for term, mine in zip(out, c, strict=True):
@@ -48,7 +56,7 @@ def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate
         if larger == out:
             break
         library.refine(larger)
-        out = _refined(library, larger, s.resized_reach)
+        out = _refined(library, larger, RESIZED_REACH)
     return out
 
 
@@ -136,7 +144,7 @@ def estimates(
             key: Estimate(
                 value=value,
                 ci95=[value, value]
-                if isinstance(value, int)  # a choice among few, not a measure
+                if isinstance(value, int)  # a choice among a few, not a quantity
                 else _interval(
                     np.array([x[key] for x in samples]),
                     np.array(value),
@@ -156,14 +164,14 @@ def _profiled(
 ) -> tuple[list[float], bool]:
     """Return the ends of the profile-likelihood interval of a term, and whether one is open.
 
-    The error that is left with a parameter, all else at its best, may be larger than the least by
-    1 + F(1, B − 1)/(B − 1) (Seber and Wild, "Nonlinear Regression", 1989, chapter 5): what is
-    left is a model's error, as one within each of B blocks, and not noise from row to row. [] of a
-    cause that is not `profiled`.
+    The error with a given parameter, with the best of all others, may exceed the least error by the
+    factor 1 + F(1, B − 1)/(B − 1) (Seber and Wild, "Nonlinear Regression", 1989, chapter 5): the
+    remaining error is model error, one value in each of B blocks, and not noise from row to row.
+    Empty for a cause without its own `profile`.
     """
     data, j = library.data, term.joint
     cause = library.causes[term.cause]
-    if not cause.profiled:
+    if type(cause).profile is Cause.profile:
         return [], False
     others = library.own(terms, [t for t in terms if t != term])
     residual = data.residual[:, j] - library.torque(terms, c * others, j)
@@ -178,14 +186,14 @@ def _profiled(
 def _interval(
     samples: Array, value: Array, neutral: float, s: EstimateSettings, reached: Sequence[Array] = ()
 ) -> Any:
-    """Return [low, high] about a value, or one pair per number, and at least what is ``reached``.
+    """Return [low, high] about a value, or one pair per number; it contains ``reached``.
 
-    Student's t with as many degrees of freedom as blocks, widened by what a model is ever good
-    for (``model_error``): the percentiles of 12 blocks are too narrow. Samples far out, such as a
-    quotient whose divisor came near zero, count as if they were ``far`` deviations out.
+    The interval uses Student's t with as many degrees of freedom as blocks, since percentiles of 12
+    blocks are too narrow, and is widened by the error of any model (``model_error``). Outliers,
+    such as a quotient whose divisor came near zero, count as ``far`` deviations.
     """
     low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
-    far = s.far * (high - low) / 2
+    far = FAR * (high - low) / 2
     near = np.clip(samples, middle - far, middle + far)
     spread = s.interval * near.std(axis=0) + s.model_error * np.max(np.abs(value - neutral))
     low = np.stack([value - spread, *reached]).min(axis=0)
@@ -217,9 +225,9 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
             if i in where:
                 up, down = (
                     Candidate(term.cause, term.joint, (term.shape[0] * np.exp(x), *term.shape[1:]))
-                    for x in (s.tangent, -s.tangent)
+                    for x in (TANGENT, -TANGENT)
                 )
-                slope = (library.columns(up, j) - library.columns(down, j)) / (2 * s.tangent)
+                slope = (library.columns(up, j) - library.columns(down, j)) / (2 * TANGENT)
                 stacked.append((slope @ parts[i])[:, None])
                 at.append(where[i])
         x = np.concatenate(stacked, axis=1) if stacked else np.zeros((len(data.t), 0))

@@ -17,7 +17,7 @@ from stiction_envs.robots import Arm, mjcf
 
 Array = NDArray[np.float64]
 TIMESTEP = 1e-3
-"""Of the model [s]."""
+"""Time step of the model [s]."""
 
 
 _COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.
@@ -40,15 +40,15 @@ def write_mjcf(
     """Return plain MJCF of an arm that sticks.
 
     Args:
-        arm: with its payloads and gravity.
-        friction: what MuJoCo can hold of it.
+        arm: the arm with its payloads and gravity.
+        friction: the part of the friction that MuJoCo can represent.
         pull: (n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world.
         offset: (n,) constant torque that a motor must overcome [N·m].
         waves: joint (from 0), amplitude [N·m], periods per turn and phase [rad] of further cogging.
-        missing: what MuJoCo cannot express, for the comment.
+        missing: effects that MuJoCo cannot represent, for the comment.
 
     Raises:
-        StictionError: MuJoCo cannot hold the model.
+        StictionError: MuJoCo cannot represent the model.
     """
     text = plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
     root = ET.fromstring(text)
@@ -75,7 +75,7 @@ def write_mjcf(
                 biasprm=f"{-float(offset[j])!r} 0 0",
             )
     for number, (j, *wave) in enumerate(waves, start=1):
-        # a motor that nobody commands; in torque control it brakes nothing
+        # a motor without a command; in torque control it does not brake
         ET.SubElement(
             actuators,
             "dcmotor",

@@ -1,7 +1,7 @@
-"""Causes into a model: friction the plant loads, and plain MJCF that runs in stock MuJoCo.
+"""Put causes into a model: friction that the plant loads, and plain MJCF for stock MuJoCo.
 
-Controls of the MJCF are joint torques as in the logs: they carry gravity themselves, so nothing is
-compensated there. What MuJoCo cannot express is said in words, and as torque along the logs.
+Controls of the MJCF are joint torques as in the logs. They include gravity, so the model does not
+compensate it. What MuJoCo cannot represent is described, and given as torque along the logs.
 """
 
 from __future__ import annotations
@@ -25,11 +25,22 @@ from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
-from stiction_envs.gap.model_file import Nominal, changed_arm, dump, read
+from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.robots import ARMS, Arm, load_arm
+from stiction_envs.robots import ARMS, Arm
 
 Array = NDArray[np.float64]
+LEAST_BRISTLE = 1.0
+"""Stiffness assumed for the softest bristle [N·m/rad]."""
+MOST_DAMPED = 1.0
+"""Largest damping ratio of a bristle in the model [-]."""
+STIFFEST = 0.1
+"""Largest bristle stiffness over inertia/timestep² [-]: a twentieth of the chattering limit."""
+FASTEST_DECAY = 0.5
+"""Largest bristle damping over inertia/timestep [-]: up to four joints in line may stick, and
+Euler is stable while their sum is below 2."""
+POSES = 200
+"""Number of poses of the logs at which the joints' inertia is computed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,18 +52,18 @@ class Extension:
     friction: FrictionParameters
     """For the plant."""
     sources: dict[str, str]
-    """Of each quantity of the friction."""
+    """The source of each quantity of the friction."""
     nominal: Nominal
-    """The causes exactly, and their baseline."""
+    """The exact causes, and their baseline."""
     missing: tuple[str, ...]
-    """What the MJCF cannot say, one clause each."""
+    """What MJCF cannot represent, one clause each."""
     friction_missing: tuple[str, ...]
-    """What the friction tables cannot say, one clause each."""
+    """What the friction tables cannot represent, one clause each."""
     left_out: Array
     """(T, n) torque of the causes that the MJCF leaves out, along the logs' motion [N·m]."""
 
     def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """Return ``model.toml``: friction tables, then the causes exactly."""
+        """Return ``model.toml``: friction tables, then the exact causes."""
         text = dump_friction(self.friction, sources=self.sources, meta=meta, provenance=provenance)
         head = "# A diagnosed arm. SI units; direction order is +, −. Written by stiction diagnose."
         lines = [head, *text.splitlines()[1:]]
@@ -64,17 +75,17 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     """Put causes into a model.
 
     Args:
-        data: logs against the model without the causes; says where the arm was and how loaded.
+        data: logs against the model without the causes; they give the arm's poses and loads.
         nominal: the baseline of the causes, and the causes.
 
     Raises:
-        StictionError: MuJoCo cannot hold the model.
+        StictionError: MuJoCo cannot represent the model.
     """
     arm, parts = data.arm, nominal.parts
     level = np.abs(data.rigid).mean(axis=0)
     duration = float(np.ptp(data.recording.since_session))
     draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=duration)
-    causes = {p.cause: cause_named(p.cause).given(data.settings) for p in parts}
+    causes = {p.cause: cause_named(p.cause) for p in parts}
     for part in sorted(parts, key=lambda p: causes[p.cause].contribution_order(p)):
         causes[part.cause].contribute(draft, part)
     loaded = changed_arm(arm, parts)
@@ -117,21 +128,29 @@ def extended_nominal(path: str | Path, data: Data) -> Array:
 
 
 def load_model(
-    path: str | Path, robot: str | Path | None = None, *, chain: Sequence[str] | None = None
+    path: str | Path,
+    robot: str | Path | None = None,
+    *,
+    payload: Sequence[float] | None = None,
+    tilt: Sequence[float] | None = None,
+    chain: Sequence[str] | None = None,
 ) -> StickingModel:
-    """Return the arm of a ``model.toml``: payload and tilt that were found, and its friction.
+    """Return the arm of a ``model.toml`` with the payload, tilt and friction that were found.
 
-    Every experiment takes it where it takes an arm: ``SingleJointExperiment(load_model(path))``.
-    Rotor inertia, which torque behind the gear does not show, is that of the robot's own friction
-    on joints where the diagnosis found none (`with_rotors`); ``model.xml`` does without.
+    Every experiment accepts it as an arm: ``SingleJointExperiment(load_model(path))``.
+    Torque behind the gear does not show rotor inertia. Joints without a diagnosed one take that of
+    the robot's own friction (`with_rotors`); ``model.xml`` does not.
 
     Args:
         path: the file; with ``robot`` also a friction TOML, as `stiction calibrate` writes it.
-        robot: name or model file; of an arm that is none of ours its file must be given.
+        robot: name or model file; for other arms than the shipped ones the file must be given.
+        payload: known mass [kg] and centre of mass x, y, z in the flange frame [m] of a mounted
+            body; None for that of the diagnosis. What was found is added to it.
+        tilt: known roll and pitch of the base [rad]; None as for ``payload``.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
 
     Raises:
-        StictionError: a file that is no model, or an arm that cannot be loaded.
+        StictionError: a file that is not a model, or an arm that cannot be loaded.
     """
     nominal = read(Path(path))
     if robot is None and nominal.robot in ARMS:
@@ -139,17 +158,17 @@ def load_model(
     if robot is None:
         of = "holds no [arm]" if nominal.robot is None else f"is of robot {nominal.robot!r}"
         raise StictionError(f"{path}: {of}: expected robot=, its name or the path of its model")
+    arm, _ = nominal_of(robot, nominal, payload=payload, tilt=tilt, chain=chain)
     if nominal.robot is None:
-        return sticking_model(load_arm(robot, chain=chain), path)
-    arm = load_arm(robot, payload=nominal.payload, tilt=nominal.tilt, chain=chain)
+        return sticking_model(arm, path)
     nominal.check(arm, path)
     friction = with_rotors(load_friction(path, arm.n), arm)
     return sticking_model(changed_arm(arm, nominal.parts), friction)
 
 
 def _poses(data: Data) -> Array:
-    """Return poses of the logs and the arm's rest, spread evenly."""
-    step = max(1, len(data.q) // data.settings.extended_model.poses)
+    """Return poses of the logs and the arm's rest pose, evenly selected."""
+    step = max(1, len(data.q) // POSES)
     return np.vstack([data.arm.rest, data.q[::step]])
 
 
@@ -157,7 +176,7 @@ def _friction(
     draft: ModelDraft, data: Data, base: FrictionParameters | None, arm: Arm
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
-    s, coulomb = data.settings.extended_model, np.maximum(draft.coulomb, LEAST_FRICTION)
+    coulomb = np.maximum(draft.coulomb, LEAST_FRICTION)
     stiction = np.maximum(draft.stiction, coulomb)
     for j in np.flatnonzero((draft.coulomb < 0).any(axis=1) | (draft.viscous < 0).any(axis=1)):
         text = f"friction of joint {j + 1} came out negative: zero stands"
@@ -169,9 +188,9 @@ def _friction(
     # in line with others (a stretched arm) a joint that sticks moves less than its own link
     free = np.min(1 / np.diagonal(np.linalg.inv(inertia), axis1=1, axis2=2), axis=0)
     carried = np.where(elastic, rotor, free)
-    most = s.stiffest * carried / TIMESTEP**2
+    most = STIFFEST * carried / TIMESTEP**2
     distance = data.friction.presliding_distance
-    soft = np.maximum(coulomb.mean(axis=1) / distance, s.least_bristle)
+    soft = np.maximum(coulomb.mean(axis=1) / distance, LEAST_BRISTLE)
     bristle = np.where(np.isnan(draft.bristle), soft, draft.bristle)
     for j in np.flatnonzero(~np.isnan(draft.bristle) & (bristle > most)):
         text = f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still"
@@ -188,11 +207,11 @@ def _friction(
         "gravity_error": zero,
     }
     values = {**defaults, **values}
-    # ours is a ratio to the critical damping of what the bristle carries at the arm's rest, where
-    # it may be many times as much as elsewhere
+    # ours is a ratio to the critical damping of the inertia at the arm's rest pose; elsewhere the
+    # bristle may carry many times as much
     at_rest = np.where(elastic, rotor, rotor + link_inertia(arm, arm.rest[None])[0])
     critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * at_rest)
-    most_damped = np.minimum(s.most_damped, s.fastest_decay * carried / (TIMESTEP * critical))
+    most_damped = np.minimum(MOST_DAMPED, FASTEST_DECAY * carried / (TIMESTEP * critical))
     for j in np.flatnonzero(draft.damping > most_damped * critical):
         text = f"bristle damping of joint {j + 1}: "
         text += f"{most_damped[j] * critical[j]:.4g} N·m·s/rad is the most that a step can hold"
@@ -206,7 +225,7 @@ def _friction(
         "coulomb_ratio": ratio,
         "stribeck_velocity": draft.stribeck,
         "viscous": np.maximum(draft.viscous, 0.0),
-        # ours grows stiction, of which Coulomb friction is a part; the cause is of Coulomb's
+        # ours scales stiction, which contains Coulomb friction; the cause scales Coulomb friction
         "load_coefficient": values.get("load_coefficient", zero) + draft.load / ratio.mean(axis=1),
         "bristle_stiffness": np.clip(bristle, 1e-3, most),
         "bristle_damping_ratio": np.clip(damping, 0.0, most_damped),
@@ -233,13 +252,13 @@ def _friction(
 
 
 def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> FrictionParameters:
-    """Return the friction half-way through the logs at their mean load, which MJCF then holds."""
+    """Return the friction half-way through the logs at their mean load, as MJCF represents it."""
     clipped = np.clip(level, friction.load_low, friction.load_high)
     stiction = friction.stiction + (friction.load_coefficient * clipped)[:, None]
     late = np.exp(-1 / (2 * LATE))  # half-way
     drifting = np.isclose(draft.warm[:, 1], friction.warm_up_time) & (draft.warm[:, 0] != 0)
     factor = np.where(drifting, 1.0 + draft.warm[:, 0] * late, 1.0)
-    ripple = friction.ripple_amplitude > 0  # what has no size has no periods in MJCF
+    ripple = friction.ripple_amplitude > 0  # a ripple of no amplitude has no periods in MJCF
     return friction.replace(
         ripple_periods=np.where(ripple, friction.ripple_periods, 0.0),
         ripple_phase=np.where(ripple, friction.ripple_phase, 0.0),

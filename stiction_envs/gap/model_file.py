@@ -1,6 +1,6 @@
-"""The model file of a diagnosis, ``model.toml``: its causes exactly, and their baseline.
+"""The model file of a diagnosis, ``model.toml``: its exact causes, and their baseline.
 
-`--nominal model.toml` reads it back, so that a diagnosis can be repeated on its own result.
+`--nominal model.toml` reads it, so that the next diagnosis can start from this result.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.gap.causes import Part, TorqueShift, cause_named
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.toml import toml_text
-from stiction_envs.robots import Arm
-from stiction_envs.robots.tables import largest, possible
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.tables import check_range, largest
 
 Array = NDArray[np.float64]
 
@@ -35,39 +35,38 @@ class Nominal:
     """The baseline of a diagnosis: friction, and causes of earlier diagnoses."""
 
     friction: FrictionParameters | None = None
-    """None for a rigid body without any."""
+    """None for a rigid body without friction."""
     parts: tuple[Part, ...] = ()
     robot: str | None = None
-    """Name of the arm the parts were found on; None without parts."""
+    """Name of the arm on which the parts were found; None without parts."""
     payload: tuple[float, float, float, float] | None = None
-    """Of that arm: mass [kg] and centre of mass in the flange's frame [m]."""
+    """The known body on its flange: mass [kg] and centre of mass in its frame [m]."""
     tilt: tuple[float, float] = (0.0, 0.0)
-    """Of that arm: roll and pitch [rad]."""
+    """The known inclination of its base: roll and pitch [rad]."""
     distance: tuple[float, ...] | None = None
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
+    torque_sign: int = 0
+    """1 where logged torques of that robot drive the joints, -1 if opposite, 0 where unknown."""
 
     def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
-        """Raise if an arm is not the one the parts were found on, or they leave it no body.
+        """Raise if the arm is not that of the parts, or a body with them is impossible.
+
+        Its known payload and tilt may differ: what was found stays.
 
         Args:
             arm: the arm.
-            where: what the parts were read from, for the message.
+            where: where the parts were read from, for the message.
 
         Raises:
-            StictionError: another arm, payload or tilt, a joint that it lacks, an impossible body.
+            StictionError: another arm, a joint that it lacks, an impossible body.
         """
         if self.robot is None:
             return
-        for what, mine, given in (
-            ("robot", self.robot, arm.name),
-            ("payload", self.payload, arm.payload),
-            ("tilt", self.tilt, arm.tilt),
-        ):
-            if mine != given:
-                raise StictionError(
-                    f"{where}: of {what} {mine}, but the arm has {given}: expected the "
-                    "arm it was diagnosed on"
-                )
+        if self.robot != arm.name:
+            raise StictionError(
+                f"{where}: of robot {self.robot}, but the arm is {arm.name}: expected the arm it "
+                "was diagnosed on"
+            )
         for part in self.parts:
             if part.joint > arm.n:
                 raise StictionError(
@@ -93,7 +92,7 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data against a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
         mine = [p for p in parts if p.level == level]
-        causes = [(p, cause_named(p.cause).given(data.settings)) for p in mine]
+        causes = [(p, cause_named(p.cause)) for p in mine]
         arm = changed_arm(data.arm, mine)
         changed = data if arm is data.arm else data.on(arm)
         torque = changed.recording.rigid - data.recording.rigid
@@ -121,7 +120,7 @@ def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
     """Return the rigid arm with the bodies and the gravity of parts, level by level.
 
     Raises:
-        StictionError: a part that makes a body that cannot exist.
+        StictionError: a part that makes a body physically impossible.
     """
     for part in sorted(parts, key=lambda p: p.level):
         cause = cause_named(part.cause)
@@ -130,11 +129,41 @@ def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
     return arm
 
 
+def nominal_of(
+    robot: str | Path | Arm,
+    nominal: str | Path | FrictionParameters | Nominal,
+    *,
+    payload: Sequence[float] | None = None,
+    tilt: Sequence[float] | None = None,
+    chain: Sequence[str] | None = None,
+) -> tuple[Arm, Nominal]:
+    """Return the rigid arm with its known payload and tilt, and the nominal model.
+
+    Args:
+        robot: name, model file or arm; an arm has its payload and tilt.
+        nominal: as of `resolve`.
+        payload: known mass [kg] and centre of mass in the flange's frame [m] of a mounted body;
+            None for that of the nominal model. What was found is added to it.
+        tilt: known roll and pitch of the base [rad]; None as for ``payload``.
+        chain: as of `load_arm`.
+
+    Raises:
+        StictionError: as `load_arm` and `resolve`.
+    """
+    if not isinstance(robot, Arm):
+        before = nominal if isinstance(nominal, Nominal) else Nominal()
+        if isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml":
+            before = read(Path(nominal))
+        payload = before.payload if payload is None else payload
+        robot = load_arm(robot, payload=payload, tilt=tilt or before.tilt, chain=chain)
+    return robot, resolve(nominal, robot)
+
+
 def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
     """Return what ``rigid``, ``shipped``, a TOML or parameters mean for an arm.
 
     Raises:
-        StictionError: another word, an unreadable file, or a model of another arm.
+        StictionError: an unknown name, an unreadable file, or a model of another arm.
     """
     if isinstance(nominal, Nominal):
         return nominal
@@ -143,7 +172,7 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
     if nominal == "rigid":
         return Nominal()
     if nominal == "shipped":
-        return Nominal(friction=load_friction(arm.name if arm.registered else "generic", arm.n))
+        return Nominal(friction=load_friction(arm.registered_name, arm.n))
     path = Path(nominal)
     if path.suffix != ".toml":
         raise StictionError(f"nominal {nominal}: expected rigid, shipped or a path to a .toml")
@@ -164,7 +193,7 @@ def read(path: Path) -> Nominal:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StictionError(f"nominal {path}: {error.strerror}") from None
-    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
+    except ValueError as error:  # TOML, UTF-8, or an integer of thousands of digits
         raise StictionError(f"nominal {path}: not TOML ({error})") from None
     if "arm" not in table:
         return Nominal()
@@ -187,19 +216,20 @@ def read(path: Path) -> Nominal:
         tilt = float(arm["tilt"][0]), float(arm["tilt"][1])
         robot = str(arm["robot"])
         distance = tuple(float(x) for x in arm["distance"]) or None
+        sign = int(arm.get("torque_sign", 0))
     except (KeyError, TypeError, ValueError, OverflowError, IndexError, AttributeError) as error:
         raise StictionError(
             f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
         ) from None
     where = f"nominal {path}: [arm]"
-    possible((payload or ())[:1], "kg", f"{where} payload", low=0.0)
-    possible((payload or ())[1:], "m", f"{where} payload")
-    possible(tilt, "rad", f"{where} tilt")
-    possible(distance or (), "rad", f"{where} distance", low=0.0)
+    check_range((payload or ())[:1], "kg", f"{where} payload", low=0.0)
+    check_range((payload or ())[1:], "m", f"{where} payload")
+    check_range(tilt, "rad", f"{where} tilt")
+    check_range(distance or (), "rad", f"{where} distance", low=0.0)
     if friction:
         check_possible(friction, where)
     for part in parts:
-        # their units are the causes' own
+        # their units are those of the causes
         found = np.array([*part.shape, *part.coefficients])
         if not (np.abs(found) <= largest()).all():
             raise StictionError(
@@ -215,6 +245,8 @@ def read(path: Path) -> Nominal:
             raise StictionError(
                 f"nominal {path}: cause {part.cause} on joint {part.joint}: expected {expected}"
             )
+    if sign not in (-1, 0, 1):
+        raise StictionError(f"{where} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
     if payload is not None and len(payload) != 4:
         raise StictionError(f"nominal {path}: payload has {len(payload)} numbers: expected 4")
     return Nominal(
@@ -224,6 +256,7 @@ def read(path: Path) -> Nominal:
         payload=payload,
         tilt=tilt,
         distance=distance,
+        torque_sign=sign,
     )
 
 
@@ -235,6 +268,8 @@ def dump(nominal: Nominal) -> str:
         "tilt": [float(x) for x in nominal.tilt],
         "distance": [float(x) for x in nominal.distance or ()],
     }
+    if nominal.torque_sign:
+        arm["torque_sign"] = nominal.torque_sign
     if nominal.friction is not None:
         arm["friction"] = {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES}
     causes = [

@@ -1,4 +1,4 @@
-"""The noise floor that a diagnosis is held against, given what its causes leave."""
+"""The noise floor to which a diagnosis is compared, given what its causes leave."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def noise_left(
 ) -> tuple[Array, list[str]]:
     """Return (n,) noise floor [N·m], and how that of low-passed torques was found.
 
-    The floor before any cause is known, but for torques that passed a low-pass before they were
-    logged: there the larger of it and `slow_noise` of what the extended model leaves.
+    It is the floor before any cause is known. For torques that were low-passed before logging it is
+    the larger of this floor and `slow_noise` of what the extended model leaves.
 
     Args:
         library: of the data.

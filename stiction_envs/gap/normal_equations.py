@@ -353,3 +353,32 @@ class JointGrams:
             own = np.where(model.prior > 0, spread, 0.0)
             xr = xr + model.prior * own * rng.normal(size=xr.shape)
         return solve_all(xx, xr, np.array(model.low), np.array(model.high))
+
+
+def share_found(pe: Array, pp: Array) -> tuple[Array, Array]:
+    """Return (n,) the part of a predicted torque that is found, and its standard error [-].
+
+    Args:
+        pe: (B, n) sums over blocks of predicted torque times what is left without it.
+        pp: (B, n) of predicted torque squared.
+
+    Returns:
+        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (K.-Y. Liang, S. Zeger,
+        "Longitudinal data analysis using generalized linear models", Biometrika 1986); NaN
+        without a torque, an infinite error with a single block.
+    """
+    total = pp.sum(axis=0)
+    some = np.where(total > 0, total, np.nan)
+    a = pe.sum(axis=0) / some
+    if len(pp) < 2:
+        return a, np.where(np.isnan(a), np.nan, np.inf)
+    spread = np.sqrt(np.square(pe - a * pp).sum(axis=0) * len(pp) / (len(pp) - 1))
+    return a, spread / some
+
+
+def t_statistic(pe: Array, pp: Array) -> float:
+    """Return `share_found` over its standard error, of sums over blocks (B,)."""
+    if float(pp.sum()) <= 0 or len(pp) < 2:
+        return 0.0
+    a, error = (float(x[0]) for x in share_found(pe[:, None], pp[:, None]))
+    return a / max(error, 1e-12)

@@ -1,7 +1,7 @@
-"""What was found is taken for granted: columns given a payload, a tilt, a delay.
+"""Fit again given the causes that were found: columns given a payload, a tilt, a delay.
 
-Friction, gaps and springs feel what the gears carry. A delay is one of all torques, friction's too,
-and not its first order.
+Friction, gaps and springs depend on the load of the gears. A delay shifts all torques, friction
+too, and not only to first order.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Cause, Shape, TorqueShift
-from stiction_envs.gap.causes.bodies import leaned
+from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
+DELAY_ROUNDS = 3
+"""Number of times that a delay is fitted again to the model that contains it."""
 
 
-def given_what_was_found(
+def given_arm_causes(
     library: RegressorLibrary, terms: Sequence[Candidate]
 ) -> tuple[Data, list[Cause]] | None:
-    """Return data and causes as they are given what the whole arm has, None if that is nothing."""
+    """Return data and causes given the causes of the whole arm; None without such causes."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
     late = _late(library, terms)
@@ -34,10 +36,10 @@ def given_what_was_found(
         shift = _shift(library, late)
         causes = {
             **causes,
-            shift.name: shift.acting_on(data.nominal + _sound(library, terms), lengths),
+            shift.name: shift.acting_on(data.nominal + _without_delays(library, terms), lengths),
         }
         if not data.has_friction:
-            # as long as the delay was not known, it made reversals look longer
+            # while the delay was unknown, it made reversals look longer
             data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
         data = data.carrying(_torque(library, terms, carried), _gravity(library, carried, terms))
@@ -47,7 +49,7 @@ def given_what_was_found(
 def _gravity(
     library: RegressorLibrary, carried: Sequence[Candidate], terms: Sequence[Candidate]
 ) -> tuple[float, ...]:
-    """Return gravity with the lean that was found, x, y, z [m/s²]; () where there is none."""
+    """Return gravity with the tilt that was found, x, y, z [m/s²]; () without a tilt."""
     parts = library.split(terms, library.grams.fit(library.model_columns(terms)))
     found = dict(zip(terms, parts, strict=True))
     side = sum((library.causes[t.cause].lean(found[t]) for t in carried), np.zeros(2))
@@ -57,7 +59,7 @@ def _gravity(
 
 
 def _presliding_given_delay(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:
-    """Return data with the presliding distances that a delay leaves to dry friction."""
+    """Return data with presliding distances of dry friction, given the delay."""
 
     def late(torque: Array) -> Array:
         return torque + length * shift.shifted(data, torque, shape)
@@ -66,23 +68,23 @@ def _presliding_given_delay(data: Data, shift: TorqueShift, shape: Shape, length
     return data.with_presliding_of(data.tau - logged, late)
 
 
-def found_again(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -> bool:
-    """Whether everything that was taken for granted is found again."""
+def same_arm_causes(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -> bool:
+    """Whether all causes that were assumed are found again."""
     return {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in refitted}
 
 
-def settle(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
-    """Let a delay shift the torque of the very model it is a part of, as far as it fits better."""
+def refine_delay(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Apply a delay to the torque of the model that contains it, where this fits better."""
     out, grams = list(terms), library.grams
     late = _late(library, out)
     if late is None:
         return out
     at = out.index(late)
-    for _ in range(library.data.settings.estimates.delay_rounds):
+    for _ in range(DELAY_ROUNDS):
         cause = _shift(library, late)
         if not cause.acts_on_all:
             break
-        torque = library.data.nominal + _sound(library, out)
+        torque = library.data.nominal + _without_delays(library, out)
         tried = [Candidate(late.cause, late.joint, x) for x in cause.nearby(out[at].shape)]
         before = float(grams.errors(library.model_columns(out)).sum())
         library.causes[late.cause] = cause.acting_on(torque)
@@ -98,7 +100,7 @@ def settle(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candid
 
 
 def _late(library: RegressorLibrary, terms: Sequence[Candidate]) -> Candidate | None:
-    """Return the term that shifts all torque, if there is one."""
+    """Return the term that shifts all torques, or None."""
     return next((t for t in terms if isinstance(library.causes[t.cause], TorqueShift)), None)
 
 
@@ -108,8 +110,8 @@ def _shift(library: RegressorLibrary, term: Candidate) -> TorqueShift:
     return cause
 
 
-def _sound(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:
-    """Return (T, n) torque of a model but for its delay and what may be a part of one [N·m]."""
+def _without_delays(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:
+    """Return (T, n) torque of a model without its delay and what may be part of it [N·m]."""
     causes = library.causes
     some = [
         t

@@ -1,4 +1,13 @@
-"""Which causes: forward and backward, by the error of blocks that were held out."""
+"""Choose causes forward and backward, by the error of held-out blocks.
+
+Terms are added one at a time, so many small ones may be found before the one cause of the whole arm
+that explains them all. Models as a whole are therefore compared too, by their description length
+
+    L = ½ Σ_j N_j log(1 + e_j) + ½ k log N
+
+with the held-out squared error e_j of joint j in units of its noise, N_j independent observations
+of it, and k parameters (J. Rissanen, "Modeling by shortest data description", 1978).
+"""
 
 from __future__ import annotations
 
@@ -14,30 +23,34 @@ from scipy.stats import t as student
 from stiction_envs.gap.angle_ranges import holds_over_angle, simpler_by_angle
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
-from stiction_envs.gap.slope import slope as _slope
+from stiction_envs.gap.normal_equations import t_statistic
 
 Array = NDArray[np.float64]
+ROUNDS = 3
+"""Largest number of rounds of adding and removing."""
+MOST_TERMS = 40
+"""Largest number of terms in a model."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """What some terms do to the held-out error of a model."""
+    """The effect of some terms on the held-out error of a model."""
 
     less: Array
-    """(joints, B) squared error taken away, in units of noise variance."""
+    """(joints, B) reduction of squared error, in units of noise variance."""
     significant_joints: NDArray[np.bool_]
-    """(joints,) where what the terms predict comes true, and is large enough to matter."""
+    """(joints,) where the terms predict the residual, and are large enough to matter."""
     as_a_whole: bool
-    """Whether it does so over all joints together, and takes away more than it adds on others."""
+    """Whether they do so over all joints together, and reduce the error more than they add."""
 
     @property
     def total(self) -> float:
-        """Squared error taken away, in units of noise variance."""
+        """Reduction of squared error, in units of noise variance."""
         return float(self.less.sum())
 
     @property
     def significant(self) -> bool:
-        """Whether it is real, held against the noise from block to block."""
+        """Whether the reduction is significant, given the variation between blocks."""
         return self.total > 0 and self.as_a_whole and bool(self.significant_joints.any())
 
 
@@ -64,16 +77,18 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     )
     part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
     limit = np.where(part > s.clear, single, strict)
-    whole = _slope(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
-    each = np.array([_slope(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)])
+    whole = t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
+    each = np.array(
+        [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
+    )
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     size, others = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
     least = np.maximum(s.least_torque, np.maximum(share * others, library.known))
-    # noise of the acceleration is in columns as well as in residuals, and explains itself
+    # columns contain acceleration noise as residuals do, so that it would explain itself
     count = np.array([g.count.sum() for g in grams.joints])
     large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
-    # log-likelihood of joints each of which has noise of its own, at least the floor
+    # log-likelihood of joints with separate noise, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
     return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
@@ -85,12 +100,12 @@ def _quantile(part: float, freedom: int) -> float:
     return float(student.ppf(part, freedom))
 
 
-def means_nothing(
+def is_implausible(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
 ) -> bool:
-    """Whether a value is so small, or so far out, that its cause means nothing.
+    """Whether a value is too small, or too far out, for its cause to be meaningful.
 
-    Or only repeats angles that were seen, where its cause is one to be judged by others.
+    It is also not meaningful if it only repeats known angles and left-out ranges must confirm it.
     """
     c = library.split(terms, library.grams.fit(library.model_columns(terms)))
     for term, mine in zip(terms, c, strict=True):
@@ -99,20 +114,20 @@ def means_nothing(
             cause.negligible(mine, term.shape)
             or cause.on_bound(mine, library.data, term.joint)
             or cause.at_edge(term.shape, library.tried(term), library.data.settings.candidates.edge)
-            or (cause.judged_by_angle and not holds_over_angle(library, terms, term))
+            or (cause.simpler_over_angle and not holds_over_angle(library, terms, term))
         ):
             return True
     return False
 
 
 def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
-    """Return terms without those that are not significant, of which the weakest goes first."""
+    """Return the terms after the removal of insignificant ones, the weakest first."""
     out = list(terms)
     while out:
         weakest: tuple[float, Candidate] | None = None
         for term in out:
             found = gain(library, out, [term])
-            significant = found.significant and not means_nothing(library, out, [term])
+            significant = found.significant and not is_implausible(library, out, [term])
             if not library.causes[term.cause].standalone:
                 have = {t.cause for t in out if t.joint == term.joint}
                 significant &= have.issuperset(library.needs(term.cause))
@@ -126,7 +141,7 @@ def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candid
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """Terms that could be added."""
+    """Terms that may be added."""
 
     added: list[Candidate]
     found: Gain
@@ -142,7 +157,7 @@ class Chooser:
         start: Sequence[Candidate] = (),
         without: Sequence[Candidate] = (),
     ) -> None:
-        """Begin with some terms; causes of ``without`` are not tried on their joints again."""
+        """Start with some terms; causes of ``without`` are not tried again on their joints."""
         self.library = library
         self._settings = library.data.settings.selection
         self._progress = progress or (lambda _: None)
@@ -152,19 +167,19 @@ class Chooser:
     def choose(self) -> list[Candidate]:
         """Return the significant terms, in the order in which they were found."""
         before: list[Candidate] | None = None
-        for _ in range(self._settings.rounds):
+        for _ in range(ROUNDS):
             self._add()
             self.terms = pruned(self.library, self.terms)
-            # what was taken out may have kept out something better
+            # a removed term may have kept out a better one
             if before is not None and set(before) == set(self.terms):
                 break
             before = list(self.terms)
         return self.terms
 
     def _add(self) -> None:
-        """Add what is significant, the best first."""
+        """Add significant terms, the best first."""
         known: dict[int, list[Offer]] = {}
-        for step in range(self._settings.most_terms):
+        for step in range(MOST_TERMS):
             for joint in [ARM, *range(self.library.data.n)]:
                 if joint not in known:
                     known[joint] = self._significant(joint)
@@ -183,10 +198,10 @@ class Chooser:
             self._progress(step + 1)
 
     def _leading(self, offers: list[Offer]) -> list[Offer]:
-        """Return the offers among which to choose: all of one joint, or of the whole arm.
+        """Return the offers to choose from: all of one joint, or of the whole arm.
 
-        A cause of single joints may be at work on all of them, so that it is by the sum over
-        joints that it is held against causes of the whole arm.
+        A cause of single joints may act on all of them, so its sum over joints is compared with
+        causes of the whole arm.
         """
         each: dict[tuple[str, int], float] = {}
         for x in offers:
@@ -194,7 +209,7 @@ class Chooser:
             each[key] = max(each.get(key, 0.0), x.found.total)
         total: dict[str, float] = {}
         for (cause, _), size in each.items():
-            if self.library.causes[cause].coupled:  # one of them acts on all joints by itself
+            if self.library.causes[cause].coupled:  # one term acts on all joints
                 total[cause] = max(total.get(cause, 0.0), size)
             else:
                 total[cause] = total.get(cause, 0.0) + size
@@ -206,7 +221,7 @@ class Chooser:
         return better or offers
 
     def _simplest(self, offers: list[Offer]) -> Offer | None:
-        """Return the best offer, or one with fewer parameters that is as good."""
+        """Return the best offer, or an equally good one with fewer parameters."""
         if not offers:
             return None
         best = max(offers, key=lambda x: x.found.total)
@@ -215,7 +230,7 @@ class Chooser:
             if size(other.added) >= size(best.added):
                 break
             if simpler_by_angle(self.library, best.added[-1], other.added[-1]):
-                continue  # ranges of angle have refuted it already
+                continue  # ranges of the angle have refuted it already
             each = (best.found.less - other.found.less).sum(axis=0)
             error = float(each.std(ddof=1) * np.sqrt(len(each)))
             lost = float(each.sum())
@@ -226,7 +241,7 @@ class Chooser:
         return best
 
     def _significant(self, joint: int) -> list[Offer]:
-        """Return what is significant on a joint, by held-out error."""
+        """Return the significant terms on a joint, by held-out error."""
         out = []
         for _, added in self._offers(joint):
             terms = [*self.terms, *added]
@@ -235,22 +250,22 @@ class Chooser:
                 continue
             *parents, child = added
             if parents and not gain(self.library, terms, parents).significant:
-                # what it usually comes with is not there
+                # the cause that it usually needs is absent
                 if not self.library.causes[child.cause].standalone:
                     continue
                 added, terms = [child], [*self.terms, child]
                 found = gain(self.library, terms, added)
             if (
-                not means_nothing(self.library, terms, added)
+                not is_implausible(self.library, terms, added)
                 and gain(self.library, terms, [child]).significant
             ):
                 out.append(Offer(added, found))
         return out
 
     def _two(self, joint: int) -> list[Offer]:
-        """Return pairs of causes on a joint that are significant together, and not separately.
+        """Return pairs of causes on a joint that are significant together, but not separately.
 
-        Each by itself leaves the other's torque as noise that is not noise.
+        Each one alone leaves the other's torque, which counts as noise.
         """
         lib = self.library
         errors = lib.grams.held_out(lib.model_columns(self.terms))[joint].sum()
@@ -264,15 +279,15 @@ class Chooser:
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
             separately = (found.significant and gain(lib, terms, [x]).significant for x in added)
-            if all(separately) and not means_nothing(lib, terms, added):
+            if all(separately) and not is_implausible(lib, terms, added):
                 out.append(Offer(added, found))
         return out
 
     def _offers(self, joint: int) -> list[tuple[float, list[Candidate]]]:
         """Return the best term of each cause on a joint by its in-sample gain, best first.
 
-        All terms of causes whose nonlinear parameters predict differently from step to step: the
-        best in the sample is then often not the one that predicts.
+        It returns all terms of causes whose predictions differ strongly between neighbouring
+        nonlinear parameters: the best in the sample is then often not the best predictor.
         """
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
@@ -307,3 +322,42 @@ class Chooser:
             : self._settings.shortlist
         ]
         return [x for x in ranked if x[1][-1].cause in short]
+
+
+def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:
+    """Return the description length of the logs' torque under a model [nats]."""
+    grams = library.grams
+    left = grams.held_out(library.model_columns(terms)).sum(axis=1)
+    rows = np.array([max(float(g.count.sum()), 1.0) for g in grams.joints])
+    seen = rows / library.independent_rows
+    fit = 0.5 * float(np.sum(seen * np.log1p(left / rows)))
+    return fit + 0.5 * library.complexity(terms) * float(np.log(max(seen.sum(), 2.0)))
+
+
+def prefer_arm_causes(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return a model in which causes of the whole arm replace terms that become unnecessary.
+
+    Each cause that changes the arm (a payload, a tilt, a link) and is not in the model is added,
+    and terms that are then no longer significant are removed. The shortest of these models is
+    returned if it is shorter than the given one.
+    """
+    out, best = list(terms), description_length(library, terms)
+    while True:
+        have = {(t.cause, t.joint) for t in out}
+        found: list[Candidate] | None = None
+        for wide in library.candidates:
+            if (wide.cause, wide.joint) in have or not library.causes[wide.cause].changes_arm:
+                continue
+            model = [*out, wide]
+            if (
+                is_implausible(library, model, [wide])
+                or not gain(library, model, [wide]).significant
+            ):
+                continue
+            model = pruned(library, model)
+            length = description_length(library, model)
+            if len(model) <= len(out) and wide in model and length < best:
+                found, best = model, length
+        if found is None:
+            return out
+        out = found

@@ -1,4 +1,4 @@
-"""How far a diagnosis of logs is: its stages, and what share of the whole each one takes."""
+"""The progress of a diagnosis of logs: its stages, and the share of the whole of each one."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ WEIGHTS = {
     "forward validation": 1,
     "report": 12,
 }
-"""What each takes of a hundred, in their order: mean of the real logs of a Panda and of an iiwa 14
-in benchmarks/diagnose_speed.md; ``check``, where there are logs to check with, is assumed."""
+"""Share of each stage [%], in order: mean of the real logs of a Panda and of an iiwa 14 in
+benchmarks/speed/diagnose_speed.md. ``check``, if there are logs to check with, is assumed."""
 
 
 class Stages:
-    """Turns a stage and its part done into the share of the whole, which only ever grows."""
+    """Converts a stage and its part done into the share of the whole, which never falls."""
 
     def __init__(
         self, say: Callable[[str, float | None], None], without: Collection[str] = ("check",)
     ) -> None:
-        """Begin at nothing.
+        """Start at zero.
 
         Args:
             say: called with a stage and the share of the whole that is done [0 to 1]; None for a
-                stage of which no share is known.
-            without: stages that will not come.
+                stage of unknown share.
+            without: stages that are skipped.
         """
         self._say = say
         weights = {k: 0 if k in without else x for k, x in WEIGHTS.items()}
@@ -44,7 +44,7 @@ class Stages:
         self._share = 0.0
 
     def __call__(self, stage: str, part: float) -> None:
-        """Say that a part [0 to 1] of a stage is done."""
+        """Report that a part [0 to 1] of a stage is done."""
         if stage not in self._span:
             self._say(stage, None)
             return

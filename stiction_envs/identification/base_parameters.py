@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.identification.settings import BaseParameterSettings, identification_settings
 from stiction_envs.robots.regressor import (
     BaseSet,
     base_set,
@@ -25,6 +24,29 @@ from stiction_envs.robots.regressor import (
 )
 
 Array = NDArray[np.float64]
+ROWS_PER_PERIOD = 5.0
+"""Rows that are kept per period of the filter's cutoff [-]; the others say nothing new."""
+HUBER = 3.0
+"""Residuals beyond this many robust standard deviations weigh less [-]."""
+REWEIGHED = 6
+"""Rounds of weights."""
+LEAST_NOISE = 1e-6
+"""Of a joint's torque [N·m]: perfect data do not divide by zero."""
+USUAL_FRICTION = 0.1
+"""Friction at the speed limit over the torque limit that is usual [-]; it decides only for joints
+that hardly moved."""
+ROTOR_TIME = 0.3
+"""Time in which a joint usually comes to its speed limit [s]."""
+STATES_PER_JOINT = 40
+"""Random states, over all of the range, from which the base parameters are found."""
+SINGULAR = 1e-13
+"""Eigenvalues of the scaled normal equations over the largest below which they are rounding [-]."""
+UNKNOWN = 1e-4
+"""Part of a parameter in directions of such eigenvalues from which it is not known [-]."""
+CORRELATED = 0.05
+"""Autocorrelation under which rows count as independent [-]."""
+MOST_LAG = 0.1
+"""Longest window of correlated rows, as part of all rows [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,11 +109,11 @@ def _own_columns(dq: Array, ddq: Array, direction: Array, rotor: bool) -> Array:
     return out.reshape(rows, n, -1)
 
 
-def _usual(data: Data, rotor: bool, s: BaseParameterSettings) -> Array:
+def _usual(data: Data, rotor: bool) -> Array:
     """Return (k n,) sizes that friction stays under: a part of the torque limit."""
-    torque = s.usual_friction * data.arm.limits.torque
+    torque = USUAL_FRICTION * data.arm.limits.torque
     speed = data.arm.limits.velocity
-    kinds = [torque * s.rotor_time / speed] if rotor else []
+    kinds = [torque * ROTOR_TIME / speed] if rotor else []
     return np.concatenate([*kinds, torque, torque / speed, torque])
 
 
@@ -100,7 +122,6 @@ def design(
     *,
     rotor: bool = False,
     distance: Array | None = None,
-    settings: BaseParameterSettings | None = None,
 ) -> Design:
     """Return the columns of all parameters along logs.
 
@@ -108,12 +129,10 @@ def design(
         data: logs beside the nominal model.
         rotor: whether rotors' inertia is seen, that is, torque was measured in front of the gear.
         distance: (n,) presliding distance of dry friction [rad]; None for that of the data.
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    s = settings or identification_settings().base_parameters
     n, step, shared = data.n, 1, 1.0
     if np.isfinite(data.dt) and np.isfinite(data.cutoff):
-        step = max(1, int(1.0 / (s.rows_per_period * data.cutoff * data.dt)))
+        step = max(1, int(1.0 / (ROWS_PER_PERIOD * data.cutoff * data.dt)))
         shared = max(1.0, 1.0 / (2 * data.cutoff * data.dt * step))
     yields = data.friction.presliding_distance if distance is None else distance
     direction = data.smooth(
@@ -131,14 +150,12 @@ def design(
         block=data.block[rows],
         names=names,
         nominal=np.concatenate([phi, np.zeros(len(names) - len(phi))]),
-        usual=_usual(data, rotor, s),
+        usual=_usual(data, rotor),
         shared=shared,
     )
 
 
-def presliding(
-    data: Data, base: BaseSet, rotor: bool, settings: BaseParameterSettings | None = None
-) -> Array:
+def presliding(data: Data, base: BaseSet, rotor: bool) -> Array:
     """Return (n,) presliding distance by which each joint's torque is fitted best [rad].
 
     Chosen with free base parameters: with the nominal links their errors would choose.
@@ -146,27 +163,24 @@ def presliding(
     scores = []
     distances = data.settings.friction_state.presliding_distances
     for distance in distances:
-        d = design(data, rotor=rotor, distance=np.full(data.n, distance), settings=settings)
-        found = fit(d.columns[:, :, base.kept], d.torque, settings=settings)
+        d = design(data, rotor=rotor, distance=np.full(data.n, distance))
+        found = fit(d.columns[:, :, base.kept], d.torque)
         scores.append(np.square(found.residual).mean(axis=0))
     return np.array(distances)[np.argmin(scores, axis=0)]
 
 
-def structural_base(
-    data: Data, rotor: bool, settings: BaseParameterSettings | None = None
-) -> tuple[BaseSet, Array]:
+def structural_base(data: Data, rotor: bool) -> tuple[BaseSet, Array]:
     """Return the base parameters that some motion shows, and (r,) the torque of one unit of each.
 
     The torque is over its joint's limit, root-mean-square over states all over the range.
     """
-    s = settings or identification_settings().base_parameters
     n, limits = data.n, data.arm.limits
-    rows = s.states_per_joint * n
+    rows = STATES_PER_JOINT * n
     rng = np.random.default_rng(0)
     low, high = limits.position.T
     q = rng.uniform(low, high, (rows, n))
     dq = rng.uniform(-1, 1, (rows, n)) * limits.velocity
-    ddq = rng.uniform(-1, 1, (rows, n)) * limits.velocity / s.rotor_time
+    ddq = rng.uniform(-1, 1, (rows, n)) * limits.velocity / ROTOR_TIME
     links = torque_regressor(data.pinocchio, q, dq, ddq)
     whole = np.concatenate([links, _own_columns(dq, ddq, np.sign(dq), rotor)], axis=2)
     names = (*inertial_names(n), *friction_names(n, rotor))
@@ -189,34 +203,27 @@ class Fit:
     """(T, n) [N·m]."""
 
 
-def fit(
-    columns: Array,
-    torque: Array,
-    usual: Array | None = None,
-    settings: BaseParameterSettings | None = None,
-) -> Fit:
+def fit(columns: Array, torque: Array, usual: Array | None = None) -> Fit:
     """Return robust weighted least squares.
 
     Args:
         columns: (T, n, r).
         torque: (T, n) [N·m].
         usual: (r,) standard deviation of the values about zero, if they are known to be small.
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    s = settings or identification_settings().base_parameters
     prior = 0.0 if usual is None else np.diag(1.0 / np.square(usual))
     noise = np.ones(torque.shape[1])
     weight = np.ones_like(torque)
     values = np.zeros(columns.shape[2])
-    for _ in range(s.reweighed):
+    for _ in range(REWEIGHED):
         a, b = normal_sums(columns, torque, weight)
-        values = _solve(a + prior, b, s.singular)
+        values = _solve(a + prior, b)
         residual = torque - columns @ values
         middle = np.median(residual, axis=0)
         noise = 1.4826 * np.median(np.abs(residual - middle), axis=0)
-        noise = np.maximum(noise, s.least_noise)
+        noise = np.maximum(noise, LEAST_NOISE)
         far = np.abs(residual) / noise
-        weight = np.minimum(1.0, s.huber / np.maximum(far, 1e-12)) / noise**2
+        weight = np.minimum(1.0, HUBER / np.maximum(far, 1e-12)) / noise**2
     return Fit(values=values, noise=noise, weight=weight, residual=torque - columns @ values)
 
 
@@ -227,37 +234,34 @@ def normal_sums(columns: Array, torque: Array, weight: Array) -> tuple[Array, Ar
     return x.T @ x, x.T @ (torque * root).ravel()
 
 
-def _solve(a: Array, b: Array, singular: float) -> Array:
+def _solve(a: Array, b: Array) -> Array:
     """Return A⁻¹ b, least-norm in scaled columns where A has not full rank."""
-    size, values, vectors, keep = _spectrum(a, singular)
+    size, values, vectors, keep = _spectrum(a)
     inner = vectors[:, keep] / values[keep] @ vectors[:, keep].T
     return np.asarray(inner @ (b / size) / size)
 
 
-def _spectrum(a: Array, singular: float) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _spectrum(a: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return sizes of the columns, eigenvalues and vectors of A scaled by them, and which count."""
     size = np.sqrt(np.diag(a))
     size[size == 0] = 1.0
     values, vectors = np.linalg.eigh(a / np.outer(size, size))
-    return size, values, vectors, values > singular * values[-1]
+    return size, values, vectors, values > SINGULAR * values[-1]
 
 
-def correlated_rows(residual: Array, settings: BaseParameterSettings | None = None) -> int:
+def correlated_rows(residual: Array) -> int:
     """Return the number of neighbouring rows that share noise, at least 1."""
-    s = settings or identification_settings().base_parameters
-    most = max(1, int(s.most_lag * len(residual)))
+    most = max(1, int(MOST_LAG * len(residual)))
     worst = 1
     for e in (residual - residual.mean(axis=0)).T:
         power = np.abs(np.fft.rfft(e, 2 * len(e))) ** 2
         lagged = np.fft.irfft(power)[: most + 1]
-        below = np.flatnonzero(lagged < s.correlated * lagged[0])
+        below = np.flatnonzero(lagged < CORRELATED * lagged[0])
         worst = max(worst, int(below[0]) if len(below) else most)
     return min(worst, most)
 
 
-def standard_errors(
-    columns: Array, found: Fit, shared: float = 1.0, settings: BaseParameterSettings | None = None
-) -> tuple[Array, float]:
+def standard_errors(columns: Array, found: Fit, shared: float = 1.0) -> tuple[Array, float]:
     """Return (r,) standard errors, and the condition number of the weighted, scaled columns.
 
     Errors are the larger of two: Newey and West's, which see what the model leaves, and those of
@@ -269,23 +273,21 @@ def standard_errors(
         columns: (T, n, r).
         found: its fit.
         shared: number of neighbouring rows that share white noise after the filter.
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    s = settings or identification_settings().base_parameters
     a, _ = normal_sums(columns, found.residual, found.weight)
-    size, values, vectors, keep = _spectrum(a, s.singular)
+    size, values, vectors, keep = _spectrum(a)
     inverse = vectors[:, keep] / values[keep] @ vectors[:, keep].T / np.outer(size, size)
     scores = np.einsum("tjr,tj->tr", columns, found.weight * found.residual)
-    lag = 2 * correlated_rows(found.residual, s)
+    lag = 2 * correlated_rows(found.residual)
     total = np.vstack([np.zeros(scores.shape[1]), np.cumsum(scores, axis=0)])
     rows = np.arange(len(scores) + lag)
     ends = np.minimum(rows + 1, len(scores))
     windows = total[ends] - total[np.maximum(rows + 1 - lag - 1, 0)]
     meat = windows.T @ windows / (lag + 1)
-    independent = found.residual.size / correlated_rows(found.residual, s)
+    independent = found.residual.size / correlated_rows(found.residual)
     scale = independent / max(independent - len(values), 1.0)
     variance = np.maximum(np.diag(inverse @ meat @ inverse) * scale, shared * np.diag(inverse))
     errors = np.sqrt(np.maximum(variance, 0.0))
-    errors[np.square(vectors[:, ~keep]).sum(axis=1) > s.unknown] = np.inf
+    errors[np.square(vectors[:, ~keep]).sum(axis=1) > UNKNOWN] = np.inf
     least = max(float(values[0]), float(np.finfo(float).eps * values[-1]))
     return errors, float(np.sqrt(values[-1] / least))

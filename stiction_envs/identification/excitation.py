@@ -34,7 +34,7 @@ from stiction_envs.identification.excitation_motion import (
     Sweeps,
     sweeps_from,
 )
-from stiction_envs.identification.excitation_search import Problem, search
+from stiction_envs.identification.excitation_search import FINE, Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, identification_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -46,6 +46,8 @@ from stiction_envs.robots import Arm
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
 Array = NDArray[np.float64]
+SWEEP_TRIES = 20
+"""Signs of the sweeps' first directions that are tried until all keep the limits."""
 DRAWN_HZ = 50.0
 """Samples per second of the drawn lines [Hz]."""
 
@@ -220,7 +222,7 @@ def excite(
     Args:
         robot: name, model file or arm.
         settings: of the motion: those that differ from ``settings.toml`` by name
-            (``{"harmonics": 3, "search.power": 4.0}``), a TOML file of them, or all.
+            (``{"harmonics": 3}``), a TOML file of them, or all.
         sweeps: whether slow sweeps with reversals for friction follow the series.
         rate_hz: samples per second of ``trajectory.csv`` [Hz]; None for the controller's rate.
         seed: of all that is random; the same seed gives the same motion.
@@ -311,7 +313,7 @@ def _finished(
 
 
 def _times(slow: Sweeps, problem: Problem) -> Array:
-    step = problem.settings.period / problem.settings.fine
+    step = problem.settings.period / FINE
     return np.asarray(np.arange(0.0, slow.duration, step))
 
 
@@ -321,17 +323,17 @@ def _joined(one: State, two: State) -> State:
 
 
 def _sweeps(problem: Problem, start: Array) -> Sweeps:
-    """Return sweeps inside all limits; first ways turn and shorten until they are.
+    """Return sweeps inside all limits; first directions turn and spans shrink until they are.
 
     Raises:
         ExperimentError: none are.
     """
     rng = np.random.default_rng(0)
-    b, s = problem.bounds, problem.settings.sweeps
-    for trial in range(s.tries):
+    b = problem.bounds
+    for trial in range(SWEEP_TRIES):
         side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))
-        part = 1.0 if trial < s.tries // 2 else 0.5
-        slow = sweeps_from(start, b.low, b.high, side=side, part=part, settings=s)
+        part = 1.0 if trial < SWEEP_TRIES // 2 else 0.5
+        slow = sweeps_from(start, b.low, b.high, side=side, part=part)
         if problem.inside(slow.state(_times(slow, problem))):
             return slow
     raise ExperimentError(

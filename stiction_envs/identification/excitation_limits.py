@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.identification.excitation_motion import State
-from stiction_envs.identification.settings import ExcitationSettings, identification_settings
+from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.tables import lookup, per_joint
 
 Array = NDArray[np.float64]
+NEAR = 0.05
+"""Links that are nearer at rest are neighbours: half of their distance there is asked [m]."""
+FLANGE_BALL = 0.05
+"""Radius of the ball in place of an arm without collision geometry [m]."""
 ROUNDING = 1e-3
 """Distances between bounding spheres count as smaller by this [m]: far above what MuJoCo rounds, so
 that a pair left out could not have changed a bit."""
@@ -44,8 +48,8 @@ class Bounds:
 
 def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
     """Return (n,) limits [rad/s²], and whether they are the robot's or assumed."""
-    if arm.registered:
-        found = lookup(ARMS[arm.name].table, "limits.acceleration")
+    if arm.registered_name is not None:
+        found = lookup(ARMS[arm.registered_name].table, "limits.acceleration")
         if found is not None:
             return per_joint(found, (arm.n,), f"{arm.name}.toml, limits.acceleration"), True
     return np.full(arm.n, free), False
@@ -69,9 +73,8 @@ def bounds_of(arm: Arm, settings: ExcitationSettings) -> Bounds:
 class Clearance:
     """Distances between an arm's links, and to the floor, by MuJoCo; nothing is stepped."""
 
-    def __init__(self, arm: Arm, settings: ExcitationSettings | None = None) -> None:
+    def __init__(self, arm: Arm, settings: ExcitationSettings) -> None:
         """Look for the pairs of geometry that may come close."""
-        s = settings or identification_settings().excitation
         spec = arm.spec()
         solid = [g for g in spec.geoms if g.contype or g.conaffinity]
         self.own_geometry = bool(solid)
@@ -80,7 +83,7 @@ class Clearance:
             flange.parent.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 pos=flange.pos,
-                size=[s.flange_ball, 0, 0],
+                size=[FLANGE_BALL, 0, 0],
                 mass=0,
                 contype=1,
                 conaffinity=1,
@@ -100,8 +103,8 @@ class Clearance:
         self.pairs = [p for p, d in at_rest.items() if d > 1e-3]
         self._one, self._two = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         # neighbours, whose shapes are next to each other, keep half of what they have at rest
-        near = [p for p in self.pairs if at_rest[p] < min(s.near, s.clearance)]
-        self._allowed = {p: s.clearance - at_rest[p] / 2 for p in near}
+        near = [p for p in self.pairs if at_rest[p] < min(NEAR, settings.clearance)]
+        self._allowed = {p: settings.clearance - at_rest[p] / 2 for p in near}
         self.notes = [
             f"{self._link(i)} and {self._link(j)} are {1e3 * at_rest[i, j]:.0f} mm apart at rest: "
             "half of that is kept"

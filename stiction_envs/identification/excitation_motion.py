@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from stiction_envs.identification.settings import SweepSettings, identification_settings
-
 Array = NDArray[np.float64]
+SPEEDS = (0.02, 0.08, 0.3)
+"""Of the sweeps [rad/s]: below, at and above usual Stribeck velocities."""
+SPAN = 0.3
+"""Largest angle of a sweep [rad]."""
+SECONDS = 4.0
+"""Longest time of one direction [s]."""
+RISE = 0.3
+"""Time from rest to speed [s]."""
+PAUSE = 0.5
+"""At rest between two directions [s]."""
 State = tuple[Array, Array, Array]
 """Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
 
@@ -66,24 +74,20 @@ def fourier_basis(t: Array, base_frequency: float, harmonics: int) -> State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweeps:
-    """Slow ways there and back at constant speeds, at rest between them; all joints together."""
+    """Slow motions there and back at constant speeds, with rests between; all joints together."""
 
     start: Array
     """(n,) pose at the beginning and the end [rad]."""
-    way: Array
-    """(W, n) signed way of each sweep [rad]."""
+    span: Array
+    """(W, n) signed angle of each sweep [rad]."""
     speed: Array
     """(W, n) cruising speed, without sign [rad/s]."""
-    rise: float
-    """Time from rest to speed [s]."""
-    pause: float
-    """Time at rest after each [s]."""
 
     @property
     def durations(self) -> Array:
         """(W,) of each sweep with its pause [s]: that of its slowest joint."""
-        own = np.abs(self.way) / self.speed + self.rise
-        return np.asarray(own.max(axis=1) + self.pause)
+        own = np.abs(self.span) / self.speed + RISE
+        return np.asarray(own.max(axis=1) + PAUSE)
 
     @property
     def duration(self) -> float:
@@ -95,33 +99,27 @@ class Sweeps:
         q = np.tile(self.start, (len(t), 1))
         dq, ddq = np.zeros_like(q), np.zeros_like(q)
         begin = 0.0
-        for way, speed, seconds in zip(self.way, self.speed, self.durations, strict=True):
-            done = np.abs(way) / speed + self.rise  # of each joint
+        for span, speed, seconds in zip(self.span, self.speed, self.durations, strict=True):
+            done = np.abs(span) / speed + RISE  # of each joint
             x = np.clip(t[:, None] - begin, 0.0, done)
-            up, down = np.minimum(x, self.rise), np.clip(x - (done - self.rise), 0.0, self.rise)
-            v = speed * np.sign(way)
+            up, down = np.minimum(x, RISE), np.clip(x - (done - RISE), 0.0, RISE)
+            v = speed * np.sign(span)
             # speed rises as 3s² − 2s³, so that the acceleration begins and ends at zero
-            su, sd = up / self.rise, down / self.rise
-            flat = np.clip(x - self.rise, 0.0, None)
-            q += v * (self.rise * (su**3 - su**4 / 2) + flat)
-            q -= v * self.rise * (sd**3 - sd**4 / 2)
+            su, sd = up / RISE, down / RISE
+            flat = np.clip(x - RISE, 0.0, None)
+            q += v * (RISE * (su**3 - su**4 / 2) + flat)
+            q -= v * RISE * (sd**3 - sd**4 / 2)
             moving = (x > 0) & (x < done)
             rate = (su**2 * (3 - 2 * su)) - (sd**2 * (3 - 2 * sd))
             dq += np.where(moving, v * rate, 0.0)
-            slope = (6 * su * (1 - su) - 6 * sd * (1 - sd)) / self.rise
+            slope = (6 * su * (1 - su) - 6 * sd * (1 - sd)) / RISE
             ddq += np.where(moving, v * slope, 0.0)
             begin += float(seconds)
         return q, dq, ddq
 
 
 def sweeps_from(
-    start: Array,
-    low: Array,
-    high: Array,
-    *,
-    side: Array | None = None,
-    part: float = 1.0,
-    settings: SweepSettings | None = None,
+    start: Array, low: Array, high: Array, *, side: Array | None = None, part: float = 1.0
 ) -> Sweeps:
     """Return there-and-back sweeps of all joints from a pose, towards the middle of their ranges.
 
@@ -129,24 +127,16 @@ def sweeps_from(
         start: (n,) [rad].
         low: (n,) lowest allowed angle [rad].
         high: (n,) highest [rad].
-        side: (n,) ±1, direction of the first way; None for towards the middle.
-        part: of the span of the settings.
-        settings: of the sweeps; None for those of ``settings.toml``.
+        side: (n,) ±1, first direction; None for towards the middle.
+        part: of the largest span.
     """
-    s = settings or identification_settings().excitation.sweeps
     if side is None:
         side = np.where(start > (low + high) / 2, -1.0, 1.0)
     room = np.where(side > 0, high - start, start - low)
-    ways, rates = [], []
-    for speed in np.array(s.speeds):
-        span = np.minimum(part * min(s.span, speed * s.seconds), room)
-        least = np.maximum(span, speed * s.rise)  # shorter ways never reach the speed
-        ways += [side * least, -side * least]
-        rates += [np.full_like(start, speed)] * 2
-    return Sweeps(
-        start=start,
-        way=np.array(ways),
-        speed=np.array(rates),
-        rise=s.rise,
-        pause=s.pause,
-    )
+    spans, speeds = [], []
+    for speed in SPEEDS:
+        span = np.minimum(part * min(SPAN, speed * SECONDS), room)
+        least = np.maximum(span, speed * RISE)  # shorter ones never reach the speed
+        spans += [side * least, -side * least]
+        speeds += [np.full_like(start, speed)] * 2
+    return Sweeps(start=start, span=np.array(spans), speed=np.array(speeds))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
-from stiction_envs.robots import Arm, arm_title
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def plot_excitation(
     speed.set_ylim(-1.1, 1.1)
     angle.legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     _conditions(bars, condition, random)
-    title = arm_title(arm.name)
+    title = arm.title
     figure.suptitle(f"{title}: excitation, {t[-1]:.3g} s, κ = {condition:.3g}")
     save_full(figure, path)
 

@@ -37,6 +37,29 @@ from stiction_envs.robots.regressor import (
 )
 
 Array = NDArray[np.float64]
+POWER = 2.0
+"""p of the smooth condition number [-]."""
+PENALTIES = (1e1, 1e3, 1e5)
+"""Weights of the penalties, one search after the other [-]."""
+TIGHT = 0.98
+"""Part of each limit at which the penalty begins, so that the end stays inside [-]."""
+DIFFERENCE = 1e-6
+"""Step of the regressor's finite differences [rad, rad/s, rad/s²]."""
+STATES = 300
+"""Random states from which base parameters and the columns' sizes are taken; as many poses are
+tried where the one at rest cannot be held."""
+TRIES = 400
+"""Random motions that are tried before none is said to fit."""
+EASY = 0.8
+"""Part of the usable torque that may hold a pose in place of one at rest that is not held [-]."""
+SHRINK, SHRINKS = 0.97, 40
+"""A motion that breaks a limit is made smaller by this factor, so many times at most."""
+SIGN_SPEED = 0.02
+"""Speed at which dry friction's column is at 0.76 of its level [rad/s]."""
+SAMPLES = 50
+"""Per period in the search: five times the highest harmonic, and twice that of its squares."""
+FINE = 400
+"""Per period in the check of the result."""
 
 
 class Problem:
@@ -49,7 +72,7 @@ class Problem:
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
-        n, states = arm.n, settings.search.states
+        n, states = arm.n, STATES
         b = self.bounds
         q = rng.uniform(b.low, b.high, (states, n))
         dq = rng.uniform(-1, 1, (states, n)) * b.velocity
@@ -61,11 +84,11 @@ class Problem:
         picked = whole[:, :, self.base.kept] / arm.limits.torque[:, None]
         self.size = np.sqrt(np.mean(np.square(picked), axis=(0, 1)))
         self.basis = rest_basis(settings.harmonics)
-        t = np.arange(settings.samples) / settings.samples * settings.period
+        t = np.arange(SAMPLES) / SAMPLES * settings.period
         self.grid = t
         p, v, a = fourier_basis(t, settings.base_frequency, settings.harmonics)
         self.p, self.v, self.a = p @ self.basis, v @ self.basis, a @ self.basis
-        fine = np.arange(settings.fine) / settings.fine * settings.period
+        fine = np.arange(FINE) / FINE * settings.period
         self.fine = fine
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
@@ -77,7 +100,7 @@ class Problem:
         n = self.arm.n
         friction = np.zeros((len(q), n, n, 3))
         j = np.arange(n)
-        friction[:, j, j, 0] = np.tanh(dq / self.settings.sign_speed)
+        friction[:, j, j, 0] = np.tanh(dq / SIGN_SPEED)
         friction[:, j, j, 1] = dq
         friction[:, j, j, 2] = 1.0
         links = torque_regressor(self.model, q, dq, ddq)
@@ -138,7 +161,7 @@ class Problem:
         found = None if self._home is None else self._drawn(rng, self._home)
         if found is not None:
             return found
-        b, tries = self.bounds, self.settings.search.tries
+        b = self.bounds
         still = np.clip(self.arm.rest, b.low, b.high)[None]
         rest = still, np.zeros_like(still), np.zeros_like(still)
         over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
@@ -149,27 +172,27 @@ class Problem:
                 "limit: give it another rest pose, or limits that it can be held with"
             )
         raise ExperimentError(
-            f"{self.arm.name}: none of {tries} random motions keeps the limits and "
+            f"{self.arm.name}: none of {TRIES} random motions keeps the limits and "
             f"{self.settings.clearance:g} m of clearance, not even small ones about the pose at "
             "rest: give it more room, or another rest pose"
         )
 
     def _held(self) -> Array | None:
         """Return a pose that can be held with ease, the first on random ways from rest, or None."""
-        b, s = self.bounds, self.settings.search
-        drawn = np.random.default_rng(0).uniform(b.low, b.high, (s.states, self.arm.n))
+        b = self.bounds
+        drawn = np.random.default_rng(0).uniform(b.low, b.high, (STATES, self.arm.n))
         rest = np.clip(self.arm.rest, b.low, b.high)
-        away = np.arange(1, s.states + 1)[:, None] / s.states
+        away = np.arange(1, STATES + 1)[:, None] / STATES
         for q in (rest + away * (drawn - rest))[:, None]:
             still = q, np.zeros_like(q), np.zeros_like(q)
-            easy = np.abs(self.torque(still)) <= s.easy * b.torque
+            easy = np.abs(self.torque(still)) <= EASY * b.torque
             if easy.all() and self.inside(still):
                 return np.asarray(q[0])
         return None
 
     def _drawn(self, rng: np.random.Generator, home: Array) -> Array | None:
         """Return a random point inside all limits, in the end one about a pose (n,), or None."""
-        n, b, tries = self.arm.n, self.bounds, self.settings.search.tries
+        n, b, tries = self.arm.n, self.bounds, TRIES
         for trial in range(tries):
             c = rng.normal(size=(n, self.basis.shape[1]))
             q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
@@ -196,30 +219,30 @@ class Problem:
 
     def fitted(self, x: Array) -> Array | None:
         """Return a point inside all limits on the fine grid, made smaller if need be, or None."""
-        n, s = self.arm.n, self.settings.search
+        n = self.arm.n
         out = x.copy()
-        for _ in range(s.shrinks):
+        for _ in range(SHRINKS):
             if self.inside(self.series(out).state(self.fine)):
                 return out
-            out[n:] *= s.shrink
+            out[n:] *= SHRINK
         return None
 
     # ---- objective ---------------------------------------------------------------------------
 
     def value(self, x: Array, weight: float) -> tuple[float, Array]:
         """Return the smooth log condition number with penalties, and its gradient."""
-        n, s = self.arm.n, self.settings.search
+        n = self.arm.n
         state = self._state(x)
         whole = self._whole(*state)
         scale = 1.0 / (self.arm.limits.torque[:, None] * self.size)
         w = whole[:, :, self.base.kept] * scale
         flat = w.reshape(-1, self.base.size)
-        value, inner = smooth_condition(flat, s.power)
+        value, inner = smooth_condition(flat, POWER)
         # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ
         outer = np.zeros_like(whole)
         outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
         torque = whole[:, :, : 10 * n] @ self.phi
-        limit = s.tight * self.bounds.torque
+        limit = TIGHT * self.bounds.torque
         over = np.maximum(np.abs(torque) / limit - 1, 0.0)
         value += weight * float(np.sum(over**2)) / len(self.grid)
         slope = weight * 2 * over * np.sign(torque) / limit / len(self.grid)
@@ -229,8 +252,8 @@ class Problem:
         for kind in range(3):
             for j in range(n):
                 moved = [y.copy() if i == kind else y for i, y in enumerate(state)]
-                moved[kind][:, j] += s.difference
-                change = (self._whole(*moved) - whole) / s.difference
+                moved[kind][:, j] += DIFFERENCE
+                change = (self._whole(*moved) - whole) / DIFFERENCE
                 along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
         more, pushes = self._penalties(state, weight)
         value += more
@@ -240,16 +263,16 @@ class Problem:
 
     def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
         q, dq, ddq = state
-        b, share, tight = self.bounds, weight / len(self.grid), self.settings.search.tight
+        b, share = self.bounds, weight / len(self.grid)
         half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
         value = 0.0
         out = []
         for x, limit in ((q - middle, half), (dq, b.velocity), (ddq, b.acceleration)):
-            most = tight * limit
+            most = TIGHT * limit
             over = np.maximum(np.abs(x) / most - 1, 0.0)
             value += share * float(np.sum(over**2))
             out.append(share * 2 * over * np.sign(x) / most)
-        short, gradient = self.clearance.shortfall(q, self.settings.clearance / tight + 0.01)
+        short, gradient = self.clearance.shortfall(q, self.settings.clearance / TIGHT + 0.01)
         value += share * short
         out[0] = out[0] + share * gradient
         return value, (out[0], out[1], out[2])
@@ -280,8 +303,8 @@ def search(
         progress: called once per iteration.
     """
     best: tuple[Array, float] | None = None
-    each = -(-problem.settings.iterations // len(problem.settings.search.penalties))
-    for weight in problem.settings.search.penalties:
+    each = -(-problem.settings.iterations // len(PENALTIES))
+    for weight in PENALTIES:
         found = minimize(
             problem.value,
             x,

@@ -59,6 +59,12 @@ __all__ = ["Identification", "identify", "identify_data"]
 
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
+FOLDS = 6
+"""Parts of the time that are held out in turn: enough rows stay to fit."""
+MOST_SAMPLES = 20_000
+"""Of all logs together; longer logs are thinned out after the filter."""
+POOR = 0.02
+"""Error of torque over the torque limit that a well excited parameter may make [-]."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
 """Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
 today); unconstrained base parameters with friction; links that can exist with friction."""
@@ -96,7 +102,7 @@ class Identification(Result):
     """(n,) robust standard deviation of the residual of the base parameters [N·m]."""
     unsure: tuple[int, ...]
     """Base parameters (from 0) whose error makes torques over the whole range wrong by more than
-    ``poor``: the logs hardly excite them, and the links follow the nominal there."""
+    `POOR`: the logs hardly excite them, and the links follow the nominal there."""
     provenance: dict[str, Any]
     notes: tuple[str, ...] = ()
     """How the signals were made, and whether torques were counted the other way round."""
@@ -287,7 +293,7 @@ def identify(
         if isinstance(log, JointLog):
             read.append(log)
         else:
-            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, settings=gap.measured)
+            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
     made = provenance(
@@ -305,10 +311,9 @@ def identify(
         seed=0,
         inputs=sources.files,
     )
-    most = chosen.validation.most_samples
-    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=most, settings=gap)
+    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
-    data = assemble(arm, signals, link_side=side == "link", settings=gap)
+    data = assemble(arm, signals, torque=side, settings=gap)
     found = identify_data(data, progress=say, settings=chosen)
     # torques are turned in all logs or none
     sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
@@ -329,18 +334,17 @@ def identify_data(
     """
     say = progress or (lambda *_: None)
     chosen = settings or identification_settings()
-    s = chosen.base_parameters
-    rotor = not data.link_side
-    base, reach = structural_base(data, rotor, s)
-    d = design(data, rotor=rotor, distance=presliding(data, base, rotor, s), settings=s)
+    rotor = data.torque == "motor"
+    base, reach = structural_base(data, rotor)
+    d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
     if d.torque.size < 2 * base.size:
         raise StictionError(
             f"{d.torque.size} torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
     kept = d.columns[:, :, base.kept]
-    found = fit(kept, d.torque, settings=s)
-    errors, condition = standard_errors(kept, found, d.shared, s)
+    found = fit(kept, d.torque)
+    errors, condition = standard_errors(kept, found, d.shared)
     p = consistent_fit(d, found, chosen)
     say("fitting", 0.2)
     rms = held_out(d, base, lambda part: say("held-out", part), chosen)
@@ -361,12 +365,12 @@ def identify_data(
         rms=rms,
         noise=found.noise,
         provenance=provenance("identify", {"robot": data.arm.name}, seed=0),
-        unsure=tuple(np.flatnonzero(errors * reach > chosen.validation.poor).tolist()),
+        unsure=tuple(np.flatnonzero(errors * reach > POOR).tolist()),
     )
 
 
 def held_out(
-    d: Design, base: BaseSet, say: Callable[[float], None], own: IdentificationSettings
+    d: Design, base: BaseSet, say: Callable[[float], None], settings: IdentificationSettings
 ) -> dict[str, Array]:
     """Return (n,) residual of each of `MODELS` on blocks that it was not fitted to [N·m].
 
@@ -376,11 +380,10 @@ def held_out(
         d: torques and columns.
         base: the base parameters.
         say: told the part done.
-        own: constants of the method.
+        settings: constants of the method.
     """
-    s = own.base_parameters
     blocks = np.unique(d.block[d.block >= 0])
-    folds = np.array_split(blocks, min(own.validation.folds, len(blocks)))
+    folds = np.array_split(blocks, min(FOLDS, len(blocks)))
     squares = {name: np.zeros(d.n) for name in MODELS}
     count = 0
     for k, fold in enumerate(folds):
@@ -390,9 +393,9 @@ def held_out(
         a, b = d.take(train), d.take(test)
         nominal = b.torque - b.columns @ b.nominal
         friction = slice(d.links, None)
-        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual, s)
-        free = fit(a.columns[:, :, base.kept], a.torque, settings=s)
-        bodies = consistent_fit(a, free, own)
+        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual)
+        free = fit(a.columns[:, :, base.kept], a.torque)
+        bodies = consistent_fit(a, free, settings)
         left = {
             "nominal": nominal,
             "nominal + friction": nominal - b.columns[:, :, friction] @ alone.values,

@@ -1,18 +1,22 @@
 """Measured data: the thesis's tables and the user's, checked when they are read."""
 
-from stiction_envs.measured.checks.plausible import check_fits, check_parameters, check_sje
 from stiction_envs.measured.checks.rules import (
     Defect,
     check_amplitudes,
-    check_differences,
-    check_growth,
     check_measurements,
     check_percentages,
     check_repeats,
     check_signs,
-    check_units,
+    check_sje,
 )
 from stiction_envs.measured.checks.tables import check_files, check_tables, check_thesis
+from stiction_envs.measured.checks.thesis_forms import (
+    check_differences,
+    check_fits,
+    check_growth,
+    check_parameters,
+    check_units,
+)
 from stiction_envs.measured.tables import (
     DIRECTIONS,
     LOADS,

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import math
 import os
-from collections.abc import Iterable, Sequence
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.atomic import write_text_atomic
+
+FIRST_BYTES = 65_536
+"""Of a file, in which its header must end."""
 
 
 class Line:
@@ -27,11 +33,19 @@ class Line:
         """An error at this line."""
         return StictionError(f"{self.where}: {message}")
 
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Put this line before the message of an error."""
+        try:
+            yield
+        except StictionError as error:
+            raise self.error(str(error)) from None
+
     def name(self, column: str, expected: Sequence[str]) -> str:
         """The field as one of the ``expected`` names."""
         value = self.fields[column]
         if value not in expected:
-            raise StictionError(f"{self.where}: {unknown(column, value, expected)}")
+            raise self.error(str(unknown(column, value, expected)))
         return value
 
     def text(self, column: str) -> str:
@@ -40,8 +54,22 @@ class Line:
             raise self.error(f"{column} is empty: expected any name")
         return self.fields[column]
 
-    def number(self, column: str, default: float | None = None, *, nan: bool = False) -> float:
-        """The field as a finite number (or NaN if ``nan``); ``default`` for a missing column."""
+    def number(
+        self,
+        column: str,
+        default: float | None = None,
+        *,
+        low: float = -math.inf,
+        nan: bool = False,
+    ) -> float:
+        """The field as a finite number from ``low`` (or NaN if ``nan``).
+
+        Args:
+            column: name.
+            default: value of a column that is missing.
+            low: least number.
+            nan: whether NaN passes: a number that nobody knows.
+        """
         if default is not None and column not in self.fields:
             return default
         raw = self.fields[column]
@@ -52,6 +80,8 @@ class Line:
             raise self.error(f"{column} is {raw!r}: expected a number") from None
         if not (math.isfinite(value) or (nan and math.isnan(value))):
             raise self.error(f"{column} is {raw!r}: expected a finite number")
+        if value < low:
+            raise self.error(f"{column} is {value}: expected >= {low:g}")
         return value
 
     def whole(self, column: str, low: int, high: int | None = None) -> int:
@@ -84,9 +114,16 @@ def read_lines(
     path: str | os.PathLike[str], required: Sequence[str], optional: Sequence[str] = ()
 ) -> list[Line]:
     """Lines of a comma-separated table whose header names every required column, in any order."""
+    return parse_lines(path, read_text(path), required, optional)
+
+
+def parse_lines(
+    path: str | os.PathLike[str], text: str, required: Sequence[str], optional: Sequence[str] = ()
+) -> list[Line]:
+    """The same of text; ``path`` begins its messages."""
     lines: list[Line] = []
     header: list[str] | None = None
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         for cells in reader:
             row = [cell.strip() for cell in cells]
@@ -113,24 +150,33 @@ def read_lines(
     return lines
 
 
-def read_header(path: str | os.PathLike[str]) -> list[str]:
-    """Column names in the first line that is not empty; [] for an empty file."""
-    for cells in csv.reader(io.StringIO(read_text(path), newline="")):
-        if any(cells):
-            return [cell.strip() for cell in cells]
-    return []
+def header_of(path: str | os.PathLike[str]) -> list[str]:
+    """Columns of a CSV, gzip-compressed or not; none if it is empty or cannot be read."""
+    path = Path(path)
+    try:
+        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+            text = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
+    except (OSError, EOFError, zlib.error):
+        return []
+    line = next((x for x in text.splitlines() if x.strip()), "")
+    return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
 
 
 def write_lines(
     path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Sequence[Any]]
 ) -> None:
     """Write a table at once; floats by ``repr``, so that they read back bit for bit."""
+    write_text_atomic(path, table_text(header, rows))
+
+
+def table_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return the text of a table, as `write_lines` writes it."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
     for row in rows:
         writer.writerow([x if isinstance(x, str | Integral) else repr(float(x)) for x in row])
-    write_text_atomic(path, out.getvalue())
+    return out.getvalue()
 
 
 def check_columns(

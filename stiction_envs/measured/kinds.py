@@ -9,7 +9,9 @@ from pathlib import Path
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.tables import form_of
-from stiction_envs.measured.logs.formats.csv_file import header_of, known_header
+from stiction_envs.measured.csv_text import header_of
+from stiction_envs.measured.logs.formats.csv_file import CsvFile, known_header
+from stiction_envs.measured.logs.formats.registry import format_of
 from stiction_envs.measured.tables import SJE_COLUMNS
 
 TABLE, LOG = "torque table", "joint log"
@@ -25,8 +27,7 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     Raises:
         StictionError: the columns are neither's.
     """
-    name = Path(path).name.lower()
-    if not name.endswith((".csv", ".csv.gz")):
+    if not isinstance(format_of(Path(path)), CsvFile):
         return LOG
     header = header_of(path)
     if form_of(header) is not None:

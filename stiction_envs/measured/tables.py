@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.csv_text import Line, read_header, read_lines, write_lines
+from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text
 from stiction_envs.measured.ros_parameters import is_parameters, read_parameters, write_parameters
 from stiction_envs.measured.thesis_robots import our_name
+from stiction_envs.reporting.atomic import write_text_atomic
 
 Path = str | os.PathLike[str]
-_Row = TypeVar("_Row")
 
 LOADS = ("load", "no_load")
 """Poses, in the order of the second axis of :attr:`BaseTable.tau`."""
@@ -94,48 +93,60 @@ class AmplitudeRow:
 
 
 def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
-    """Write an SJE table; every float reads back bit for bit."""
-    rows = _some(path, rows)
-    for row in rows:
-        _check_sje(row, f"{path}: row of joint {row.joint}")
-    write_lines(path, SJE_COLUMNS, [astuple(row) for row in rows])
+    """Write an SJE table; every float reads back bit for bit.
+
+    Raises:
+        StictionError: rows that could not be read, or none; nothing was written.
+    """
+    rows = list(rows)
+    text = table_text(SJE_COLUMNS, [astuple(row) for row in rows])
+    for row, again in zip(rows, _parse_sje(parse_lines(path, text, SJE_COLUMNS)), strict=True):
+        if row.robot != again.robot:
+            raise StictionError(f"{path}: robot is {row.robot!r}: expected a name or path")
+    write_text_atomic(path, text)
 
 
 def read_sje(path: Path) -> list[SJERow]:
     """Read an SJE table, in the order of the file."""
+    return _parse_sje(read_lines(path, SJE_COLUMNS))
+
+
+def _parse_sje(lines: Iterable[Line]) -> list[SJERow]:
     rows = []
-    for line in read_lines(path, SJE_COLUMNS):
+    for line in lines:
+        frequency, amplitude = _drive(line)
         row = SJERow(
             robot=line.text("robot"),
             joint=line.whole("joint", 1),
             load=line.name("load", LOADS),
             direction=line.name("direction", DIRECTIONS),
-            frequency_hz=line.number("frequency_hz"),
-            amplitude_nm=line.number("amplitude_nm"),
+            frequency_hz=frequency,
+            amplitude_nm=amplitude,
             tau_nm=line.number("tau_nm"),
-            std_nm=line.number("std_nm", nan=True),
+            std_nm=line.number("std_nm", low=0.0, nan=True),
             iterations=line.whole("iterations", 1),
             reduction=line.number("reduction", nan=True),
         )
-        _check_sje(row, line.where)
         rows.append(row)
     return rows
 
 
 def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
-    """Write an amplitude table; the optional columns only when a row needs them."""
-    rows = _some(path, rows)
-    seen: set[int] = set()
-    for row in rows:
-        _check_amplitude(row, f"{path}: row of joint {row.joint}", seen)
-    used = [
-        any(row.waveform != DEFAULT_WAVEFORM or row.offset_nm != 0 for row in rows),
-        any(row.gate_rad_s != 0 for row in rows),
-    ]
+    """Write an amplitude table; the optional columns only when a row needs them.
+
+    Raises:
+        StictionError: rows that could not be read, or none; nothing was written.
+    """
+    rows = list(rows)
+    gated = any(row.gate_rad_s != 0 for row in rows)
+    shaped = any(row.waveform != DEFAULT_WAVEFORM or row.offset_nm != 0 for row in rows)
     # waveform and offset were there first: a gate needs both before it
-    optional = 3 if used[1] else 2 if used[0] else 0
+    optional = 3 if gated else 2 if shaped else 0
     header = AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL[:optional]
-    write_lines(path, header, [astuple(row)[: len(header)] for row in rows])
+    text = table_text(header, [astuple(row)[: len(header)] for row in rows])
+    for _ in _parse_amplitudes(parse_lines(path, text, header)):
+        pass
+    write_text_atomic(path, text)
 
 
 def write_final(folder: Path, rows: Iterable[AmplitudeRow], joint_names: Sequence[str]) -> None:
@@ -169,18 +180,8 @@ def read_amplitudes(
     """
     limit = np.broadcast_to(np.inf if torque_limit is None else torque_limit, (n_joints,))
     rows: list[AmplitudeRow] = []
-    seen: set[int] = set()
     read = read_parameters if is_parameters(path) else read_lines
-    for line in read(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL):
-        row = AmplitudeRow(
-            joint=line.whole("joint", 1, n_joints),
-            frequency_hz=line.number("frequency_hz"),
-            amplitude_nm=line.number("amplitude_nm"),
-            waveform=line.fields.get("waveform", DEFAULT_WAVEFORM),
-            offset_nm=line.number("offset_nm", 0.0),
-            gate_rad_s=line.number("gate_rad_s", 0.0) if line.fields.get("gate_rad_s") else 0.0,
-        )
-        _check_amplitude(row, line.where, seen)
+    for line, row in _parse_amplitudes(read(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL), n_joints):
         most = float(limit[row.joint - 1])
         if row.amplitude_nm + abs(row.offset_nm) > most:
             total = "amplitude_nm" + (" + |offset_nm|" if row.offset_nm else "")
@@ -189,9 +190,38 @@ def read_amplitudes(
                 f"torque limit of joint {row.joint}, {most:g} N·m"
             )
         if controller_rate_hz is not None and row.amplitude_nm > 0:
-            _check_rate(row, line, controller_rate_hz)
+            with line.named():
+                warning = check_frequency(row.frequency_hz, controller_rate_hz)
+            if warning is not None:
+                warnings.warn(f"{line.where}: {warning}", stacklevel=2)
         rows.append(row)
     return rows
+
+
+def _parse_amplitudes(
+    lines: Iterable[Line], n_joints: int | None = None
+) -> Iterator[tuple[Line, AmplitudeRow]]:
+    seen: set[int] = set()
+    for line in lines:
+        joint = line.whole("joint", 1, n_joints)
+        if joint in seen:
+            raise line.error(f"joint {joint} occurs twice: expected one row per joint")
+        seen.add(joint)
+        frequency, amplitude = _drive(line)
+        waveform = line.fields.get("waveform", DEFAULT_WAVEFORM)
+        with line.named():
+            named(waveform)
+        offset = line.number("offset_nm", 0.0)
+        gate = line.number("gate_rad_s", low=0.0) if line.fields.get("gate_rad_s") else 0.0
+        yield line, AmplitudeRow(joint, frequency, amplitude, waveform, offset, gate)
+
+
+def _drive(line: Line) -> tuple[float, float]:
+    """Return frequency [Hz] and amplitude [N·m] of a line."""
+    frequency, amplitude = line.number("frequency_hz"), line.number("amplitude_nm", low=0.0)
+    if frequency < 0 or (frequency == 0 and amplitude > 0):
+        raise line.error(f"frequency_hz is {frequency}: expected > 0, or 0 with amplitude_nm 0")
+    return frequency, amplitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +275,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
     Of an SJE table only the rows without dither count. ``robot`` may be left out when the file
     holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
-    thesis = "tau_base_Nm" in read_header(path)
+    thesis = "tau_base_Nm" in header_of(path)
     lines = read_lines(path, THESIS_BASE_COLUMNS if thesis else SJE_COLUMNS)
     if not thesis:
         lines = [x for x in lines if x.number("frequency_hz") == x.number("amplitude_nm") == 0]
@@ -277,75 +307,6 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
             f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: expected all, once"
         )
     return BaseTable(robot, tau)
-
-
-def _some(path: Path, rows: Iterable[_Row]) -> list[_Row]:
-    rows = list(rows)
-    if not rows:
-        raise StictionError(f"{path}: no rows to write: expected one or more")
-    return rows
-
-
-def _check_sje(row: SJERow, where: str) -> None:
-    if not row.robot or row.robot != row.robot.strip():
-        raise StictionError(f"{where}: robot is {row.robot!r}: expected a name or path")
-    _check_names(row, where)
-    _check_drive(row.frequency_hz, row.amplitude_nm, where)
-    if not math.isfinite(row.tau_nm):
-        raise StictionError(f"{where}: tau_nm is {row.tau_nm}: expected a finite number")
-    if row.std_nm < 0 or math.isinf(row.std_nm):
-        raise StictionError(f"{where}: std_nm is {row.std_nm}: expected >= 0, or nan if unknown")
-    if math.isinf(row.reduction):
-        raise StictionError(
-            f"{where}: reduction is {row.reduction}: expected a finite number or nan"
-        )
-    for column, value in (("joint", row.joint), ("iterations", row.iterations)):
-        if value < 1:
-            raise StictionError(f"{where}: {column} is {value}: expected 1 or more")
-
-
-def _check_names(row: SJERow, where: str) -> None:
-    for what, value, names in (("load", row.load, LOADS), ("direction", row.direction, DIRECTIONS)):
-        if value not in names:
-            raise StictionError(f"{where}: {unknown(what, value, names)}")
-
-
-def _check_amplitude(row: AmplitudeRow, where: str, seen: set[int]) -> None:
-    """Checks of one row among the joints already ``seen``, to which it is added."""
-    if row.joint < 1:
-        raise StictionError(f"{where}: joint is {row.joint}: expected 1 or more")
-    if row.joint in seen:
-        raise StictionError(f"{where}: joint {row.joint} occurs twice: expected one row per joint")
-    seen.add(row.joint)
-    _check_drive(row.frequency_hz, row.amplitude_nm, where)
-    try:
-        named(row.waveform)
-    except StictionError as error:
-        raise StictionError(f"{where}: {error}") from None
-    if not math.isfinite(row.offset_nm):
-        raise StictionError(f"{where}: offset_nm is {row.offset_nm}: expected a finite number")
-    if not 0 <= row.gate_rad_s < math.inf:
-        raise StictionError(
-            f"{where}: gate_rad_s is {row.gate_rad_s}: expected > 0, or 0 (or empty) for no gate"
-        )
-
-
-def _check_drive(frequency_hz: float, amplitude_nm: float, where: str) -> None:
-    if not 0 <= amplitude_nm < math.inf:
-        raise StictionError(f"{where}: amplitude_nm is {amplitude_nm}: expected >= 0")
-    if not 0 <= frequency_hz < math.inf or (frequency_hz == 0 and amplitude_nm > 0):
-        raise StictionError(
-            f"{where}: frequency_hz is {frequency_hz}: expected > 0, or 0 with amplitude_nm 0"
-        )
-
-
-def _check_rate(row: AmplitudeRow, line: Line, rate_hz: float) -> None:
-    try:
-        warning = check_frequency(row.frequency_hz, rate_hz)
-    except StictionError as error:
-        raise line.error(str(error)) from None
-    if warning is not None:
-        warnings.warn(f"{line.where}: {warning}", stacklevel=3)
 
 
 def _check_sign(tau: float, direction: int, where: str) -> None:

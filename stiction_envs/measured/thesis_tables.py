@@ -11,11 +11,11 @@ marks one bad measurement.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import as_file, files
+from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import unknown
-from stiction_envs.measured.csv_text import Line, read_header, read_lines
+from stiction_envs.measured.csv_text import Line, header_of, read_lines
 from stiction_envs.measured.tables import BaseTable, read_base
 from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
@@ -64,15 +64,14 @@ def thesis_table(number: str) -> list[dict[str, Any]]:
 
     ``joint`` is an int, ``final_set_by_hand`` a bool, names are text, everything else is a float.
     """
-    with as_file(_file(number)) as path:
-        lines = read_lines(path, read_header(path))
+    path = thesis_file(number)
+    lines = read_lines(path, header_of(path))
     return [{column: _typed(line, column) for column in line.fields} for line in lines]
 
 
 def thesis_base(robot: str) -> BaseTable:
     """Base torques of table 4.3, N·m: ``panda`` or ``iiwa7`` (``iiwa`` in print)."""
-    with as_file(_file("4.3")) as path:
-        return read_base(path, _measured(robot))
+    return read_base(thesis_file("4.3"), _measured(robot))
 
 
 def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
@@ -139,11 +138,15 @@ def _measured(robot: str) -> str:
     return our_name(robot)
 
 
-def _file(number: str) -> Any:
+def thesis_file(number: str) -> Path:
+    """Return the CSV of a printed table.
+
+    Raises:
+        StictionError: no such table.
+    """
     if number not in THESIS_TABLES:
         raise unknown("thesis table", number, THESIS_TABLES)
-    name = f"table_{number.replace('.', '_')}.csv"
-    return files("stiction_envs.measured").joinpath("thesis", name)
+    return Path(__file__).parent / "thesis" / f"table_{number.replace('.', '_')}.csv"
 
 
 def _typed(line: Line, column: str) -> Any:

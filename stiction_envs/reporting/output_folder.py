@@ -43,7 +43,7 @@ def check_file(path: Path, suffix: str, *, force: bool) -> None:
         what = "is a folder" if path.is_dir() else f"ends in {path.suffix or 'nothing'!r}"
         raise StictionError(f"output {path}: {what}: expected a path to a {suffix}")
     if path.exists() and not force:
-        raise StictionError(f"output {path}: exists: choose another name, or force (--force)")
+        raise StictionError(f"output {path}: exists: choose another name, or force")
     check_place(path)
 
 
@@ -76,9 +76,7 @@ class OutputFolder:
         self.resumed = bool(resumable and same and not force)
         if there and not force and not self.resumed:
             what = f"a run of stiction {before['command']}" if before.get("command") else "files"
-            raise StictionError(
-                f"output {path}: holds {what}: choose another folder, or force (--force)"
-            )
+            raise StictionError(f"output {path}: holds {what}: choose another folder, or force")
         if self.resumed:
             self._foreign = set(before.get("kept", []))
         else:
@@ -88,7 +86,6 @@ class OutputFolder:
     def __enter__(self) -> Self:
         self._made = not self.path.exists()
         self.path.mkdir(parents=True, exist_ok=True)
-        remove_parts(self.path)  # of a process that was killed
         if not self.resumed:
             try:
                 self._write({"finished": False, "kept": sorted(self._foreign)})
@@ -107,6 +104,8 @@ class OutputFolder:
         trace: TracebackType | None,
     ) -> None:
         if kind is None:
+            # of processes that were killed; not before: one that is still at work refuses this one
+            remove_parts(self.path)
             files = self._below(self._names() - self._foreign - {NAME})
             self._write({"finished": True, "kept": sorted(self._foreign), "files": files})
         elif not self.wrote and not self.resumed:

@@ -16,6 +16,8 @@ from stiction_envs import version
 from stiction_envs.reporting.json_text import plain
 
 PACKAGES = ("stiction-envs", "mujoco", "numpy", "scipy", "gymnasium", "optuna", "pin")
+OPTIONAL = ("cmaes", "numba", "scikit-learn", "torch")
+"""Packages that decide results where they are installed."""
 
 
 def package_folder() -> Path:
@@ -24,13 +26,17 @@ def package_folder() -> Path:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions a result depends on; None for a package that is not installed."""
+    """Return the versions a result depends on.
+
+    None for a package that is not installed; optional ones are there where they are installed.
+    """
     out: dict[str, str | None] = {"python": platform.python_version()}
-    for name in PACKAGES:
+    for name in (*PACKAGES, *OPTIONAL):
         try:
             out[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            out[name] = None
+            if name in PACKAGES:
+                out[name] = None
     out["stiction-envs"] = version.__version__
     return out
 

@@ -18,8 +18,8 @@ from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.own import read_own
-from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles
+from stiction_envs.robots.overlapping_links import excluded_pairs
+from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
     Limits,
     hand_yaw,
@@ -28,7 +28,7 @@ from stiction_envs.robots.tables import (
     payload_radius,
     per_joint,
 )
-from stiction_envs.robots.touching import left_out
+from stiction_envs.robots.user_arm import read_user_arm
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -42,7 +42,8 @@ class Arm:
     """
 
     name: str
-    """Registered name, or the stem of the user's file; of a chain its base and tip too."""
+    """A registered name, or the stem of the user's file, its whole name where the stem is an arm of
+    `registry.ARMS`; of a chain its ends too."""
     xml: str
     """MJCF of the rigid arm with tilt and payload; asset paths, if any, are absolute."""
     joint_names: tuple[str, ...]
@@ -68,12 +69,25 @@ class Arm:
     on_floor: bool
     """Whether the base stands on a floor, at z = 0 of the untilted world."""
     registered: bool
-    """True for an arm of `registry.ARMS`, False for a user's file."""
+    """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def registered_name(self) -> str | None:
+        """The arm of `registry.ARMS` that this is: what is known of that arm holds; None for none.
+
+        Data are selected by it, never by `name`, which a user's file may share.
+        """
+        return self.name if self.registered else None
+
+    @property
+    def title(self) -> str:
+        """For headings."""
+        return self.name if self.registered_name is None else ARMS[self.registered_name].title
 
     @property
     def fingerprint(self) -> str:
@@ -85,7 +99,7 @@ class Arm:
     @property
     def notes(self) -> list[str]:
         """What a person should know of how the arm was read, a line each."""
-        pairs = [f"{one} and {two}" for one, two in left_out(self.xml)]
+        pairs = [f"{one} and {two}" for one, two in excluded_pairs(self.xml)]
         words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
         return [f"{self.name}: {words}"] if pairs else []
 
@@ -154,7 +168,7 @@ def load_arm(
         robot: a name in `registry.ARMS`, or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
             with one serial chain of 2 to 9 hinges. A TOML of the same stem may give
             limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
-            is assumed (``generic.toml``).
+            is assumed (``generic.toml``). A copy of an arm of the package is that arm.
         payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
             of a solid sphere of 0.03 m radius (assumed). Mass 0 adds nothing.
         tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
@@ -169,9 +183,9 @@ def load_arm(
     """
     load = _payload(payload)
     lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
-    known = ARMS.get(str(robot))
     ends = check_chain(robot, chain)
-    fields = _own(robot, ends) if known is None else _registered(known)
+    known = known_arm(robot) if ends is None else None
+    fields = _user_arm(robot, ends) if known is None else _registered(known)
 
     root = ET.fromstring(fields["xml"])
     if any(lean):
@@ -206,7 +220,7 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
 
 def _registered(files: ArmFiles) -> dict[str, Any]:
     """Everything of an :class:`Arm` but payload and tilt, from the files of a known arm."""
-    fields = _shipped(files) if files.shipped else read_own(files.model)
+    fields = _shipped(files) if files.shipped else read_user_arm(files.model)
     return {**fields, "registered": True}
 
 
@@ -257,11 +271,14 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
     return chain[0], chain[1]
 
 
-def _own(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
+def _user_arm(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
     """Everything of an :class:`Arm` but payload and tilt, from a user's file."""
     path = Path(robot).expanduser()
     if path.suffix.lower() not in MODEL_FILES:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")
-    return {**read_own(path, chain), "registered": False}
+    fields = read_user_arm(path, chain)
+    if fields["name"] in ARMS:  # tables, models and headings tell arms by name
+        fields["name"] = path.name
+    return {**fields, "registered": False}

@@ -1,4 +1,4 @@
-"""One serial arm out of a bigger robot: the joints on the way from a base to a tip stay.
+"""One serial arm out of a bigger robot: the joints between a base and a tip stay.
 
 All other joints are locked where the robot rests: at the keyframe ``home`` (else the first), else
 at zero, or at the end of a range that does not hold zero; a floating base where it is drawn. Their
@@ -26,7 +26,7 @@ _MOST = 6
 """Arms of a bigger robot that are named."""
 
 
-def title(stem: str, chain: Chain | None) -> str:
+def chain_title(stem: str, chain: Chain | None) -> str:
     """Return what an arm is called: the stem of its file, and of which links it is."""
     if chain is None:
         return stem
@@ -34,13 +34,13 @@ def title(stem: str, chain: Chain | None) -> str:
     return "-".join("".join(c if c.isalnum() or c in "-_" else "_" for c in x) for x in names)
 
 
-def take_out(
+def lock_other_joints(
     spec: mujoco.MjSpec,
     chain: Chain,
     path: Path,
     build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
 ) -> str:
-    """Lock every joint that is not on the way from base to tip.
+    """Lock every joint that is not between base and tip.
 
     Args:
         spec: of the robot, all bodies and joints named; changed in place.
@@ -56,12 +56,12 @@ def take_out(
             them that is no hinge.
     """
     base, tip = _ends(spec, chain, path)
-    way = [tip, *_above(tip)]
-    if base not in [b.name for b in way[1:]]:
+    links = [tip, *_above(tip)]
+    if base not in [b.name for b in links[1:]]:
         raise StictionError(f"{path}: chain: link {tip.name!r} is not behind link {base!r}")
-    way = way[: [b.name for b in way].index(base)]
-    kept = {joint.name for body in way for joint in body.joints}
-    for body in way:
+    links = links[: [b.name for b in links].index(base)]
+    kept = {joint.name for body in links for joint in body.joints}
+    for body in links:
         for joint in body.joints:
             if int(joint.type) != _HINGE:
                 kind = joint.type.name.removeprefix("mjJNT_").lower()
@@ -69,15 +69,15 @@ def take_out(
                     f"{path}: chain: joint {joint.name!r} is a {kind} joint: expected hinges only "
                     "between base and tip"
                 )
-    _drop_other_trees(spec, way[0])
-    first = next((body for body in reversed(way) if body.joints), way[0])
-    round_off(spec, {first.name, *(b.name for b in first.find_all("body"))})
+    _drop_other_trees(spec, links[0])
+    first = next((body for body in reversed(links) if body.joints), links[0])
+    round_inertias(spec, {first.name, *(b.name for b in first.find_all("body"))})
     model = build(spec, path)
     rest = _rest(model)
     for joint in list(spec.joints):
         if joint.name not in kept:
-            _turn(spec, model, joint, rest)
-    _forget(spec, model, kept, rest)
+            _move_to_rest(spec, model, joint, rest)
+    _delete_other_joints(spec, model, kept, rest)
     if chain[1] not in {site.name for site in spec.sites}:
         name = free_name("flange", {site.name for site in spec.sites})
         tip.add_site(name=name)
@@ -85,7 +85,7 @@ def take_out(
     return chain[1]
 
 
-def candidates(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
+def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
     """Return arms of a robot, those of most hinges first: links between two branchings.
 
     Args:
@@ -110,21 +110,21 @@ def candidates(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
     return [chain for _, chain in sorted(found, key=lambda x: -x[0])]
 
 
-def hint(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
+def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
     """Return how to take one arm out of a bigger robot; empty where there is none to take."""
-    found = [f"{base} {tip}" for base, tip in candidates(spec, joints)]
+    found = [f"{base} {tip}" for base, tip in find_chains(spec, joints)]
     if not found or len(spec.joints) <= joints[0]:
         return ""
     more = f" (or {', '.join(found[1:_MOST])})" if found[1:] else ""
-    return f"; of a bigger robot take one arm: --chain {found[0]}{more}"
+    return f"; of a bigger robot take one arm: chain {found[0]}{more}"
 
 
-def round_off(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None:
+def round_inertias(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None:
     """Make the inertias of what stands still round: they act on nothing, and may be impossible.
 
     Args:
         spec: of the robot; changed in place.
-        moved: names of the bodies that move; None for all with a joint on their way to the world.
+        moved: names of the bodies that move; None for all with a joint between them and the world.
     """
     for body in spec.bodies[1:]:
         moves = (
@@ -142,8 +142,8 @@ def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.Mj
     sites = {site.name: site.parent for site in spec.sites if site.name}
     for name, known in ((base, bodies), (tip, {**sites, **bodies})):
         if name not in known:
-            links = ", ".join(body.name for body in spec.bodies[1:])
-            raise StictionError(f"{path}: chain: no link {name!r}: expected one of {links}")
+            names = ", ".join(body.name for body in spec.bodies[1:])
+            raise StictionError(f"{path}: chain: no link {name!r}: expected one of {names}")
     return base, {**sites, **bodies}[tip]
 
 
@@ -184,7 +184,7 @@ def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
     return out
 
 
-def _turn(
+def _move_to_rest(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     joint: mujoco.MjsJoint,
@@ -221,7 +221,7 @@ def _turn(
     body.quat = whole
 
 
-def _forget(
+def _delete_other_joints(
     spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: NDArray[np.float64]
 ) -> None:
     """Delete the other joints and what may name them; one keyframe of the arm's joints stays."""

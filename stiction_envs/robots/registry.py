@@ -116,6 +116,40 @@ def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
     return tuple(arm.name for arm in found)
 
 
+def known_arm(robot: str | Path) -> ArmFiles | None:
+    """Return the arm that a name or a model file stands for; None for a file that is none of ours.
+
+    What is in a file counts, not what it is called: a copy of an arm of the package, whose TOML is
+    not beside it or is the package's, is that arm; another robot's ``panda.xml`` is not the Panda.
+    """
+    path = Path(robot).expanduser()
+    if str(robot) in ARMS or not path.is_file():
+        return ARMS.get(str(robot))
+    return next((arm for arm in ARMS.values() if _same_files(path, arm)), None)
+
+
+def _same_files(path: Path, arm: ArmFiles) -> bool:
+    if not arm.shipped:  # its model may name other files, which a copy may lack
+        return path.samefile(arm.model)
+    table = path.with_suffix(".toml")
+    pairs = [(path, arm.model), *([(table, arm.toml)] if table.is_file() else [])]
+    return all(one.read_bytes() == two.read_bytes() for one, two in pairs)
+
+
+def robot_files(robot: str | Path) -> dict[str, Path]:
+    """Return the files of a robot by name or path, as far as they are there.
+
+    Returns:
+        ``robot``: MJCF or URDF; ``robot_table``: the TOML of the same stem.
+    """
+    known = ARMS.get(str(robot))
+    path = Path(robot).expanduser() if known is None else known.model
+    if not path.name:  # "." or "/"
+        return {}
+    found = {"robot": path, "robot_table": path.with_suffix(".toml")}
+    return {k: v for k, v in found.items() if v.is_file()}
+
+
 def on_arm(listener: Callable[[ArmFiles], None]) -> None:
     """Call ``listener`` for every arm known now, and for each that is registered later."""
     for arm in ARMS.values():

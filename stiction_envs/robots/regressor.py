@@ -145,11 +145,11 @@ def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
     rank = int((values > RANK * values[0]).sum())
     # sums depend on the row space alone; pivots of its orthonormal basis keep K small
     rows = np.linalg.qr((vectors[:rank] * size[acts]).T)[0].T
-    liking = np.array([_LAST.get(names[i].rstrip("0123456789"), 1.0) for i in acts.tolist()])
-    r, order = qr(rows * liking, mode="r", pivoting=True)
+    preference = np.array([_LAST.get(names[i].rstrip("0123456789"), 1.0) for i in acts.tolist()])
+    r, order = qr(rows * preference, mode="r", pivoting=True)
     first, later = acts[order[:rank]], acts[order[rank:]]
     mix = solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    mix = mix * liking[order[:rank], None] / liking[order[rank:]]
+    mix = mix * preference[order[:rank], None] / preference[order[rank:]]
     mix[np.abs(mix) < LEAST] = 0.0
     sort = np.argsort(first)
     dropped = np.setdiff1d(np.arange(len(names)), first)

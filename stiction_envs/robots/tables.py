@@ -122,8 +122,8 @@ def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.floa
     return np.array(np.broadcast_to(array, shape))
 
 
-def possible(
-    value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, endless: bool = False
+def check_range(
+    value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, allow_inf: bool = False
 ) -> None:
     """Raise unless a joint can have these numbers: none larger than `[largest]` of `generic.toml`.
 
@@ -132,15 +132,15 @@ def possible(
         unit: theirs.
         where: file and name, for the message.
         low: least value.
-        endless: whether inf passes.
+        allow_inf: whether inf passes.
 
     Raises:
         StictionError: naming the number and what is expected.
     """
     array, most = np.asarray(value, dtype=np.float64), largest(unit)
-    good = (array >= low) & (np.abs(array) <= most) | (endless & (array == np.inf))
+    good = (array >= low) & (np.abs(array) <= most) | (allow_inf & (array == np.inf))
     if not good.all():
-        more = " or inf" if endless else ""
+        more = " or inf" if allow_inf else ""
         raise StictionError(
             f"{where}: {array[~good].flat[0]:g} {unit}: "
             f"expected {max(low, -most):g} to {most:g}{more}"

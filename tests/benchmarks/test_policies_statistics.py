@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks._policies_statistics import (
+from benchmarks.learning.policies_statistics import (
     improvement_with_interval,
     interquartile_mean,
     mean_with_interval,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from benchmarks._search_page import LONGER, Measured, _changes
+from benchmarks.learning.search import STUDY
+from benchmarks.learning.search_page import LONGER, LOOKS, Measured, _changes, draw, page
 
 KNOWN, ELSEWHERE = "friction known", "other start poses"
 
@@ -41,3 +44,26 @@ def test_changes_of_both_signs_do_not_cancel():
     start = found[ELSEWHERE]["triangle"][LONGER[0]]
     start["resting_position"], start["resting_orientation"] = 0.1, 0.3
     assert _changes(found)["start"] == pytest.approx(10.0)
+
+
+def test_the_page_holds_every_treatment(tmp_path: Path):
+    parts = [f"{x}{part}" for x in ("", "resting_") for part in ("position", "orientation")]
+    row = dict.fromkeys((*parts, "vibration_m", "vibration_at_rest_m"), 0.5)
+    names = (*LOOKS, "the same without its gate")
+    conditions = (KNOWN, "believed too small", "believed too large", ELSEWHERE)
+    results = {path: {name: row for name in names} for path in ("triangle", "pentagon")}
+    panda = {condition: results for condition in conditions}
+    joint = [{"left": 0.9, "displacement_rad": 1e-3}] * 7
+    tables = {"make tune": joint, "search": joint}
+    values = page(
+        paths={"panda": panda, "iiwa7": {KNOWN: results}, "iiwa14": {KNOWN: results}},
+        joints={"panda": tables, "iiwa7": tables, "iiwa14": tables},
+        hunting={"0.05 mrad": [1e-4]},
+        gains=[1.0],
+    )
+    options = STUDY.parser().parse_args(["--out", str(tmp_path)])
+    more = {"seed": 1, "iterations": 1, "evaluations": 1600, "gates_rad_s": [0.1, 0.2]}
+    text = STUDY.write_page(options, **values, **more)
+    assert all(f"| {name} | 50 | 50 |" in text for name in names)
+    draw(panda, tmp_path / "compensation.png")
+    assert (tmp_path / "compensation.png").exists()

@@ -6,7 +6,7 @@ import pytest
 
 from stiction_envs.cli import main
 from tests.cli.short_commands import run_short, short_inputs  # noqa: F401
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 
 @dataclass

@@ -67,7 +67,6 @@ SLOW = {
         True,
         points=2,
     ),
-    "reproduce": Command(("reproduce", "--only", "2.3"), True),
 }
 
 

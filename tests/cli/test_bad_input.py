@@ -3,7 +3,7 @@
 import pytest
 
 from stiction_envs.robots import load_arm
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 HEADER = "joint,frequency_hz,amplitude_nm\n"
 TOLD = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm\n"
@@ -201,7 +201,7 @@ BAD = {
     "out_file": ([*SJE, "--out", "{good.csv}"], "is a file"),
     "out_below_file": ([*SJE, "--out", "{good.csv}/x"], "not a folder"),
     "out_toml": (["calibrate", "{two.xml}", "{base_two.csv}", "--out", "friction"], ".toml"),
-    "out_exists": (["calibrate", "{two.xml}", "{base_two.csv}", "--out", "{no.toml}"], "--force"),
+    "out_exists": (["calibrate", "{two.xml}", "{base_two.csv}", "--out", "{no.toml}"], "or force"),
 }
 
 BASE_TWO = "robot,joint,load,direction,tau_base_Nm\n" + "".join(
@@ -251,5 +251,5 @@ def test_output_folder_of_another_run(cli, work, command):
     ran = cli(command, "panda", "--out", "out")
     assert ran.code == 2
     assert len(ran.lines) == 1
-    assert "--force" in ran.lines[0]
+    assert "or force" in ran.lines[0]
     assert [p.name for p in (work / "out").iterdir()] == ["notes.txt"]

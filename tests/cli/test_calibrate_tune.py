@@ -6,16 +6,16 @@ import tomllib
 import numpy as np
 import pytest
 
-from stiction_envs.cli import tune as tune_command
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import override
 from tests.cli.test_bad_input import BASE_TWO
-from tuning import samplers
-from tuning import tune as tuner
-from tuning.explore import bounds, options
+from tuning.commands import tune as tune_command
+from tuning.protocol import tune as tuner
+from tuning.search import bounds, options
+from tuning.study import samplers
 
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
 
@@ -49,7 +49,49 @@ def test_calibrate(cli, work, two, base):
     assert cli("export", two, "--from", "new", "--out", "model").code == 0
     again = cli("calibrate", two, base, "--out", "new/friction.toml")
     assert again.code == 2
-    assert "--force" in again.err
+    assert "or force" in again.err
+
+
+@pytest.fixture
+def mine(inputs):
+    """A user's friction TOML: no [meta], some quantities assumed, some left out; a diagnosis."""
+    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05}
+    values |= {"viscous": 0.4, "bristle_stiffness": 600.0, "rotor_inertia": 0.2}
+    text = "".join(f"[{k}]\nvalue = {v}\nassumed = true\n" for k, v in values.items())
+    text = text.replace("0.4\nassumed = true", '0.4\nsource = "my own log"')
+    path = inputs / "mine.toml"
+    path.write_text(text + '[arm]\nrobot = "two"\n[[cause]]\nname = "x"\n')
+    return path
+
+
+def check_sources(path) -> None:
+    """What was calibrated says so; all else is as the user's file has it."""
+    found = tomllib.loads(path.read_text("utf-8"))
+    assert found["meta"] == {}
+    assert found["stiction"]["source"].startswith("calibrated: ")
+    assert found["viscous"]["source"] == "my own log"
+    assert found["rotor_inertia"]["source"] == "assumed"
+    assert found["ripple_amplitude"]["source"] == "assumed: not in mine.toml"
+    assert load_friction(path, 2).n == 2
+
+
+def test_calibrate_begins_with_a_users_friction(cli, work, two, base, mine):
+    ran = cli("calibrate", two, base, "--friction", mine, "--out", "friction.toml")
+    assert ran.code == 0, ran.err
+    check_sources(work / "friction.toml")
+
+
+def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, mine, monkeypatch):
+    class Calibrated(Exception):
+        pass
+
+    def stop(*arguments, **options):
+        raise Calibrated
+
+    monkeypatch.setattr(tuner, "ThesisTuner", stop)
+    with pytest.raises(Calibrated):
+        tuner.tune(two, table=base, friction=mine, out=work / "t", scatter=False)
+    check_sources(work / "t" / "friction.toml")
 
 
 def test_calibrate_that_fails_writes_nothing(cli, work, two, base, monkeypatch):
@@ -79,7 +121,7 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
     assert cli("tune", two, *TUNE, "--out", "t").code == 0
     other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
     assert other.code == 2
-    assert "--force" in other.err
+    assert "or force" in other.err
 
 
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
@@ -106,7 +148,7 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     ((experiment, options),) = calls
     assert options["frequencies"] == (15.0,)
     assert experiment.scatter is False
-    assert experiment.nthread == 1
+    assert experiment.threads == 1
 
 
 def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):

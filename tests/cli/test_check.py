@@ -6,12 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from stiction_envs.measured import thesis_tables
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, write_csv
-from tests.measured.checks.test_checks import IN_PRINT, sje, write_sje
-
-THESIS = thesis_tables.files("stiction_envs.measured") / "thesis"
+from tests.measured.checks.test_checks import THESIS, sje, write_sje
+from tests.measured.checks.test_thesis_forms import IN_PRINT
 
 
 @pytest.fixture

@@ -202,7 +202,7 @@ def test_poses_at_rest_without_time(cli, work, two, inputs):
 def test_no_log_at_all(cli, two, work):
     done = cli("diagnose", "--robot", two)
     assert done.code == 2
-    assert done.lines == ["error: no log given: expected one or more logs, or poses (--poses)"]
+    assert done.lines == ["error: no log given: expected one or more logs, or poses"]
     assert list(work.iterdir()) == []
 
 

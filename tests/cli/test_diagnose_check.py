@@ -9,7 +9,7 @@ import pytest
 
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, sliding, write_csv
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 KEYS = {"nominal_rms_nm", "extended_rms_nm", "verdict", "worse_joints", "not_transferring"}
 

@@ -10,7 +10,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import dump_friction, friction_text, load_friction
 from stiction_envs.friction.plain_mjcf import differences
 from stiction_envs.robots import load_arm
-from tests.robots.own_arms import MJCF, TETRA
+from tests.robots.arms import MJCF, TETRA
 
 STICTION = 4  # column of actuator_biasprm
 

@@ -29,11 +29,11 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from stiction_envs.cli import main
-from stiction_envs.cli.dispatch import BAD_INPUT, COMMANDS, build_parser
+from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
 from stiction_envs.measured.logs.reader import JointLog
 from tests.cli.conftest import Ran
 from tests.gap.small_logs import motion, write_csv
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 pytestmark = pytest.mark.slow
 EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
@@ -263,7 +263,7 @@ def test_damaged_files(good: Path, name: str, argv: tuple[str, ...], data: st.Da
 
 def actions(command: str) -> list[argparse.Action]:
     """Return the options of a command."""
-    parser = build_parser()._subparsers._group_actions[0].choices[command]
+    parser = build_parser(all_commands())._subparsers._group_actions[0].choices[command]
     return [a for a in parser._actions if a.option_strings and a.dest != "help"]
 
 
@@ -288,7 +288,7 @@ WORDS = st.sampled_from(
 )
 
 
-@pytest.mark.parametrize("command", [m.__name__.rsplit(".", 1)[-1] for m in COMMANDS])
+@pytest.mark.parametrize("command", [m.__name__.rsplit(".", 1)[-1] for m in all_commands()])
 @FUZZ
 @given(data=st.data())
 def test_random_options(good: Path, command: str, data: st.DataObject) -> None:

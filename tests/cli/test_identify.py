@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.identify import MODELS
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters
-from stiction_envs.testing import excited_logs as excited
 from tests.gap.small_logs import RATE, motion, write_csv
 
 FILES = {

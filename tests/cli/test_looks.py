@@ -8,7 +8,7 @@ from tests.browser import WIDTHS, wrong
 from tests.cli.short_commands import QUICK, SLOW
 
 pytestmark = pytest.mark.slow
-REPORTING = ("identify", "sje", "gte", "diagnose", "tune", "search", "train", "reproduce")
+REPORTING = ("identify", "sje", "gte", "diagnose", "tune", "search", "train")
 COMMANDS = QUICK | SLOW
 
 

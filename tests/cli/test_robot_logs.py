@@ -69,7 +69,7 @@ def test_options_reach_the_reader(cli, two, values, inputs):
     )
     ran = cli("check", path, "--robot", two)
     assert ran.code == 1
-    assert "several topics with states of joints: /a, /b: expected one; --topic" in ran.out
+    assert "several topics with states of joints: /a, /b: expected one; name the topic" in ran.out
     ran = cli("check", path, "--robot", two, "--topic", "/a")
     assert "its joints are elbow, shoulder: expected names" in ran.out
     ran = cli("check", path, "--robot", two, "--topic", "/a", "--joints", *names)

@@ -11,8 +11,8 @@ import pytest
 from mujoco import sysid
 
 from stiction_envs.friction.model import COULOMB, STICTION
+from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.robots import load_arm
-from stiction_envs.testing import excited_logs as excited
 from tests.gap.small_logs import RATE, motion, write_csv
 
 SECONDS = 1.5

@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from stiction_envs.cli import evaluate
-from stiction_envs.cli import train as command
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
 from tests.tuning.policies.small import made_up
+from tuning.commands import evaluate
+from tuning.commands import train as command
 
 pytest.importorskip("stable_baselines3")
 from tuning.policies import algorithms, checkpoint, evaluation, task

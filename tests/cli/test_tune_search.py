@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated

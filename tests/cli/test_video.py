@@ -8,7 +8,8 @@ from functools import partial
 
 import pytest
 
-from stiction_envs.envs.render import mp4, path_video, ramp_video, screen
+from stiction_envs.envs.render import film as films
+from stiction_envs.envs.render import offscreen, path_film, ramp_film
 from stiction_envs.experiments.gte import experiment
 from tests.envs.helpers import sprint
 
@@ -19,7 +20,7 @@ GTE = ["gte", "panda", "--trajectory", "triangle", "--stiffness", 400, 40, 0, "-
 @pytest.fixture(autouse=True)
 def few_frames(monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
-    for module, name in ((ramp_video, "RampVideo"), (path_video, "PathVideo")):
+    for module, name in ((ramp_film, "RampFilm"), (path_film, "PathFilm")):
         monkeypatch.setattr(module, name, partial(getattr(module, name), fps=0.2))
     monkeypatch.setattr(experiment, "MotionLimits", sprint)
 
@@ -34,8 +35,8 @@ def film(monkeypatch):
         path.write_bytes(b"mp4")
         progress(1, 1)
 
-    monkeypatch.setattr(mp4, "write_film", write_film)
-    monkeypatch.setattr(mp4, "check_film", lambda: None)
+    monkeypatch.setattr(films, "write_film", write_film)
+    monkeypatch.setattr(films, "check_film", lambda: None)
     return written
 
 
@@ -103,7 +104,7 @@ def test_no_opengl_is_said_before_the_work(cli, work, monkeypatch):
     def none(name):
         raise RuntimeError("no libEGL")
 
-    monkeypatch.setattr(screen, "_context_class", none)
+    monkeypatch.setattr(offscreen, "_context_class", none)
     ran = cli(*GTE, "--out", "a", "--video")
     assert ran.code == 2
     assert "rendering needs OpenGL" in ran.lines[0]
@@ -115,7 +116,7 @@ def test_a_film_that_fails_leaves_the_results(cli, work, film, monkeypatch):
     def write_film(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mp4, "write_film", write_film)
+    monkeypatch.setattr(films, "write_film", write_film)
     ran = cli(*SJE, "--out", "a", "--video")
     assert ran.code == 1
     assert ran.lines[-1].startswith("error: no video: ")

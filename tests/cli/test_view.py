@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.cli import view
+from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.render import push_page, push_window, window
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import thesis_table
-from tuning.explore.tables import HERE
 
 
 def test_without_a_display_it_is_one_clear_line(cli, work, monkeypatch):

@@ -7,12 +7,18 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.robots import load_arm
 
 ROTOR = 0.1  # rotor inertia of every joint [kg·m²]
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle (...) of the rotation between quaternions (..., 4) [rad]."""
+    return np.linalg.norm(rotation.rotation_error(a, b), axis=-1)
 
 
 class Rig:
@@ -53,7 +59,7 @@ class Rig:
         turn = d.site_xmat[self.site].reshape(1, 3, 3)
         return Look(
             d.site_xpos[self.site][None].copy(),
-            rotation.from_matrix(turn),
+            Rotation.from_matrix(turn).as_quat(scalar_first=True),
             jac,
             d.qpos[None].copy(),
             d.qvel[None].copy(),
@@ -106,11 +112,11 @@ def batch(n: int = 64, **settings: object) -> tuple[CartesianImpedance, Look]:
         load_arm("panda").limits,
     )
     rng = np.random.default_rng(1)
-    control.reset(None, look.position, look.quaternion, look.q)
+    q_d = look.q + 0.3 * np.random.default_rng(2).normal(size=(n, 7))
+    control.reset(None, look.position, look.quaternion, q_d)
     control.update_model(None, look.jacobian, look.mass)
     turn = rotation.from_rotation_vector(0.2 * rng.normal(size=(n, 3)))
     control.set_reference(
         look.position + 0.05 * rng.normal(size=(n, 3)), rotation.multiply(turn, look.quaternion)
     )
-    control.set_nullspace(look.q + 0.3 * rng.normal(size=(n, 7)))
     return control, look

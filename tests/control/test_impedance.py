@@ -15,20 +15,19 @@ from tests.control.rig import Rig, batch, poses
 
 
 def test_torque_is_the_printed_law():
-    """τ = Jᵀ(−K e − D J q̇ + F) + P(k_n(q_d − q) − d_n q̇) + dither + the rest, term by term."""
+    """τ = Jᵀ(−K e − D J q̇) + P(k_n(q_d − q) − d_n q̇) + dither + the rest, term by term."""
     control, look = batch(nullspace_stiffness=10.0, translational_stiffness=[200, 300, 400])
     rng = np.random.default_rng(2)
-    wrench, extra = rng.normal(size=(64, 6)), rng.normal(size=(2, 64, 7))
-    control.set_wrench(wrench)
+    extra = rng.normal(size=(2, 64, 7))
     q_d = look.q + rng.normal(size=(64, 7)) * 0.1
-    control.set_nullspace(q_d)
     x_d, o_d = control.reference
+    control.reset(None, x_d, o_d, q_d)
     tau = control.torque(*look[:5], gravity_correction=extra[0], dither=extra[1])
     e = np.hstack([look.position - x_d, rotation.rotation_error(look.quaternion, o_d)])
     stiffness = np.diag([200, 300, 400, 20, 20, 20])
     for k in range(64):
         jac = look.jacobian[k]
-        force = -stiffness @ e[k] - control.damping[k] @ jac @ look.dq[k] + wrench[k]
+        force = -stiffness @ e[k] - control.damping[k] @ jac @ look.dq[k]
         null = 10 * (q_d[k] - look.q[k]) - 2 * np.sqrt(10) * look.dq[k]
         expected = jac.T @ force + control.projector[k] @ null + extra[:, k].sum(axis=0)
         limit = load_arm("panda").limits.torque
@@ -46,18 +45,6 @@ def test_static_deflection_is_force_over_stiffness():
             rig.step(push)
         expected = np.linalg.solve(rig.control.stiffness[0], push)
         np.testing.assert_allclose(rig.control.error[0], expected, rtol=1e-3, atol=1e-6)
-
-
-def test_external_wrench_pushes_like_a_force():
-    """The flange comes to rest K⁻¹F_ref away, without any force from outside."""
-    rig = Rig(nullspace_stiffness=5.0, damping_design="mass")
-    wrench = np.array([3.0, 0, -2.0, 0, 0.2, 0])
-    rig.control.set_wrench(wrench)
-    for _ in range(3000):
-        rig.step()
-    np.testing.assert_allclose(
-        rig.control.error[0], wrench / np.repeat([200, 20], 3), rtol=1e-3, atol=1e-6
-    )
 
 
 def modal_overshoot(ratio: float, mode: int) -> float:
@@ -117,7 +104,7 @@ def test_unequal_damping_ratios_belong_to_axes_and_never_feed_energy_in():
 
 
 def test_design_diagonal_has_no_mass_in_it():
-    """physics.md 6.1: D_ii = 2 ξ_i √K_ii, whatever the pose."""
+    """sources.md 6.1: D_ii = 2 ξ_i √K_ii, whatever the pose."""
     control, _ = batch(damping_design="diagonal", damping_ratio=[1, 1, 1, 0.5, 0.5, 0.5])
     expected = np.diag([2 * np.sqrt(200)] * 3 + [np.sqrt(20)] * 3)
     np.testing.assert_allclose(control.damping, np.broadcast_to(expected, (64, 6, 6)))
@@ -163,7 +150,8 @@ def test_nullspace_motion_loses_energy_and_leaves_the_flange():
     What is left, under 0.1 mm, is the centripetal part J̇ q̇, which no projector sees.
     """
     rig = Rig(dt=2e-4, nullspace_stiffness=5.0)
-    rig.control.set_nullspace(rig.arm.rest + AWAY)
+    pose = rig.look()
+    rig.control.reset(None, pose.position, pose.quaternion, rig.arm.rest[None] + AWAY)
     energy = energies(rig, 10000, 5.0, rig.arm.rest + AWAY)
     assert np.diff(energy).max() < 1e-5 * energy[0]
     assert np.abs(rig.data.qpos - rig.arm.rest).max() > 0.15
@@ -175,7 +163,8 @@ def test_pseudoinverse_projector_moves_the_flange():
     away = {}
     for projector in ("dynamic", "pseudoinverse"):
         rig = Rig(nullspace_stiffness=5.0, projector=projector)
-        rig.control.set_nullspace(rig.arm.rest + AWAY)
+        pose = rig.look()
+        rig.control.reset(None, pose.position, pose.quaternion, rig.arm.rest[None] + AWAY)
         away[projector] = 0.0
         for _ in range(1000):
             rig.step()
@@ -197,7 +186,7 @@ def test_projector_is_a_projection_that_does_not_accelerate_the_flange():
 
 
 def test_pseudoinverse_is_the_damped_svd():
-    """(Jᵀ)^# has singular values σ/(σ² + λ²), λ = 0.2 (physics.md 6.1)."""
+    """(Jᵀ)^# has singular values σ/(σ² + λ²), λ = 0.2 (sources.md 6.1)."""
     control, look = batch(projector="pseudoinverse")
     for jac, projector in zip(look.jacobian, control.projector, strict=True):
         u, s, vt = np.linalg.svd(jac.T, full_matrices=False)
@@ -269,7 +258,7 @@ def test_every_pose_gives_bounded_finite_gains():
 
 
 def test_command_changes_by_one_newton_metre_per_cycle():
-    """physics.md 6.1: each joint's change is clipped to δ = 1 N·m against the last command."""
+    """sources.md 6.1: each joint's change is clipped to δ = 1 N·m against the last command."""
     control, look = batch(torque_rate=1.0)
     previous = np.zeros((64, 7))
     still = np.zeros((64, 7))

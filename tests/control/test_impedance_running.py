@@ -9,22 +9,21 @@ from stiction_envs.control import rotation
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
-from tests.control.rig import Look, Rig, batch, poses
+from tests.control.rig import Look, Rig, angle_between, batch, poses
 
 # ---- filters and changes while running -------------------------------------------------------
 
 
 @pytest.mark.parametrize("p", [0.1, 0.5, 0.95])
 def test_filters_reach_their_fraction_after_one_second(p):
-    """x ← x + s(target − x), s = 1/(κf + 1), κ = −1/ln(1 − p): p after one second, all five."""
-    names = ("stiffness_filter", "pose_filter", "nullspace_filter", "wrench_filter")
+    """x ← x + s(target − x), s = 1/(κf + 1), κ = −1/ln(1 − p): p after one second."""
+    names = ("stiffness_filter", "pose_filter")
     rig = Rig(**dict.fromkeys(names, p), nullspace_stiffness=1.0)
     pose = rig.look()
     control = rig.control
     turn = rotation.from_rotation_vector([0.0, 0.0, 1.0])
     control.set_reference(pose.position + 1.0, rotation.multiply(turn, pose.quaternion))
     control.set_stiffness(None, translational=300.0, rotational=0.0, nullspace=0.0)
-    control.set_wrench([1.0, 0, 0, 0, 0, 0])
     still = np.zeros((1, 7))
     for _ in range(1000):
         control.torque(*pose[:4], still)
@@ -33,19 +32,10 @@ def test_filters_reach_their_fraction_after_one_second(p):
     assert reached == pytest.approx(p, abs=2e-3)
     position, quaternion = control.reference
     np.testing.assert_allclose(position - pose.position, reached, atol=1e-9)
-    angle = rotation.angle_between(quaternion, pose.quaternion)
+    angle = angle_between(quaternion, pose.quaternion)
     np.testing.assert_allclose(angle, reached, atol=1e-9)
     stiffness = np.repeat([200 + 100 * reached, 20 - 20 * reached], 3)
     np.testing.assert_allclose(np.diagonal(control.stiffness[0]), stiffness, atol=1e-9)
-
-    # wrench and nullspace target, by the torque they make
-    rig = Rig(**dict.fromkeys(names, p), nullspace_stiffness=1.0)
-    rig.control.set_wrench([1.0, 0, 0, 0, 0, 0])
-    rig.control.set_nullspace(pose.q + 1.0)
-    for _ in range(1000):
-        tau = rig.control.torque(*pose[:4], still)
-    expected = pose.jacobian[0, 0] * reached + rig.control.projector[0] @ np.full(7, reached)
-    np.testing.assert_allclose(tau[0], expected, atol=1e-9)
 
 
 def test_changing_stiffness_while_running_is_bumpless_behind_the_filter():
@@ -95,10 +85,9 @@ def test_stiffness_of_single_arms():
     np.testing.assert_array_equal(control.stiffness, kept)
 
 
-def test_reset_forgets_wrench_and_reference_of_the_arms_named():
+def test_reset_forgets_the_reference_of_the_arms_named():
     """After a reset an arm at rest commands nothing; the others go on."""
     control, look = batch(8)
-    control.set_wrench(np.ones(6))
     control.reset([4], look.position[4], look.quaternion[4], look.q[4])
     tau = control.torque(*look[:4], np.zeros((8, 7)))
     np.testing.assert_allclose(tau[4], 0.0, atol=1e-12)
@@ -111,8 +100,6 @@ EVERYTHING = {
     "nullspace_stiffness": 10.0,
     "stiffness_filter": 0.5,
     "pose_filter": 0.5,
-    "nullspace_filter": 0.5,
-    "wrench_filter": 0.5,
     "torque_rate": 1.0,
     "damping_ratio": [1, 0.9, 0.8, 0.7, 0.6, 0.5],
     "coriolis": True,
@@ -145,7 +132,7 @@ def run(ids: np.ndarray, settings: dict[str, object], strided: bool = False) -> 
     look = Look(*(part[ids] for part in poses()[:6]))
     rng = np.random.default_rng(5)
     extra = rng.normal(size=(40, 3, 64, 7))[:, :, ids]
-    own.reset(None, look.position, look.quaternion, look.q)
+    own.reset(None, look.position, look.quaternion, look.q + 0.1)
     x_d, o_d = source._position.target[ids], source._quaternion_target[ids]
     out = []
     for k in range(40):
@@ -154,8 +141,6 @@ def run(ids: np.ndarray, settings: dict[str, object], strided: bool = False) -> 
                 own.update_model(half, look.jacobian[half], look.mass[half])
         if k == 10:
             own.set_reference(x_d, o_d)
-            own.set_nullspace(look.q + 0.1)
-            own.set_wrench(np.full((len(ids), 6), 0.3))
         if k == 20:
             own.set_stiffness(None, translational=10.0 * (1 + ids))
         args = [part + 1e-3 * k for part in look[:5]]
@@ -218,7 +203,7 @@ def test_bad_settings_say_what_and_what_was_expected(change, words):
 
 
 def test_defaults_are_the_tomls_and_the_thesiss():
-    """Thesis 4.1 and physics.md 6.1: 200/20/0, critical, 1 N·m per cycle at 1 kHz, filters off."""
+    """Thesis 4.1 and sources.md 6.1: 200/20/0, critical, 1 N·m per cycle at 1 kHz, filters off."""
     s = ImpedanceSettings()
     np.testing.assert_array_equal(s.translational_stiffness, [200.0] * 3)
     np.testing.assert_array_equal(s.rotational_stiffness, [20.0] * 3)

@@ -25,11 +25,9 @@ def commands(design: str, projector: str) -> np.ndarray:
     )
     look = Look(*(part[ROWS] for part in poses()[:6]))
     control = CartesianImpedance(settings, 2, load_arm("panda").limits)
-    control.reset(None, look.position, look.quaternion, look.q)
+    control.reset(None, look.position, look.quaternion, look.q + 0.1)
     control.update_model(None, look.jacobian, look.mass)
     control.set_reference(look.position + 0.05, np.roll(look.quaternion, 1, axis=0))
-    control.set_nullspace(look.q + 0.1)
-    control.set_wrench(np.full((2, 6), 0.3))
     extra = np.random.default_rng(5).normal(size=(3, 2, 7))
     out = []
     for _ in range(5):

@@ -16,7 +16,7 @@ from stiction_envs.plant import Plant
 def test_pose_and_jacobian_are_mujocos(robot):
     """Law checked: v = J q̇ at the flange; the hand is the flange turned about its z."""
     model = sticking_model(robot)
-    plant = Plant(model, 3, nthread=1, closed_loop=True)
+    plant = Plant(model, 3, threads=1, closed_loop=True)
     hand = EndEffector(model, plant.batch)
     q = model.arm.rest + np.random.default_rng(0).uniform(-0.5, 0.5, (3, model.n))
     plant.reset(np.arange(3), q)

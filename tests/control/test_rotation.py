@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
+from tests.control.rig import angle_between
 
 
 def random(n: int, seed: int = 0) -> np.ndarray:
@@ -23,25 +24,21 @@ def same(a: np.ndarray, b: np.ndarray) -> None:
     np.testing.assert_allclose(np.abs(np.sum(a * b, axis=-1)), 1.0, atol=1e-14)
 
 
-def test_product_inverse_and_matrix_are_scipys():
+def test_product_and_matrix_are_scipys():
     """a ⊗ b turns by b, then a; w first."""
     a, b = random(200), random(200, 1)
     np.testing.assert_allclose(
         rotation.to_matrix(rotation.multiply(a, b)), (scipy(a) * scipy(b)).as_matrix(), atol=1e-14
     )
-    np.testing.assert_allclose(
-        rotation.to_matrix(rotation.conjugate(a)), scipy(a).inv().as_matrix(), atol=1e-14
-    )
     np.testing.assert_array_equal(rotation.multiply(a[0], np.array([1.0, 0.0, 0.0, 0.0])), a[0])
 
 
 def test_rotation_error_is_angle_times_axis_in_the_base_frame():
-    """physics.md 6.1: e = angle·axis of q·q_d⁻¹; turning q_d by e gives q."""
+    """sources.md 6.1: e = angle·axis of q·q_d⁻¹; turning q_d by e gives q."""
     q, d = random(200), random(200, 1)
     e = rotation.rotation_error(q, d)
     np.testing.assert_allclose(e, (scipy(q) * scipy(d).inv()).as_rotvec(), atol=1e-13)
     same(rotation.multiply(rotation.from_rotation_vector(e), d), q)
-    np.testing.assert_allclose(rotation.angle_between(q, d), np.linalg.norm(e, axis=1), atol=1e-13)
     np.testing.assert_allclose(rotation.rotation_error(q[3], d[3]), e[3], atol=1e-15)
 
 
@@ -82,15 +79,6 @@ def test_error_is_a_gradient():
     np.testing.assert_allclose(slope, np.sum(e * omega, axis=1), atol=1e-8)
 
 
-def test_matrices_turn_into_quaternions_in_all_four_cases():
-    """Shepperd's method: the largest of w, x, y, z leads; half turns have w = 0."""
-    turns = np.concatenate([random(300), np.eye(4), [[0, 0.6, 0.8, 0], [0, -0.6, 0, 0.8]]])
-    q = rotation.from_matrix(rotation.to_matrix(turns))
-    same(q, turns)
-    assert (q[:, 0] >= 0).all()
-    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-15)
-
-
 def test_roll_pitch_yaw_are_ros_fixed_axes():
     """R = R_z(yaw) R_y(pitch) R_x(roll); pitch ±π/2 still gives the same rotation."""
     rpy = np.random.default_rng(0).uniform(-1.5, 1.5, (100, 3))
@@ -98,7 +86,7 @@ def test_roll_pitch_yaw_are_ros_fixed_axes():
     same(q, Rotation.from_euler("xyz", rpy).as_quat(scalar_first=True))
     np.testing.assert_allclose(rotation.to_rpy(q), rpy, atol=1e-13)
     locked = rotation.from_rpy([0.3, np.pi / 2, -0.4])
-    assert rotation.angle_between(rotation.from_rpy(rotation.to_rpy(locked)), locked) < 1e-7
+    assert angle_between(rotation.from_rpy(rotation.to_rpy(locked)), locked) < 1e-7
 
 
 def test_compiled_twins_are_the_same():
@@ -108,19 +96,19 @@ def test_compiled_twins_are_the_same():
     rotation.write_error_matrix(a, written)
     np.testing.assert_array_equal(written, rotation.error_matrix(a))
     angle = [rotation.angle_one(p, q) for p, q in zip(a, b, strict=True)]
-    np.testing.assert_allclose(angle, rotation.angle_between(a, b), atol=1e-14)
+    np.testing.assert_allclose(angle, angle_between(a, b), atol=1e-14)
     assert all(rotation.angle_one(q, q) == rotation.angle_one(q, -q) == 0 for q in a)
 
 
 def test_slerp_turns_evenly_about_one_axis_on_the_shorter_arc():
     """The angle from the start is fraction · whole angle, and both ends are exact."""
     a, b = random(100), random(100, 1)
-    whole = rotation.angle_between(a, b)
+    whole = angle_between(a, b)
     for s in (0.0, 0.25, 0.5, 1.0):
         q = rotation.slerp(a, b, s)
         np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-14)
-        np.testing.assert_allclose(rotation.angle_between(a, q), s * whole, atol=1e-13)
-        np.testing.assert_allclose(rotation.angle_between(q, b), (1 - s) * whole, atol=1e-13)
+        np.testing.assert_allclose(angle_between(a, q), s * whole, atol=1e-13)
+        np.testing.assert_allclose(angle_between(q, b), (1 - s) * whole, atol=1e-13)
     np.testing.assert_array_equal(rotation.slerp(a, b, 0.0), a)
     flipped = np.where(np.sum(a * b, axis=1)[:, None] < 0, -b, b)
     np.testing.assert_array_equal(rotation.slerp(a, b, 1.0), flipped)
@@ -133,8 +121,7 @@ def test_bits_do_not_depend_on_the_batch():
     cases = {
         "multiply": lambda i: rotation.multiply(a[i], b[i]),
         "rotation_error": lambda i: rotation.rotation_error(a[i], b[i]),
-        "angle_between": lambda i: rotation.angle_between(a[i], b[i]),
-        "from_matrix": lambda i: rotation.from_matrix(rotation.to_matrix(a[i])),
+        "to_matrix": lambda i: rotation.to_matrix(a[i]),
         "slerp": lambda i: rotation.slerp(a[i], b[i], 0.3),
         "rpy": lambda i: rotation.from_rpy(rotation.to_rpy(a[i])),
         "exp": lambda i: rotation.from_rotation_vector(a[i, 1:]),

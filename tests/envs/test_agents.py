@@ -12,13 +12,14 @@ from stiction_envs.envs.agents import (
     GatedTable,
     NoDither,
     RandomDither,
-    RuleSettings,
     TorqueRule,
+    agent_settings,
     usual_table,
 )
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow
+from stiction_envs.method_settings import override
 from tests.envs.helpers import IIWA, IIWA_GTE, PANDA, PANDA_GTE
 
 ROWS = (AmplitudeRow(1, 50.0, 0.5), AmplitudeRow(6, 20.0, 0.3, gate_rad_s=0.1))
@@ -97,7 +98,7 @@ def test_a_gated_table_fades_with_speed(env):
 
 
 def test_the_rule_dithers_what_is_pushed_and_slow(env):
-    settings = RuleSettings(factor=1.5, share=0.5)
+    settings = override(agent_settings(), {"rule_factor": 1.5})
     agent = TorqueRule(env, ROWS, speed=0.2, settings=settings)
 
     def amplitude(torque: float, speed: float = 0.0) -> float:
@@ -109,7 +110,7 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
     assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * 0.75)
     assert amplitude(0.5) == amplitude(3.0) == pytest.approx(0.75)
     assert amplitude(3.0, 0.2) == pytest.approx(0.75 * np.exp(-1), rel=1e-5)
-    strong = TorqueRule(env, ROWS, settings=RuleSettings(factor=50.0, share=0.5))
+    strong = TorqueRule(env, ROWS, settings=override(settings, {"rule_factor": 50.0}))
     top = strong.predict(seen(env, torque={1: 1.0}))[0][0]
     assert top == env.action_space.high[0], "cut"
 

@@ -11,11 +11,11 @@ from gymnasium.wrappers import RescaleAction
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
-from stiction_envs.envs.gte_base import fingerprint
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.experiments.gte.undithered import fingerprint
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
@@ -152,7 +152,7 @@ def test_same_seed_same_episode_on_any_number_of_threads(panda):
     action = shaken(panda)
     first, again = (episode(panda, action, seed=5, options=TRIANGLE) for _ in range(2))
     assert same(first, again)
-    one = make_gte(nthread=1)
+    one = make_gte(threads=1)
     assert same(episode(one, action, seed=5, options=TRIANGLE), first)
     other = episode(panda, action, seed=6, options=TRIANGLE)
     assert not np.array_equal(other[-1][4]["error"], first[-1][4]["error"])

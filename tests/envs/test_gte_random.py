@@ -6,8 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs import gte_base
 from stiction_envs.envs.gte import GTEVectorEnv
+from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.random_paths import random_paths
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from tests.envs.helpers import PANDA_GTE, TRIANGLE, episode, make_gte, quiet, same, sprint

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from stiction_envs.envs import gte_base
 from stiction_envs.envs.gte import GTEVectorEnv
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.precomputed import store
 from tests.envs.helpers import PANDA_GTE, TRIANGLE, make_gte, same, sprint
 
@@ -48,7 +48,7 @@ def test_a_batch_is_its_single_environments_bit_for_bit(mode):
 
 
 def test_infos_of_an_environment_do_not_depend_on_the_batch_size_or_threads():
-    small, large = GTEVectorEnv(1, nthread=1, **STILL), GTEVectorEnv(5, nthread=2, **STILL)
+    small, large = GTEVectorEnv(1, threads=1, **STILL), GTEVectorEnv(5, threads=2, **STILL)
     small.reset(seed=4)
     large.reset(seed=0)
     for action in actions(large.action_space, 16):

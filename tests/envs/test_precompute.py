@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.envs import gte_base, precompute, sje_base
-from stiction_envs.envs.settings import gte_settings
+from stiction_envs.envs import precompute
 from stiction_envs.experiments.gte import random_paths
+from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import episode_settings
+from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.friction.parameters import load_friction
@@ -55,7 +57,7 @@ def test_what_is_shipped_is_what_is_simulated(robot, monkeypatch):
     """
     monkeypatch.setenv("STICTION_CACHE", "off")
     monkeypatch.setattr(store, "_memory", {})
-    count = gte_settings().random.paths
+    count = episode_settings().random_paths
     for kind, of in precompute.entries(robot, (0, count - 1)).values():
         simulated = store.recall(kind, of)
         path = store.SHIPPED / store.file_name(kind, of)
@@ -151,7 +153,7 @@ def test_whatever_a_base_torque_depends_on_is_in_its_key():
         of(load_arm("panda", tilt=(0.1, 0.0))),
     ]
     assert len({sje_base.fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
-    for same in (of("panda"), of("panda", scatter=False, seed=3, nthread=1)):
+    for same in (of("panda"), of("panda", scatter=False, seed=3, threads=1)):
         assert sje_base.fingerprint(same) == sje_base.fingerprint(usual)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
-from stiction_envs.envs.randomise import FIELDS, draw, randomised
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.randomise import FIELDS, draw, randomised
 from stiction_envs.friction.parameters import load_friction
 from tests.envs.helpers import QUICK, TRIANGLE, episode, mild, quiet, same, sprint
 
@@ -48,7 +48,7 @@ def test_a_batch_is_its_single_environments_bit_for_bit(kind):
         for row, o, r in zip(rows, observation, reward, strict=True):
             row += [o.copy(), r]
     for i in (0, 2):
-        env = single(nthread=1, **arguments)
+        env = single(threads=1, **arguments)
         out = [env.reset(seed=5 + i, options=options)[0]]
         for _ in range(4):
             observation, r, *_ = env.step(action)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from gymnasium.vector import VectorEnv
 
-from stiction_envs.envs.gte_core import GTECore
-from stiction_envs.envs.sje_core import SJECore
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.episodes import GTEEpisodes
+from stiction_envs.experiments.sje.episodes import SJEEpisodes
 from tests.envs.helpers import PANDA, PANDA_GTE, QUICK, TRIANGLE, same, sprint
 
 N = 5
-CORES = {PANDA: SJECore, PANDA_GTE: GTECore}
+CORES = {PANDA: SJEEpisodes, PANDA_GTE: GTEEpisodes}
 ARGUMENTS: dict[str, dict[str, Any]] = {
     PANDA: {"control_interval_s": 0.2, "fixed_options": QUICK},
     PANDA_GTE: {"control_interval_s": 0.2, "motion": sprint(), "fixed_options": TRIANGLE},
@@ -29,7 +29,7 @@ def batch(
     """Return N environments on one thread, ``per_tile`` at most in a tile."""
     with monkeypatch.context() as m:
         m.setattr(CORES[name], "arms_per_thread", per_tile)
-        arguments = {**ARGUMENTS[name], "nthread": 1, **other}
+        arguments = {**ARGUMENTS[name], "threads": 1, **other}
         return gym.make_vec(name, N, autoreset_mode=mode, **arguments)
 
 
@@ -110,15 +110,15 @@ def test_a_tile_has_its_arms_for_every_thread():
     class Core:
         arms_per_thread = 3
 
-        def __init__(self, num_envs: int, nthread: int = 0) -> None:
+        def __init__(self, num_envs: int, threads: int = 0) -> None:
             self.num_envs = num_envs
 
     def sizes(count: int, threads: int) -> list[int]:
-        return [c.num_envs for c in Tiles(Core, count, nthread=threads).cores]  # type: ignore[arg-type]
+        return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]
 
     assert sizes(1, 1) == [1]
     assert sizes(6, 2) == [6]
     assert sizes(7, 2) == [4, 3], "no tile is left with a few"
     assert sizes(20, 2) == [5, 5, 5, 5]
-    found = Tiles(Core, 7, nthread=2)  # type: ignore[arg-type]
+    found = Tiles(Core, 7, threads=2)  # type: ignore[arg-type]
     assert [found.locate(i) for i in (0, 3, 4, 6)] == [(0, 0), (0, 3), (1, 0), (1, 2)]

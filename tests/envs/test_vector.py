@@ -95,7 +95,7 @@ def test_wrong_actions_name_what_was_expected():
 
 
 def test_the_base_does_not_depend_on_who_asked_for_it(monkeypatch):
-    from stiction_envs.envs import sje_base as base
+    from stiction_envs.experiments.sje import undithered as base
 
     alone = make()
     alone.reset(seed=0, options=QUICK)

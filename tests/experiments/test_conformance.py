@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import mujoco
 import numpy as np
 import pytest
 
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.conformance import conformance, main
+from stiction_envs.experiments.conformance import conformance
 from stiction_envs.robots import BUILTIN
 from tests.friction.gyro import sticking
 
@@ -92,7 +89,7 @@ def test_elastic_joint_is_tested_on_its_motor():
 
 
 def test_stock_frictionloss_creeps():
-    """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (physics.md 3.5)."""
+    """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (sources.md 3.5)."""
     report = conformance(stock(0.3 / 0.9), rates=(0.02,))
     (joint,) = report.joints
     assert not report.passed
@@ -114,7 +111,7 @@ def test_stiffer_frictionloss_creeps_less_but_creeps():
 
 
 def test_chattering_bristle_fails():
-    """σ1 under hσ0: the stuck joint chatters loose (physics.md 3.5)."""
+    """σ1 under hσ0: the stuck joint chatters loose (sources.md 3.5)."""
     report = conformance(lugre("2000 1 0.5 0.6 0.003"), rates=NO_RAMP)
     assert not report.joints[0].holds
 
@@ -125,8 +122,6 @@ def test_overdamped_bristle_is_an_error_of_the_experiment(tmp_path, monkeypatch)
     text = lugre("2000 170 0.5 0.6 0.003")
     with pytest.raises(ExperimentError, match="stopped by the engine"):
         conformance(text)
-    (tmp_path / "model.xml").write_text(text)
-    assert main(["model.xml"]) == 1
 
 
 def test_joint_weaker_than_said_fails_and_stronger_too():
@@ -218,36 +213,16 @@ def test_text_has_every_joint_and_unit():
     assert lines[1].split()[-1] == lines[2].split()[-1] == "yes"
 
 
-def test_command_line(tmp_path, capsys):
+def test_a_file_is_tested_as_its_text(tmp_path):
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(lugre("2000 12 0.5 0.6 0.003"))
     bad.write_text(stock())
-    assert main([str(good)]) == 0
-    assert "1 of 1 joints stick" in capsys.readouterr().out
-    assert main([str(bad)]) == 1
-    assert "0 of 1 joints stick" in capsys.readouterr().out
-    assert main([str(good), "--stiction", "0.7"]) == 1
-    capsys.readouterr()
-    assert main([str(tmp_path / "none.xml")]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert "no such file" in captured.err
-
-
-def test_runs_as_a_module(tmp_path):
-    path = tmp_path / "broken.xml"
-    path.write_text("<mujoco><nonsense/></mujoco>")
-    done = subprocess.run(
-        [sys.executable, "-m", "stiction_envs.experiments.conformance", str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert "not a readable MJCF or URDF" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert "1 of 1 joints stick" in str(conformance(good, rates=NO_RAMP))
+    assert "0 of 1 joints stick" in str(conformance(bad, rates=NO_RAMP))
+    assert not conformance(good, [0.7], rates=NO_RAMP).passed
+    (tmp_path / "broken.xml").write_text("<mujoco><nonsense/></mujoco>")
+    with pytest.raises(StictionError, match="not a readable MJCF or URDF"):
+        conformance(tmp_path / "broken.xml")
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ import numpy as np
 
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.testing.friction_law import LuGre
 
 J_A, J_B = 0.15, 0.05
 MASS, ARM = 2.0, 0.5

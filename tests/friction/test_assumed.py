@@ -8,9 +8,8 @@ import pytest
 from stiction_envs.friction.assumed import ASSUMED, FROM_LOGS, friction_note, is_assumed
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.friction.sticking import friction_of
-from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import load_arm
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 
 @pytest.fixture
@@ -36,9 +35,9 @@ def test_of_an_own_arm_until_its_friction_is_given(own):
 
 
 def test_the_commands_that_are_named_exist():
-    from stiction_envs.cli.dispatch import build_parser
+    from stiction_envs.cli.dispatch import all_commands, build_parser
 
-    parser = build_parser()
+    parser = build_parser(all_commands())
     for line in (
         ["excite", "ROBOT", "--sweeps"],
         ["diagnose", "LOG", "--robot", "ROBOT"],
@@ -47,12 +46,3 @@ def test_the_commands_that_are_named_exist():
     ):
         parser.parse_args(line)
         assert line[0] == "sje" or f"`stiction {' '.join(line)}`" in ASSUMED
-
-
-def test_a_note_stands_under_the_heading(tmp_path):
-    template = tmp_path / "page.md.j2"
-    template.write_text("# Title\n\nThe {{ what }}.\n", "utf-8")
-    write_md_and_html(tmp_path, template, "Title", note="Mind *this*.", what="rest")
-    assert (tmp_path / "report.md").read_text("utf-8") == "# Title\n\n> Mind *this*.\n\nThe rest.\n"
-    html = (tmp_path / "report.html").read_text("utf-8")
-    assert html.index("<h1") < html.index("<blockquote>") < html.index("The rest")

@@ -1,4 +1,4 @@
-"""MuJoCo's joint against the numpy law: both must be the same joint. physics.md 3.5, 4.5."""
+"""MuJoCo's joint against the numpy law: both must be the same joint. sources.md 3.5, 4.5."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import Plant, rollout
-from stiction_envs.testing.friction_law import simulate_joint
 from tests.friction.gyro import ARM, J_A, J_B, MASS, law_of, pendulum, sticking
+from tests.hidden.one_joint import simulate_joint
 
 A, B = 0, 1
 DT = 1e-3
@@ -36,7 +36,7 @@ def slide(
     model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Drag one joint at constant speed with a servo; return angle and torque per step."""
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     q0 = np.zeros((1, 2))
     q0[0, B] = start
     plant.reset(np.arange(1), q0)
@@ -59,7 +59,7 @@ def slide(
 def test_engine_is_the_law_at_the_same_step(joint):
     """Without σ2 MuJoCo's Euler step is the reference's, to rounding."""
     model = sticking()
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     torque = shake(time=3.5)
     q = plant.run(command(torque, joint))[0, :, joint]
     ref, z = simulate_joint(
@@ -118,7 +118,7 @@ def test_dithered_ramp_against_the_fine_reference(case):
     assert away > 1500
     early, errors = slice(0, 1500), []
     for timestep in (1e-3, 2.5e-4):
-        plant = Plant(sticking(**changes, viscous=0.1, timestep=timestep), 1, nthread=1)
+        plant = Plant(sticking(**changes, viscous=0.1, timestep=timestep), 1, threads=1)
         q = plant.run(command(torque))[0, :, A]
         assert int(np.argmax(q > 0.15)) == pytest.approx(away, rel=2e-3)
         errors.append(np.abs(q[early] - ref[early]).max() / np.abs(ref[early]).max())
@@ -130,7 +130,7 @@ def test_submillisecond_step_is_the_reference_too():
     """A plant of 0.05 ms steps, its command held 1 ms, is the reference at 0.05 ms."""
     model = sticking(timestep=DT / FINE)
     torque = shake(time=2.0)
-    q = Plant(model, 1, nthread=1).run(command(torque))[0, :, A]
+    q = Plant(model, 1, threads=1).run(command(torque))[0, :, A]
     ref, _ = simulate_joint(
         law_of(model, A), np.repeat(torque, FINE), dt=DT / FINE, inertia=J_A + 0.05
     )
@@ -161,7 +161,7 @@ def test_steady_sliding_torque(v, sign, lame):
 def test_both_directions_in_one_run():
     """The level follows the direction of motion within one control step."""
     model = sticking(**LAME)
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     kp, kv, v = 400.0, 60.0, 0.2
     ids, zero = np.arange(1), np.zeros((1, 2))
     plant.set_servo(ids, np.full((1, 2), kp), np.full((1, 2), kv), zero)
@@ -212,14 +212,14 @@ def test_gravity_load_lifts_friction_as_it_moves(low, high):
 def test_presliding_stiffness_is_sigma0(sigma0):
     model = sticking(bristle_stiffness=sigma0)
     load = 0.006  # 1 % of F_s: the bristle is a spring there
-    q = Plant(model, 1, nthread=1).run(command(load * np.clip(shake(1, 0, 1), 0, 1)))[0, :, A]
+    q = Plant(model, 1, threads=1).run(command(load * np.clip(shake(1, 0, 1), 0, 1)))[0, :, A]
     assert load / q[-1] == pytest.approx(sigma0, rel=0.01)
 
 
 def test_standing_load_stands():
     """90 % of F_s for 20 s: the joint gives way by −ln(0.1) F_s/σ0 and then rests."""
     model = sticking()
-    q = Plant(model, 1, nthread=1).run(command(0.54 * np.clip(shake(0.2, 0, 1, 30), 0, 1)))
+    q = Plant(model, 1, threads=1).run(command(0.54 * np.clip(shake(0.2, 0, 1, 30), 0, 1)))
     assert q[0, -1, A] == pytest.approx(-np.log(0.1) * 0.6 / 1000.0, rel=0.06)
     assert np.ptp(q[0, -15_000:, A]) < 1e-9
 
@@ -230,7 +230,7 @@ def test_asymmetric_joint_stands_and_goes_by_its_own_level(sign, stiction):
     rise = np.clip(shake(0.2, 0, 1, 20), 0, 1)
     moved = []
     for factor in (0.9, 1.1):
-        plant = Plant(sticking(**LAME), 1, nthread=1)
+        plant = Plant(sticking(**LAME), 1, threads=1)
         moved.append(plant.run(command(sign * factor * stiction * rise))[0, :, A] * sign)
     assert np.ptp(moved[0][-10_000:]) < 1e-9
     assert moved[0][-1] < 4 * stiction / 1000.0
@@ -242,7 +242,7 @@ def test_breakaway_falls_with_the_ramp_rate():
     model = sticking()
     peaks = []
     for rate in (0.02, 0.1, 0.5, 20.0):
-        plant = Plant(model, 1, nthread=1)
+        plant = Plant(model, 1, threads=1)
         ramp = np.minimum(rate * DT * np.arange(round(0.75 / rate / DT) + 500), 0.75)
         z = []
         for k in range(0, len(ramp), 20):
@@ -260,7 +260,7 @@ def test_hysteresis_loop_closes():
     """A sine load inside the band draws the same loop every period, and the loop costs work."""
     period = 500
     u = 0.3 * np.sin(2 * np.pi * np.arange(40 * period) / period)
-    q = Plant(sticking(), 1, nthread=1).run(command(u))[0, :, A]
+    q = Plant(sticking(), 1, threads=1).run(command(u))[0, :, A]
     last, before = q[-period:], q[-2 * period : -period]
     width = np.ptp(last)
     assert np.abs(last - before).max() < 1e-5 * width
@@ -285,7 +285,7 @@ def test_passive(seed):
     t = np.arange(k) * DT
     waves = [a * np.sin(2 * np.pi * f * t + p) for a, f, p in rng.uniform(0, [0.5, 30, 6], (6, 3))]
     torque = np.sum(waves, axis=0) * (t < 3.0)
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     q, z = np.empty(k), np.empty(k)
     for i in range(k):
         q[i] = plant.run(command(torque[i : i + 1]))[0, 0, A]
@@ -302,7 +302,7 @@ def test_passive(seed):
 def test_motion_dies_out():
     """Left alone the joint loses energy in every window and ends at rest."""
     model = sticking()
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     plant.run(command(np.full(200, 2.0)))
     energy = []
     for _ in range(150):
@@ -319,7 +319,7 @@ def test_motion_dies_out():
 def test_link_torque_goes_through_the_spring():
     """A torque on the link twists the spring by τ/K while the motor stands by its friction."""
     model = sticking(joint_stiffness=[5e3, np.inf], offset=[0.2, 0.0])
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     plant.run(np.zeros((1, 3000, 2)))
     twist = plant.position[0, A] - plant.motor_position[0, A]
     assert twist == pytest.approx(-0.2 / 5e3, rel=1e-3)
@@ -352,7 +352,7 @@ def sliding_acceleration(integrator: mujoco.mjtIntegrator) -> float:
 
 
 def test_implicit_integrators_add_phantom_inertia():
-    """Why the model uses Euler: implicitfast slides as if J were J + hσ1 (physics.md 3.5)."""
+    """Why the model uses Euler: implicitfast slides as if J were J + hσ1 (sources.md 3.5)."""
     inertia = J_A + 0.05
     sigma1 = 2 * np.sqrt(1000.0 * inertia)
     force = 3.0 - 0.8 * 0.6

@@ -9,7 +9,8 @@ import pytest
 
 from stiction_envs.friction.lone_joint import LoneJoints, breakaway
 from stiction_envs.friction.parameters import bristle_damping
-from stiction_envs.testing.friction_law import LuGre, simulate_joint
+from stiction_envs.hidden.friction_law import LuGre
+from tests.hidden.one_joint import simulate_joint
 
 
 def joints(**changes: Any) -> LoneJoints:

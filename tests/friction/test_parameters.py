@@ -23,8 +23,6 @@ from stiction_envs.friction.parameters import (
     load_friction,
     scaled,
 )
-from stiction_envs.measured.tables import LOADS
-from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from tests.friction.gyro import friction, gyro, sticking
@@ -78,18 +76,6 @@ def test_round_trip_is_exact(seed, tmp_path):
     assert {name: table[name]["unit"] for name in QUANTITIES} == {
         name: quantity.unit for name, quantity in QUANTITIES.items()
     }
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_tables_survive_a_round_trip(name, tmp_path):
-    n = JOINTS[name]
-    before = load_friction(name, n)
-    text = dump_friction(before, sources=dict.fromkeys(QUANTITIES, "x"), meta={}, provenance={})
-    path = tmp_path / "copy.toml"
-    path.write_text(text, encoding="utf-8")
-    after = load_friction(path, n)
-    for field in QUANTITIES:
-        np.testing.assert_array_equal(getattr(after, field), getattr(before, field))
 
 
 def test_arrays_are_read_only():
@@ -166,6 +152,8 @@ def with_entry(name: str, entry: object) -> dict:
         (with_entry("stictoin", {"value": 1, "source": "t"}), "unknown table .stictoin."),
         (with_entry("stiction", {"value": [1.0] * 7}), "stiction. needs value and source"),
         (with_entry("stiction", {"source": "t"}), "stiction. needs value and source"),
+        (with_entry("stiction", 3.0), "stiction. needs value and source"),
+        (with_entry("stiction", [1, 2]), "stiction. needs value and source"),
         (with_entry("stiction", {"value": "a", "source": "t"}), "must be numbers"),
         (with_entry("stiction", {"value": [1, [2]], "source": "t"}), "must be numbers"),
         (with_entry("stiction", {"value": [1.0] * 6, "source": "t"}), r"shape \(6,\).*7 joints"),
@@ -194,7 +182,12 @@ def test_bad_tables_say_what_and_where(table, says):
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(None, "No such file"), (b"[stiction\n", "not TOML"), (b"\xff\xfe", "not TOML")],
+    [
+        (None, "No such file"),
+        (b"[stiction\n", "not TOML"),
+        (b"[stiction]\nvalue = " + b"9" * 5000, "not TOML"),
+        (b"\xff\xfe", "not TOML"),
+    ],
 )
 def test_bad_files(content, says, tmp_path):
     path = tmp_path / "arm.toml"
@@ -203,13 +196,7 @@ def test_bad_files(content, says, tmp_path):
     with pytest.raises(StictionError, match=says) as caught:
         load_friction(path)
     assert "arm.toml" in str(caught.value)
-
-
-@pytest.mark.parametrize("entry", [3.0, "text", [1, 2]])
-def test_a_bare_value_is_an_error_with_a_message(entry):
-    """A value without its table, the likeliest slip, is bad input and not a crash."""
-    with pytest.raises(StictionError, match="stiction"):
-        from_table(with_entry("stiction", entry), "my.toml", 7)
+    assert "\n" not in str(caught.value)
 
 
 # ---- bounds of the bristle -----------------------------------------------------------------
@@ -247,7 +234,7 @@ def test_model_too_stiff_for_its_step_is_refused():
 
 
 def test_plant_refuses_it_too():
-    plant = Plant(sticking(), 2, nthread=1)
+    plant = Plant(sticking(), 2, threads=1)
     with pytest.raises(StictionError, match="twice the inertia"):
         plant.set_friction(np.arange(2), friction(bristle_stiffness=[1e3, 1e6]).tile(2))
     with pytest.raises(StictionError, match="elastic"):
@@ -257,7 +244,7 @@ def test_plant_refuses_it_too():
 @pytest.mark.parametrize("row", range(3))
 def test_plant_checks_every_simulation(row):
     """One chattering simulation among others is found wherever it is, and nothing is written."""
-    plant = Plant(sticking(), 3, nthread=1)
+    plant = Plant(sticking(), 3, threads=1)
     before = plant.stiction.copy()
     ratio = np.full((3, 2), 0.1)
     ratio[row, 0] = 50.0
@@ -271,7 +258,7 @@ def test_plant_checks_every_simulation(row):
 def test_plant_checks_the_rotor_it_is_given():
     """A lighter rotor carries the same bristle: hσ1/J is its own."""
     elastic = {"joint_stiffness": 1e4, "bristle_stiffness": 2000.0}
-    plant = Plant(sticking(**elastic, rotor_inertia=0.2), 1, nthread=1)
+    plant = Plant(sticking(**elastic, rotor_inertia=0.2), 1, threads=1)
     plant.set_friction(np.arange(1), friction(**elastic, rotor_inertia=0.02).tile(1))
     with pytest.raises(StictionError, match="twice the inertia"):
         plant.set_friction(np.arange(1), friction(**elastic, rotor_inertia=0.002).tile(1))
@@ -295,8 +282,8 @@ def test_plant_with_parameters_is_the_model_built_with_them(elastic):
         other["joint_stiffness"] = [4e3, np.inf]
     t = np.arange(1500) * 1e-3
     torque = (0.8 * t + 0.4 * np.sin(2 * np.pi * 20 * t))[None, :, None] * np.array([1.0, -1.0])
-    given = Plant(sticking(**spring), 1, parameters=friction(**other), nthread=1).run(torque)
-    built = Plant(sticking(**other), 1, nthread=1).run(torque)
+    given = Plant(sticking(**spring), 1, parameters=friction(**other), threads=1).run(torque)
+    built = Plant(sticking(**other), 1, threads=1).run(torque)
     assert np.abs(built[0, -1]).min() > 0.05
     np.testing.assert_allclose(given, built, rtol=0, atol=1e-9)
 
@@ -315,7 +302,7 @@ def test_joint_count_must_match():
 # ---- the numbers that ship -----------------------------------------------------------------
 
 PLAUSIBLE = {
-    # physics.md 3.4 and 1.5, 2.5, 3.3; stiction of the wrist of the iiwa 14 is the least
+    # sources.md 3.4 and 1.5, 2.5, 3.3; stiction of the wrist of the iiwa 14 is the least
     "stiction": (0.02, 5.0),
     "coulomb_ratio": (0.5, 1.0),
     "stribeck_velocity": (5e-4, 0.1),
@@ -356,15 +343,6 @@ def test_shipped_numbers_are_plausible(name):
     assert np.all(p.load_low <= p.load_high)
     # the position ripple may not be what holds the joint
     assert np.all(p.ripple_amplitude < 0.1 * p.stiction.min(axis=1))
-
-
-@pytest.mark.parametrize("name", ["panda", "iiwa7"])
-def test_shipped_stiction_lies_under_the_measured_half_width(name):
-    """The SJE's half-width is F_s plus the slide to 0.15 rad: F_s is less, but most of it (3.2)."""
-    p, table = load_friction(name), thesis_base(name)
-    for k, load in enumerate((p.load_high, p.load_low)):
-        share = p.stiction_at(load).mean(axis=1) / table.friction[:, k]
-        assert np.all((share > 0.4) & (share < 1.0)), f"{name} {LOADS[k]}: {share}"
 
 
 @pytest.mark.parametrize("name", SHIPPED[:3])
@@ -410,12 +388,3 @@ def test_a_number_past_any_joint_is_refused_with_what_is_expected(name, value):
     wanted = r"odd\.toml: .*(expected .*e\+|is outside \[0\.001, 1\.0\])"
     with pytest.raises(StictionError, match=wanted):
         from_table(with_entry(name, {"value": value, "source": "t"}), "odd.toml", 7)
-
-
-@pytest.mark.parametrize("text", ["[stiction]\nvalue = " + "9" * 5000, "[[[", "\udcff"])
-def test_no_toml_is_told_in_one_line(text, tmp_path):
-    path = tmp_path / "odd.toml"
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(StictionError, match=r"odd\.toml: not TOML") as error:
-        load_friction(path)
-    assert "\n" not in str(error.value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from stiction_envs.robots import Arm, load_arm
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
 
 @pytest.fixture(scope="session")

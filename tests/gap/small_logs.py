@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -88,7 +88,7 @@ def found(arm: Arm, *logs: JointLog) -> Diagnosis:
     """Diagnose with a spring, dry friction and an offset as the only causes."""
     named = [replace(x, source=f"log{k}.csv") for k, x in enumerate(logs, 1)]
     names = ("coulomb_friction", "external_spring", "torque_offset")
-    return diagnose(named, arm, causes=[cause_named(x) for x in names])
+    return diagnose_logs(named, arm, causes=[cause_named(x) for x in names])
 
 
 def write_csv(path, log: JointLog) -> None:

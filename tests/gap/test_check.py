@@ -9,17 +9,25 @@ import pytest
 
 import stiction_envs as st
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes import cause_named, default_settings
-from stiction_envs.gap.check import blocks, check_logs, describe, hold
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.normal_equations import share_found
+from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.slope import came_true
+from stiction_envs.gap.validation.check import (
+    BLOCKS,
+    SHORTEST_BLOCK,
+    blocks,
+    check_logs,
+    check_model,
+    describe,
+)
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, dry, found, hidden, motion, panda, write_csv
-from tests.robots.own_arms import chain
+from tests.robots.arms import chain
 
-OWN = default_settings()
+OWN = gap_settings()
 NOISE = 0.01
 SPRING = np.array([3.0, 0.0])
 
@@ -39,7 +47,7 @@ def sprung(two) -> Diagnosis:
 
 
 def held(d: Diagnosis, *logs: JointLog):
-    return hold(d, check_logs(logs, d.logs, d.data.arm, d.settings))
+    return check_model(d, check_logs(logs, d.logs, d.data.arm, d.settings))
 
 
 def test_a_right_model_holds_down_to_the_noise(two, friction):
@@ -147,7 +155,7 @@ def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(tmp_path, joint, named)
     path = tmp_path / "two.xml"
     path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
     arm, loaded = load_arm(path), load_arm(path, payload=(0.5, 0.0, 0.0, 0.05))
-    d = diagnose([hidden(arm, true=loaded)], arm, causes=[cause_named("payload")])
+    d = diagnose_logs([hidden(arm, true=loaded)], arm, causes=[cause_named("payload")])
     assert [c.name for c in d.causes] == ["payload"]
 
     def unfelt(q, dq, ddq):
@@ -164,26 +172,26 @@ def test_noise_names_nothing():
     """A torque that turned out right in half of the blocks and wrong in the others."""
     pp = np.ones((12, 1))
     pe = np.where(np.arange(12) % 2, 1.2, -0.6)[:, None]
-    a, error = came_true(pe, pp)
+    a, error = share_found(pe, pp)
     assert a == pytest.approx(0.3)
     assert a + 2 * error > 0.5
     # with exactly the same part in all blocks there is no doubt, with one block nothing else
-    assert came_true(0.3 * pp, pp)[1] == pytest.approx(0.0, abs=1e-12)
-    assert np.isinf(came_true(pe[:1], pp[:1])[1]).all()
-    assert np.isnan(came_true(0 * pe, 0 * pp)[0]).all()
+    assert share_found(0.3 * pp, pp)[1] == pytest.approx(0.0, abs=1e-12)
+    assert np.isinf(share_found(pe[:1], pp[:1])[1]).all()
+    assert np.isnan(share_found(0 * pe, 0 * pp)[0]).all()
 
 
 def test_blocks_are_of_one_log_and_long_enough(two, friction):
     check = held(friction, hidden(two, dry, seed=7, seconds=4.0), hidden(two, dry, seed=8))
-    block = blocks(check.data, OWN.check)
+    block = blocks(check.data)
     log = check.data.recording.log
     assert set(log) == {0, 1}
     for b in range(block.max() + 1):
         assert len(set(log[block == b])) == 1
     assert (np.diff(block) >= 0).all()
-    least = OWN.check.shortest_block / check.data.dt
+    least = SHORTEST_BLOCK / check.data.dt
     assert np.bincount(block).min() >= np.floor(least)
-    assert len(np.unique(block[log == 1])) == OWN.check.blocks
+    assert len(np.unique(block[log == 1])) == BLOCKS
 
 
 def test_torques_are_inverted_as_the_diagnosed_ones_were(two):

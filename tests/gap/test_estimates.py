@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES
-from stiction_envs.gap.estimates import draw, estimates, sharpen
+from stiction_envs.gap.causes.gear import backlash
+from stiction_envs.gap.estimates import FAR, draw, estimates, sharpen
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, with_torque
@@ -104,11 +102,11 @@ def test_resamples_stay_within_bounds(library: RegressorLibrary) -> None:
 
 
 def test_the_interval_is_students_with_far_samples_cut_off(library: RegressorLibrary) -> None:
-    """Deviations are half of 16 to 84 %; a sample at infinity counts as `far` of them."""
+    """Deviations are half of 16 to 84 %; a sample at infinity counts as `FAR` of them."""
     s = gap_settings().estimates
     drawn = [(np.array([float(x)]), ()) for x in range(100)] + [(np.array([1e6]), ())]
     found = estimates(library, [VISCOUS], [VISCOUS], np.array([50.0]), [drawn])
-    counted = np.append(np.arange(100.0), 50 + s.far * (84 - 16) / 2)
+    counted = np.append(np.arange(100.0), 50 + FAR * (84 - 16) / 2)
     spread = s.interval * counted.std() + s.model_error * 50
     key = next(iter(found[4]))
     np.testing.assert_allclose(found[4][key].ci95, [50 - spread, 50 + spread])
@@ -129,7 +127,6 @@ def profiled(library: RegressorLibrary, monkeypatch, middle: float, width: float
     before = estimates(library, terms, [stribeck], c, None)[4]
     cause = type(BY_NAME["stribeck_friction"])
     monkeypatch.setattr(cause, "profile", parabola)
-    monkeypatch.setattr(cause, "profiled", True)
     return before, estimates(library, terms, [stribeck], c, None)[4]
 
 
@@ -157,13 +154,13 @@ def test_a_profile_that_never_rises_is_on_its_bound(library, monkeypatch) -> Non
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.2])
-def test_the_interval_of_a_gap_allows_for_flanks_that_nobody_knows(damping: float) -> None:
+def test_the_interval_of_a_gap_allows_for_flanks_that_nobody_knows(damping, monkeypatch) -> None:
     """A gap whose flanks are a third softer than assumed looks narrower by 7 %."""
     bare = data_of(panda(), hidden(panda(), seconds=30.0, seed=4))
     usual = BY_NAME["backlash"]
-    soft = copy.copy(usual)
-    soft.settings = replace(usual.settings, flank=0.67 * usual.settings.flank)
-    data = with_torque(bare, soft.spread(bare, 2, (GAP, damping))[..., 0])
+    with monkeypatch.context() as soft:
+        soft.setattr(backlash, "FLANK", 0.67 * backlash.FLANK)
+        data = with_torque(bare, usual.spread(bare, 2, (GAP, damping))[..., 0])
     library = RegressorLibrary(data, [usual])
     shape = usual.shapes(data, 2, data.residual[:, 2])[0]
     terms = sharpen(library, [Candidate("backlash", 2, shape)])

@@ -11,8 +11,8 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.extended_model import extend, extended_nominal, load_model
-from stiction_envs.gap.forward_validation import Proof, prove
 from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
+from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
@@ -246,7 +246,7 @@ def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
     assert sum(model.arm.model().body_mass) == pytest.approx(
         sum(panda().model().body_mass) + 1.2 + 0.3
     )
-    plant = Plant(model, 1, nthread=1)
+    plant = Plant(model, 1, threads=1)
     assert np.isfinite(plant.run(np.zeros((1, 50, 7)))).all()
 
 
@@ -300,17 +300,17 @@ def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
 
 def test_extended_model_follows_the_log_forward():
     """With friction hidden, the model that has it strays less and needs less help."""
-    from stiction_envs.gap.diagnosis import diagnose
+    from stiction_envs.gap.diagnosis import diagnose_logs
 
     arm = panda()
     dry = np.array([0.6, 0.6, 0.5, 0.6, 0.4, 0.3, 0.3])
     log = hidden(arm, lambda q, dq, ddq: dry * sliding(q))
-    d = diagnose([log], arm)
+    d = diagnose_logs([log], arm)
     assert {c.name for c in d.causes} >= {"coulomb_friction"}
-    proof = prove(d, nthread=1)
-    assert isinstance(proof, Proof)
-    assert proof.torque_gain.min() > 50
-    assert proof.position_gain.mean() > 50
+    result = validate_forward(d, threads=1)
+    assert isinstance(result, ForwardValidation)
+    assert result.torque_gain.min() > 50
+    assert result.position_gain.mean() > 50
 
 
 def test_damping_of_a_bristle_is_carried_over(data):

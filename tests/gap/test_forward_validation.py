@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.model import BRISTLE_DAMPING, mass_matrix
-from stiction_envs.gap import forward_validation
+from stiction_envs.gap import extended_model
 from stiction_envs.gap.causes import Part, cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import Extension, extend
-from stiction_envs.gap.forward_validation import Proof, prove, silent_engine
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.method_settings import override
+from stiction_envs.gap.validation import forward
+from stiction_envs.gap.validation.forward import ForwardValidation, silent_engine, validate_forward
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import hidden, sliding
 
-AS_BEFORE = {"extended_model.fastest_decay": 1e3}
-"""Damping of bristles as the arm's rest pose alone would have it."""
 DRY = np.array([1.0, 0.6, 0.5, 0.6, 0.4, 0.2, 0.3])
 
 
@@ -44,7 +42,7 @@ def stretched(upright) -> Diagnosis:
     bent = load_arm("iiwa14")
     log = slow(upright, seconds=10.0)
     # the model is that of the bent arm: the pose of its rest says nothing of the logs'
-    return diagnose([log], bent, causes=[cause_named("coulomb_friction")])
+    return diagnose_logs([log], bent, causes=[cause_named("coulomb_friction")])
 
 
 def decay(xml: str, data: Data) -> float:
@@ -57,7 +55,7 @@ def decay(xml: str, data: Data) -> float:
     return TIMESTEP * float(np.abs(np.linalg.eigvals(damped)).max())
 
 
-def test_bristles_of_joints_in_line_hold_still(stretched):
+def test_bristles_of_joints_in_line_hold_still(stretched, monkeypatch):
     """Together they move less than each with the others locked; Euler holds below 2."""
     d = stretched
     parts = tuple(
@@ -66,30 +64,24 @@ def test_bristles_of_joints_in_line_hold_still(stretched):
     )
     model = Nominal(robot=d.data.arm.name, parts=parts)
     assert decay(extend(d.base, model).xml, d.base) < 2
-    other = override(d.settings, AS_BEFORE)
-    as_before = replace(d.base, recording=replace(d.base.recording, settings=other))
-    assert decay(extend(as_before, model).xml, d.base) > 2
+    # damping of bristles as the arm's rest pose alone would have it
+    monkeypatch.setattr(extended_model, "FASTEST_DECAY", 1e3)
+    assert decay(extend(d.base, model).xml, d.base) > 2
 
 
 def test_a_stretched_arm_follows_its_log(stretched, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    proof = prove(stretched, nthread=1)
-    assert isinstance(proof, Proof)
-    assert proof.unstable == ""
-    assert proof.shortened == proof.left_out == 0
-    for run in (proof.nominal, proof.extended):
+    result = validate_forward(stretched, threads=1)
+    assert isinstance(result, ForwardValidation)
+    assert result.unstable == ""
+    assert result.shortened == result.left_out == 0
+    for run in (result.nominal, result.extended):
         assert np.isfinite(run.angle).all()
         assert np.isfinite(run.torque).all()
         assert np.isfinite(run.torque_rms).all()
-    assert proof.torque_gain.mean() > 50
+    assert result.torque_gain.mean() > 50
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
-
-
-def changed(d: Diagnosis, changes: dict) -> Diagnosis:
-    other = override(d.settings, changes)
-    base = replace(d.base, recording=replace(d.base.recording, settings=other))
-    return replace(d, base=base)
 
 
 def test_an_unstable_model_is_a_reason_and_no_result(stretched, tmp_path, monkeypatch, capfd):
@@ -106,38 +98,37 @@ def test_an_unstable_model_is_a_reason_and_no_result(stretched, tmp_path, monkey
             motor.set("lugre", " ".join([stiffness, str(100 * float(damping)), *rest]))
         return replace(made, xml=ET.tostring(root, encoding="unicode"))
 
-    monkeypatch.setattr(forward_validation, "extend", damped)
-    proof = prove(stretched, nthread=1)
-    assert isinstance(proof, str)
-    assert "the simulation is unstable in" in proof
-    assert "nominal" not in proof
-    assert "the extended model in" in proof
-    assert "damping over inertia reaches" in proof
+    monkeypatch.setattr(forward, "extend", damped)
+    result = validate_forward(stretched, threads=1)
+    assert isinstance(result, str)
+    assert "the simulation is unstable in" in result
+    assert "nominal" not in result
+    assert "the extended model in" in result
+    assert "damping over inertia reaches" in result
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
 
 
-def test_windows_that_end_early_count_as_far_as_they_go(stretched):
+def test_windows_that_end_early_count_as_far_as_they_go(stretched, monkeypatch):
     """Speeds over a limit stand for instability: numbers are finite, and of the same rows."""
-    whole = prove(stretched, nthread=1)
+    whole = validate_forward(stretched, threads=1)
     speeds = np.abs(np.diff(whole.nominal.angle, axis=1)).max(axis=(1, 2)) / TIMESTEP
     limit = float(np.median(speeds))
-    proof = prove(
-        changed(stretched, {"forward.fastest": limit, "forward.shortest": 0.01}),
-        nthread=1,
-    )
-    assert isinstance(proof, Proof)
-    assert proof.shortened > 0
-    assert "the nominal model in" in proof.unstable
-    assert np.isfinite(proof.nominal.position_rms).all()
-    ended = np.isnan(proof.nominal.angle).any(axis=(1, 2))
+    monkeypatch.setattr(forward, "FASTEST", limit)
+    monkeypatch.setattr(forward, "SHORTEST", 0.01)
+    result = validate_forward(stretched, threads=1)
+    assert isinstance(result, ForwardValidation)
+    assert result.shortened > 0
+    assert "the nominal model in" in result.unstable
+    assert np.isfinite(result.nominal.position_rms).all()
+    ended = np.isnan(result.nominal.angle).any(axis=(1, 2))
     assert ended.any()
     # both models over the same rows
-    np.testing.assert_array_equal(np.isnan(proof.nominal.angle), np.isnan(proof.extended.angle))
-    kept = ~np.isnan(proof.nominal.angle).any(axis=2)
+    np.testing.assert_array_equal(np.isnan(result.nominal.angle), np.isnan(result.extended.angle))
+    kept = ~np.isnan(result.nominal.angle).any(axis=2)
     # before the end nothing is different
-    same = np.isin(whole.start, proof.start)
-    np.testing.assert_array_equal(proof.nominal.angle[kept], whole.nominal.angle[same][kept])
+    same = np.isin(whole.start, result.start)
+    np.testing.assert_array_equal(result.nominal.angle[kept], whole.nominal.angle[same][kept])
 
 
 def test_the_engine_speaks_again_afterwards():

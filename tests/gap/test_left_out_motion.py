@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.left_out_motion import leave_out_motions
+from stiction_envs.gap.validation.left_out_motion import leave_out_motions
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 from tests.gap.small_logs import dry, found, hidden

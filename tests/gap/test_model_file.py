@@ -1,13 +1,18 @@
 """Model files with numbers that no joint can have: one line says which."""
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.extended_model import load_model
 from stiction_envs.gap.model_file import read
+from tests.gap.small_logs import dry, hidden, panda
 
 NUMBERS = {
     "payload = [0.5": "payload",
@@ -84,3 +89,34 @@ def test_every_number_is_read_or_refused(number, value, tmp_path_factory):
         assert all(abs(x) <= 1e12 for x in (*part.shape, *part.coefficients))
     assert found.payload is not None
     assert 0 <= found.payload[0] <= 1e6
+
+
+@pytest.mark.slow
+def test_known_bodies_and_inclinations_come_on_top_of_a_model(tmp_path):
+    """A bare arm is diagnosed; then a known gripper is mounted, and the base is inclined."""
+    gripper, tilt = (0.7, 0.0, 0.01, 0.05), (0.1, -0.05)
+    bare = hidden(panda(), dry, seconds=15.0)
+    first = diagnose(bare, "panda")
+    assert [c.name for c in first.causes] == ["coulomb_friction"]
+    first.save(tmp_path / "bare")
+    model = tmp_path / "bare" / "model.toml"
+    log = hidden(panda(payload=gripper, tilt=tilt), dry, seconds=15.0, seed=2)
+    again = diagnose(log, "panda", nominal=model, payload=gripper, tilt=tilt)
+    assert again.verdict == "no discrepancy"
+    assert [c.name for c in diagnose(log, "panda", nominal=model, tilt=tilt).causes] == ["payload"]
+    again.save(tmp_path / "loaded")
+    assert read(tmp_path / "loaded" / "model.toml").payload == gripper
+    loaded = load_model(tmp_path / "loaded" / "model.toml").arm
+    for arm in (loaded, load_model(model, payload=gripper, tilt=tilt).arm):
+        assert (arm.payload, arm.tilt) == (gripper, tilt)
+
+
+def test_a_model_knows_the_sign_of_the_robots_torques(tmp_path):
+    turned = hidden(panda(), dry)
+    turned = replace(turned, tau=-turned.tau)
+    diagnose(turned, "panda").save(tmp_path)
+    assert read(tmp_path / "model.toml").torque_sign == -1
+    # a log that does not show it: nothing moves against gravity or friction
+    still = replace(turned, q=np.tile(panda().rest, (len(turned.t), 1)), tau=0.0 * turned.tau)
+    found = diagnose(still, "panda", nominal=tmp_path / "model.toml")
+    assert any("as those of the nominal model's logs" in x for x in found.diagnosis.notes)

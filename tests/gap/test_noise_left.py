@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import diagnose
+from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.signals.recording import filtered
 from tests.gap.signals.test_noise_floor import ARM, SECONDS, noise_behind
 from tests.gap.small_logs import hidden, sliding
@@ -25,7 +25,7 @@ def rubbing(noise: np.ndarray, drag: float = 0.6):
 def test_the_floor_of_low_passed_torques_is_that_of_their_noise(order: int) -> None:
     """A low-pass of 5 Hz; the floor beside the band has a half of it or less."""
     noise = noise_behind(5.0, order)
-    found = diagnose([rubbing(noise)], ARM, causes=CAUSES)
+    found = diagnose_logs([rubbing(noise)], ARM, causes=CAUSES)
     data = found.data
     true = filtered(noise, [slice(0, len(noise))], data.dt, data.cutoff).std(axis=0)
     assert (data.noise < 0.8 * true).all()
@@ -35,7 +35,7 @@ def test_the_floor_of_low_passed_torques_is_that_of_their_noise(order: int) -> N
 
 
 def test_the_floor_of_white_noise_is_as_it_was() -> None:
-    found = diagnose([rubbing(noise_behind(0.0, 1))], ARM, causes=CAUSES)
+    found = diagnose_logs([rubbing(noise_behind(0.0, 1))], ARM, causes=CAUSES)
     assert (found.noise == found.data.noise).all()
     assert not any("low-passed" in x for x in found.notes)
 
@@ -43,6 +43,6 @@ def test_the_floor_of_white_noise_is_as_it_was() -> None:
 def test_a_floor_that_friction_hides_is_called_a_lower_bound() -> None:
     """Noise of 1 mN·m behind 5 Hz, under friction that nothing explains."""
     log = rubbing(noise_behind(5.0, 2, sd=1e-3))
-    found = diagnose([log], ARM, causes=[cause_named("base_tilt")])
+    found = diagnose_logs([log], ARM, causes=[cause_named("base_tilt")])
     assert any("lower bound" in x for x in found.notes)
     assert found.verdict != "explained"

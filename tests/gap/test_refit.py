@@ -7,8 +7,8 @@ import pytest
 
 from stiction_envs.gap import diagnosis
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.causes.bodies import sphere, with_payload
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.causes.body.bodies import sphere, with_payload
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.robots import Arm
 from tests.gap.small_logs import dry, hidden
 
@@ -22,7 +22,7 @@ def loaded(two: Arm) -> Diagnosis:
     true = with_payload(two, sphere(0.8, np.array([0.02, 0.0, 0.05])), 1e-3)
     log = hidden(two, stribeck, true=true, noise=0.02)
     names = ("coulomb_friction", "stribeck_friction", "payload", "torque_offset")
-    return diagnose([log], two, causes=[cause_named(x) for x in names])
+    return diagnose_logs([log], two, causes=[cause_named(x) for x in names])
 
 
 def test_what_is_not_found_again_leaves_the_model_as_it_was(
@@ -31,9 +31,9 @@ def test_what_is_not_found_again_leaves_the_model_as_it_was(
     usual = loaded(two)
     assert {"payload", "stribeck_friction"} <= {c.name for c in usual.causes}
     assert usual.data.carried is not None
-    monkeypatch.setattr(diagnosis, "found_again", lambda *_: False)
+    monkeypatch.setattr(diagnosis, "same_arm_causes", lambda *_: False)
     back = loaded(two)
-    monkeypatch.setattr(diagnosis, "given_what_was_found", lambda *_: None)
+    monkeypatch.setattr(diagnosis, "given_arm_causes", lambda *_: None)
     never = loaded(two)
     assert back.to_json() == never.to_json()
     assert (back.coefficients == never.coefficients).all()

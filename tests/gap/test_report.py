@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction_envs.gap.least_squares import least_squares, line
+from stiction_envs.gap.validation.least_squares import least_squares, line
 from tests.gap.signals.test_poses import poses
 from tests.gap.small_logs import data_of, hidden, panda
 

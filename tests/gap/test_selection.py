@@ -10,8 +10,9 @@ from scipy.stats import ttest_1samp
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
-from stiction_envs.gap.refit import settle
-from stiction_envs.gap.selection import Chooser, Gain, Offer, _slope, gain, means_nothing, pruned
+from stiction_envs.gap.normal_equations import t_statistic
+from stiction_envs.gap.refit import refine_delay
+from stiction_envs.gap.selection import Chooser, Gain, Offer, gain, is_implausible, pruned
 from tests.friction.gyro import gyro
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 
@@ -64,7 +65,7 @@ def test_gains_of_terms_on_different_joints_add_up(library: RegressorLibrary) ->
 
 
 def test_without_a_delay_nothing_is_settled(library: RegressorLibrary) -> None:
-    assert settle(library, [DRY, OFFSET]) == [DRY, OFFSET]
+    assert refine_delay(library, [DRY, OFFSET]) == [DRY, OFFSET]
 
 
 def test_progress_counts_terms(library: RegressorLibrary) -> None:
@@ -91,10 +92,10 @@ def test_with_equal_blocks_the_slope_is_students_t() -> None:
     rng = np.random.default_rng(0)
     came = rng.normal(1.0, 0.5, 12)
     for size in (1e-3, 1.0, 1e3):
-        found = _slope(size * came, np.full(12, size))
+        found = t_statistic(size * came, np.full(12, size))
         assert found == pytest.approx(ttest_1samp(came, 0.0).statistic)
-    assert _slope(np.zeros(12), np.zeros(12)) <= 0.0
-    assert _slope(np.ones(1), np.ones(1)) <= 0.0
+    assert t_statistic(np.zeros(12), np.zeros(12)) <= 0.0
+    assert t_statistic(np.ones(1), np.ones(1)) <= 0.0
 
 
 def test_an_offset_is_seen_beside_any_exact_torque_but_not_beside_rough_friction(library) -> None:
@@ -122,9 +123,9 @@ def test_what_is_left_within_the_noise_floor_is_not_explained(size, found) -> No
 
 def test_what_is_on_its_bound_means_nothing(library: RegressorLibrary) -> None:
     backwards = with_causes(library, *FEW, coulomb_friction=-2.0)
-    assert means_nothing(backwards, [DRY, OFFSET], [DRY])
-    assert not means_nothing(backwards, [DRY, OFFSET], [OFFSET])
-    assert not means_nothing(library, [DRY, OFFSET], [DRY, OFFSET])
+    assert is_implausible(backwards, [DRY, OFFSET], [DRY])
+    assert not is_implausible(backwards, [DRY, OFFSET], [OFFSET])
+    assert not is_implausible(library, [DRY, OFFSET], [DRY, OFFSET])
 
 
 def test_what_cannot_be_alone_goes_with_what_it_needs(library: RegressorLibrary) -> None:

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose
-from tests.gap.simulated_logs import MIDDLE, believed, inverse, plain_log
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose_logs
+from stiction_envs.hidden.hidden_motions import MOTIONS
+from stiction_envs.measured.logs.reader import JointLog
+from tests.gap.simulated_logs import MIDDLE, believed, dahl, inverse, plain_log
 
 
 def solved(cause: str | None, robot: str = "panda", **options) -> Diagnosis:
     believed_arm = believed(cause, robot)
-    return diagnose([plain_log(cause, robot=robot, **options)], believed_arm)
+    return diagnose_logs([plain_log(cause, robot=robot, **options)], believed_arm)
 
 
 def value(named: NamedCause, joint: int, key: str) -> float:
@@ -54,6 +56,26 @@ def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: fl
     assert np.isclose(value(named[first], joint, key), truth, rtol=0.2)
     if hidden in BESIDE:
         assert hidden in named
+    assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize("distance", [0.04, pytest.param(0.06, marks=pytest.mark.slow)])
+def test_joints_that_yield_far_are_named_with_their_stiffness(distance: float) -> None:
+    """Dahl's friction that builds up over 40 or 60 mrad, in a log of small reversals."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 20, 1 / 250)
+    q = MOTIONS["reversals"](rng, t)
+    v = np.gradient(q, t, axis=0)
+    tau = inverse("panda", q, v, np.gradient(v, t, axis=0)) + 0.03 * rng.normal(size=q.shape)
+    for j in (1, 3, 5):
+        tau[:, j] += dahl(q[:, j], 1.0, 1.0 / distance)
+    found = diagnose_logs([JointLog(source="yields.csv", t=t, q=q, dq=None, tau=tau)], "panda")
+    named = {c.name: c for c in found.causes}
+    assert set(named) == {"coulomb_friction", "presliding_hysteresis"}
+    assert named["presliding_hysteresis"].joints == (2, 4, 6)
+    for parameters in named["presliding_hysteresis"].parameters.values():
+        low, high = parameters["bristle_stiffness"].ci95
+        assert low < 1.0 / distance < high
     assert found.verdict == "explained"
 
 
@@ -114,5 +136,5 @@ def test_a_constant_torque_about_a_vertical_axis_is_an_offset() -> None:
     tau = inverse("iiwa7", q, v, np.gradient(v, log.t, axis=0))
     tau[:, 1] += 1.0
     rng = np.random.default_rng(0)
-    found = diagnose([replace(log, q=q, tau=tau + 0.02 * rng.normal(size=q.shape))], "iiwa7")
+    found = diagnose_logs([replace(log, q=q, tau=tau + 0.02 * rng.normal(size=q.shape))], "iiwa7")
     assert {c.name for c in found.causes} == {"torque_offset"}

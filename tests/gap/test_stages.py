@@ -8,7 +8,7 @@ import pytest
 
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.stages import WEIGHTS, Stages
-from stiction_envs.testing.hidden_logs import make_case
+from stiction_envs.hidden.hidden_logs import make_case
 
 
 @pytest.mark.slow

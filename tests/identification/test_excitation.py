@@ -13,15 +13,16 @@ from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.identification.excitation import Excitation, excite
 from stiction_envs.identification.excitation_limits import Clearance, acceleration_limits
 from stiction_envs.identification.excitation_motion import (
+    SPEEDS,
     FourierSeries,
     rest_basis,
     sweeps_from,
 )
-from stiction_envs.identification.excitation_search import Problem, smooth_condition
+from stiction_envs.identification.excitation_search import SIGN_SPEED, Problem, smooth_condition
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.tables import lookup, read_toml
-from tests.robots.test_touching import ARM
+from tests.robots.test_overlapping_links import ARM
 
 DEFAULTS = identification_settings().excitation
 QUICK = DEFAULTS.replace(iterations=30, starts=1, randoms=6)
@@ -81,7 +82,7 @@ def test_sweeps_go_there_and_back_at_each_speed():
     slow = sweeps_from(np.array([0.9, -0.2]), low, high)
     t = np.arange(0, slow.duration, 1e-3)
     q, dq, _ = slow.state(t)
-    for speed in DEFAULTS.sweeps.speeds:
+    for speed in SPEEDS:
         for sign in (1, -1):
             steady = np.abs(dq - sign * speed) < 1e-9
             assert (steady.sum(axis=0) > 100).all(), speed
@@ -125,7 +126,7 @@ def test_clear_of_the_floor_and_itself(panda, motion):
 
 def test_distances_see_floor_and_self(panda):
     """A flange driven into the floor and one driven into the shoulder are both seen."""
-    clear = Clearance(panda)
+    clear = Clearance(panda, DEFAULTS)
     rest = panda.rest
     down = np.array([0, 1.7, 0, -1.0, 0, 2.5, 0])
     folded = np.array([0, -1.7, 0, -3.0, 0, 0.0, 0])
@@ -148,7 +149,7 @@ def test_pairs_that_bounding_spheres_leave_out_change_nothing(panda, tmp_path):
     """Against MuJoCo asked for every pair: the same bits, walls and fences included."""
     (tmp_path / "walls.xml").write_text(WALLS, encoding="utf-8")
     for arm in (panda, load_arm(tmp_path / "walls.xml")):
-        clear = Clearance(arm)
+        clear = Clearance(arm, DEFAULTS)
         q = np.random.default_rng(0).uniform(*arm.limits.position.T, size=(60, arm.n))
         every = np.empty((len(q), len(clear.pairs)))
         for k, pose in enumerate(q):
@@ -163,7 +164,7 @@ def test_pairs_that_bounding_spheres_leave_out_change_nothing(panda, tmp_path):
 
 
 def test_gradient_of_the_shortfall(panda):
-    clear = Clearance(panda)
+    clear = Clearance(panda, DEFAULTS)
     rng = np.random.default_rng(1)
     q = rng.uniform(*panda.limits.position.T, (30, 7))
     value, gradient = clear.shortfall(q, 0.1)
@@ -191,7 +192,7 @@ def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
     rows = []
     for k in range(len(q)):
         w = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
-        own = [np.diag(x) for x in (np.tanh(dq[k] / QUICK.sign_speed), dq[k], np.ones(7))]
+        own = [np.diag(x) for x in (np.tanh(dq[k] / SIGN_SPEED), dq[k], np.ones(7))]
         friction = np.stack(own, axis=2).reshape(7, 21)
         rows.append(np.hstack([w, friction])[:, problem.base.kept])
     s = np.linalg.svd(np.concatenate(rows), compute_uv=False)
@@ -272,7 +273,7 @@ def test_accelerations_are_the_robots():
     "change",
     [
         *({"harmonics": 1}, {"periods": 0}, {"velocity_part": 1.1}, {"clearance": -0.1}),
-        *({"base_frequency": 0.0}, {"base_frequency": np.nan}, {"samples": 2.5}),
+        *({"base_frequency": 0.0}, {"base_frequency": np.nan}, {"starts": 2.5}),
     ],
 )
 def test_settings_that_make_no_sense(change):

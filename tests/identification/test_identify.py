@@ -1,14 +1,11 @@
-"""Identification: true parameters inside their errors, links that exist, the thesis's failure."""
+"""Identification: true parameters inside their errors, links that exist."""
 
-import csv
 import dataclasses
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import check_grad
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
@@ -16,6 +13,7 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.base_parameters import (
     correlated_rows,
     design,
@@ -23,10 +21,14 @@ from stiction_envs.identification.base_parameters import (
     standard_errors,
     structural_base,
 )
-from stiction_envs.identification.bodies import _merit, consistent_fit, frames
+from stiction_envs.identification.bodies import (
+    LEAST_EIGENVALUE,
+    consistent_fit,
+    frames,
+    least_consistent,
+)
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
-from stiction_envs.measured import thesis_tables
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
@@ -37,9 +39,7 @@ from stiction_envs.robots.regressor import (
     inertial_parameters,
     pseudo_inertia,
 )
-from stiction_envs.testing import excited_logs as excited
-from stiction_envs.thesis.rosdyn import rosdyn
-from tests.robots.own_arms import MJCF, TETRA
+from tests.robots.arms import MJCF, TETRA
 
 RATE = 200.0
 
@@ -190,74 +190,51 @@ def test_deviations_have_no_frame(panda):
     assert size(phi, other) == pytest.approx(size(*moved), rel=1e-9)
 
 
-def test_interior_point_has_the_right_derivatives():
-    n, size = 2, 2 * 10 + 2 + 2
-    rng = np.random.default_rng(0)
+def test_the_consistent_minimum_is_one():
+    """No way to another body or friction that can exist leads down, and some bounds are active."""
+    n, rng = 2, np.random.default_rng(0)
+    size = 10 * n + 2 + n
     root = rng.normal(size=(size, size))
-    hessian, slope = root @ root.T, rng.normal(size=size)
-    x = np.concatenate([np.tile([1.0 if i in (0, 2, 5, 9) else 0.05 for i in range(10)], n)])
-    x = np.concatenate([x, [0.5, 0.7], rng.normal(size=2)])
+    hessian, slope = root @ root.T + np.eye(size), 20 * rng.normal(size=size)
 
-    def value(y):
-        return _merit(hessian, slope, y, n, 0.3)[0]
+    def value(x):
+        return x @ hessian @ x / 2 - slope @ x
 
-    def gradient(y):
-        return _merit(hessian, slope, y, n, 0.3)[1]
+    def bodies(x):
+        out = np.zeros((n, 4, 4))
+        for k, (i, j) in enumerate(zip(*np.tril_indices(4), strict=True)):
+            out[:, i, j] = out[:, j, i] = x[: 10 * n].reshape(n, 10)[:, k]
+        return out
 
-    assert check_grad(value, gradient, x) < 1e-4
-    curve = _merit(hessian, slope, x, n, 0.3)[2]
-    h = 1e-6
-    numeric = [(gradient(x + h * e) - gradient(x - h * e)) / 2 / h for e in np.eye(size)]
-    np.testing.assert_allclose(curve, numeric, atol=1e-4)
+    def exists(x):
+        return np.linalg.eigvalsh(bodies(x)).min() >= 0 and x[10 * n : -n].min() >= 0
+
+    x = least_consistent(hessian, slope, n)
+    assert np.linalg.eigvalsh(bodies(x)).min() == pytest.approx(LEAST_EIGENVALUE, abs=1e-7)
+    free = np.linalg.solve(hessian, slope)
+    assert not exists(free)
+    assert value(x) > value(free)
+    inside = np.concatenate([np.tile([1, 0, 1, 0, 0, 1, 0, 0, 0, 1.0], n), np.ones(2 + n)])
+    tried = 0
+    for scale in rng.uniform(1e-4, 1e-1, 3000):
+        other = x + scale * (rng.normal(size=size) + rng.uniform(0, 3) * inside)
+        if exists(other):
+            tried += 1
+            assert value(other) > value(x)
+    assert tried > 300
 
 
 def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
     """Without noise and far from every bound, links that exist give the same base parameters."""
     state = motion.state(motion.times(RATE))
     clean = excited.log(true, state, RATE, noise=1e-3, seed=0, angle_noise=1e-8)
-    data = assemble(panda, prepare([clean], cutoff_hz=15.0), link_side=True)
+    data = assemble(panda, prepare([clean], cutoff_hz=15.0), torque="link")
     d = design(data)
     base, _ = structural_base(data, False)
     free = fit(d.columns[:, :, base.kept], d.torque)
     p = consistent_fit(d, free)
     ours, theirs = d.columns @ p, d.columns[:, :, base.kept] @ free.values
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01
-
-
-# ---- the thesis's failure ------------------------------------------------------------------------
-
-
-def table_4_1() -> np.ndarray:
-    path = Path(thesis_tables.__file__).parent / "thesis" / "table_4_1.csv"
-    with path.open() as file:
-        found = {(r["joint"], r["quantity"]): float(r["value"]) for r in csv.DictReader(file)}
-    return np.array([found[str(j), "mass"] for j in range(1, 8)])
-
-
-def test_unconstrained_links_have_negative_masses_where_joints_rest():
-    """Table 4.1: links 3 to 7 off by hundreds of kg, in this proportion, if joints 1, 2 rest."""
-    arm = load_arm("iiwa7")
-    reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
-    state = excited.from_pose_to_pose(arm, reach, 60.0, RATE, 0)
-    log = excited.log(excited.perturbed(arm, 0.1, 0), state, RATE, noise=0.1, seed=0)
-    theirs = rosdyn([log], arm)
-    assert len(theirs.negative_masses) > 0
-    assert len(theirs.impossible) == 7
-    assert np.abs(theirs.phi[:, 0]).max() > 100
-    nominal = inertial_parameters(arm.pinocchio())[:, 0]
-    ours, printed = (theirs.phi[:, 0] - nominal)[2:], (table_4_1() - nominal)[2:]
-    alike = ours @ printed / np.linalg.norm(ours) / np.linalg.norm(printed)
-    assert abs(alike) > 0.998  # links 4 to 7 alike and nothing else would be 0.992
-    found = identify([log], arm, torque="link")
-    assert consistent(found.phi).all()
-    assert found.gain_percent > 20
-
-
-def test_unconstrained_links_cannot_exist_even_on_a_good_recording(panda, recorded):
-    theirs = rosdyn([recorded], panda)
-    assert len(theirs.impossible) >= 4
-    with pytest.raises(StictionError, match="no body has them"):
-        with_inertias(panda, theirs.phi)
 
 
 # ---- into the plant ------------------------------------------------------------------------------
@@ -278,7 +255,7 @@ def test_plant_accelerates_by_the_links(found, panda):
     friction = friction.replace(stiction=0.01 * friction.stiction)
     push, steps = np.array([60.0, 0, 0, 0, 0, 0, 0]), 30
     for arm in (found.arm(), panda):
-        plant = Plant(build(arm, friction), 1, nthread=1)
+        plant = Plant(build(arm, friction), 1, threads=1)
         way = plant.run(np.tile(push, (1, steps, 1)))[0, -1] - panda.rest
         model = arm.pinocchio()
         mass = pin.crba(model, model.createData(), panda.rest)

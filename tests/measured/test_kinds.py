@@ -5,9 +5,9 @@ import gzip
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import thesis_tables
 from stiction_envs.measured.kinds import LOG, TABLE, file_kind
 from stiction_envs.measured.tables import SJE_COLUMNS
+from stiction_envs.measured.thesis_tables import THESIS_TABLES, thesis_file
 
 SJE = ",".join(SJE_COLUMNS)
 
@@ -42,8 +42,7 @@ def test_packed_missing_and_broken_files_are_left_to_their_reader(tmp_path):
 
 
 def test_the_thesis_tables_are_tables():
-    folder = thesis_tables.files("stiction_envs.measured") / "thesis"
-    assert {file_kind(path) for path in folder.glob("table_*.csv")} == {TABLE}
+    assert {file_kind(thesis_file(name)) for name in THESIS_TABLES} == {TABLE}
 
 
 def test_neither(tmp_path):

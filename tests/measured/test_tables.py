@@ -269,7 +269,7 @@ def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
 
 
 def test_half_sums_are_those_of_the_reference():
-    """physics.md 1.6 and 2.4: half-width and offset of table 4.3, rounded to 1 mN·m."""
+    """sources.md 1.6 and 2.4: half-width and offset of table 4.3, rounded to 1 mN·m."""
     panda, iiwa = thesis_base("panda"), thesis_base("iiwa7")
     for table, friction, offset in (
         (

@@ -1,24 +1,9 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-import stiction_envs.measured as measured
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import THESIS_TABLES, thesis_base, thesis_dithered, thesis_table
-
-THESIS = Path(measured.__file__).parent / "thesis"
-SHARED = Path(__file__).parents[3] / "shared" / "thesis"
-
-
-def test_csvs_are_those_of_the_project():
-    if not SHARED.is_dir():
-        pytest.skip("no /shared/thesis beside the repository")
-    theirs = {p.name: p.read_bytes() for p in SHARED.glob("*.csv")}
-    ours = {p.name: p.read_bytes() for p in THESIS.glob("*.csv")}
-    assert ours == theirs
-    assert len(ours) == len(THESIS_TABLES)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.other_arms import Case
+from benchmarks.accuracy.other_arms import Case
 from stiction_envs.experiments import conformance
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.identification import excitation, settings

@@ -1,6 +1,6 @@
 """Other people's arms in experiments: each breaks a joint away; the longer commands take turns.
 
-Every arm runs every command in `benchmarks/other_arms.py`, by hand.
+Every arm runs every command in `benchmarks/accuracy/other_arms.py`, by hand.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import csv
 
 import pytest
 
-from benchmarks.other_arms import ARMS, Case, folder, run
+from benchmarks.accuracy.other_arms import ARMS, Case, folder, run
 from tests.other_arms.conftest import done
 
 ONE = ("--joint", 1, "--load", "no_load", "--direction", "+")
@@ -56,12 +56,12 @@ def test_a_bigger_robot_without_a_chain_is_told_of_in_one_line(name: str, comman
     assert came.code == 2
     assert not out.exists()
     if command != "conformance":  # it tests every hinge of a file as it is
-        assert "; of a bigger robot take one arm: --chain " in came.said
+        assert "; of a bigger robot take one arm: chain " in came.said
 
 
 def test_the_line_names_chains_that_work(tmp_path):
     came = run(["export", folder() / ARMS["baxter"].file, "--out", tmp_path / "a"])
-    base, tip = came.said.split("--chain ")[1].split(" (or ")[0].split()
+    base, tip = came.said.split("take one arm: chain ")[1].split(" (or ")[0].split()
     again = run(
         ["export", folder() / ARMS["baxter"].file, "--chain", base, tip, "--out", tmp_path / "b"]
     )

@@ -1,6 +1,6 @@
 """Other people's arms and their logs: excited, identified, diagnosed; written models read again.
 
-`diagnose` takes turns; every arm runs it in `benchmarks/other_arms.py`, by hand.
+`diagnose` takes turns; every arm runs it in `benchmarks/accuracy/other_arms.py`, by hand.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.other_arms import ARMS, Case
+from benchmarks.accuracy.other_arms import ARMS, Case
 from stiction_envs.robots import load_arm
 from tests.other_arms.conftest import done
 

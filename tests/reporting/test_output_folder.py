@@ -55,7 +55,7 @@ def test_unfinished_run_is_resumed_by_itself_only(tmp_path):
     assert OutputFolder(tmp_path, found(), resumable=True).resumed
     with pytest.raises(StictionError, match="a run of stiction sje"):
         OutputFolder(tmp_path, found())
-    with pytest.raises(StictionError, match="--force"):
+    with pytest.raises(StictionError, match="or force"):
         OutputFolder(tmp_path, found(seed=1), resumable=True)
     assert not OutputFolder(tmp_path, found(seed=1), resumable=True, force=True).resumed
 
@@ -99,7 +99,7 @@ def test_a_file_is_not_replaced_unless_forced(tmp_path):
     path = tmp_path / "friction.toml"
     check_file(path, ".toml", force=False)
     path.write_text("mine")
-    with pytest.raises(StictionError, match="--force"):
+    with pytest.raises(StictionError, match="or force"):
         check_file(path, ".toml", force=False)
     check_file(path, ".toml", force=True)
     for wrong in (tmp_path / "friction", tmp_path, tmp_path / "friction.csv"):
@@ -122,6 +122,20 @@ def test_what_a_killed_run_left_half_written_is_gone_when_it_goes_on(tmp_path):
         pass
     assert not list(tmp_path.rglob(".*.part"))
     assert (tmp_path / "base.csv").read_text() == "done"
+
+
+def test_a_process_that_is_refused_leaves_the_files_that_another_is_writing(tmp_path):
+    with OutputFolder(tmp_path, found(), resumable=True):
+        (tmp_path / "base.csv").write_text("done")
+        part = tmp_path / ".scale.csv.123.part"
+        part.write_text("hal")
+        with (
+            pytest.raises(StictionError, match="in use"),
+            OutputFolder(tmp_path, found(), resumable=True),
+        ):
+            raise StictionError("in use")
+        part.rename(tmp_path / "scale.csv")
+    assert (tmp_path / "scale.csv").is_file()
 
 
 def full(*_: object) -> None:

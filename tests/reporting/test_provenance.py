@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from importlib import metadata
 
-from stiction_envs.reporting.provenance import sha256
+from stiction_envs.reporting.provenance import sha256, versions
 
 
 def test_hash_of_a_file(tmp_path):
@@ -28,3 +29,13 @@ def test_hash_of_a_folder_is_that_of_names_and_contents(tmp_path):
     for name in "ba":
         (again / name).write_bytes(b"x")
     assert sha256(again) in found
+
+
+def test_versions_name_every_package_that_takes_part():
+    found = versions()
+    assert {"numpy", "optuna", "mujoco"} <= set(found)
+    for name in ("cmaes", "numba", "scikit-learn", "torch"):
+        try:
+            assert found[name] == metadata.version(name)
+        except metadata.PackageNotFoundError:
+            assert name not in found

@@ -14,7 +14,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import BUILTIN, Arm, load_arm
 
-# physics.md 1.1: a, d, alpha of the modified Denavit-Hartenberg table, m and rad.
+# sources.md 1.1: a, d, alpha of the modified Denavit-Hartenberg table, m and rad.
 PANDA_DH = [
     (0, 0.333, 0),
     (0, 0, -np.pi / 2),
@@ -25,7 +25,7 @@ PANDA_DH = [
     (0.088, 0, np.pi / 2),
     (0, 0.107, 0),
 ]
-# physics.md 2.1: d1, d3, d5, wrist to flange [m].
+# sources.md 2.1: d1, d3, d5, wrist to flange [m].
 IIWA_D = {"iiwa7": (0.34, 0.40, 0.40, 0.126), "iiwa14": (0.36, 0.42, 0.40, 0.126)}
 IIWA_ALPHA = np.array([0, 1, -1, -1, 1, 1, -1]) * np.pi / 2
 # These alphas (STZ17) turn joints 2, 4, 6 the other way round than the controller and LBRF, where
@@ -152,7 +152,7 @@ def test_interfaces():
 
 
 def test_masses():
-    """physics.md 1.3 and 2.3; the geometry weighs nothing."""
+    """sources.md 1.3 and 2.3; the geometry weighs nothing."""
     known = {"panda": 16.69, "iiwa7": 23.9, "iiwa14": 29.9}
     total = {name: load_arm(name).model().body_mass.sum() for name in known}
     assert total == pytest.approx(known, abs=0.005)

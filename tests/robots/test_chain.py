@@ -144,7 +144,7 @@ def test_a_bigger_robot_names_its_arms(tmp_path: Path):
     with pytest.raises(StictionError) as caught:
         load_arm(path)
     assert str(caught.value).endswith(
-        "; of a bigger robot take one arm: --chain left_mount left_hand (or right_mount right_hand)"
+        "; of a bigger robot take one arm: chain left_mount left_hand (or right_mount right_hand)"
     )
     for base, tip in (("left_mount", "left_hand"), ("right_mount", "right_hand")):
         assert load_arm(path, chain=(base, tip)).n == 3

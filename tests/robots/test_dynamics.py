@@ -10,14 +10,14 @@ import pinocchio as pin
 import pytest
 
 from stiction_envs.robots import BUILTIN, Arm, load_arm
-from tests.robots.own_arms import MJCF, TETRA, URDF
+from tests.robots.arms import MJCF, TETRA, URDF
 
 STATES = 1000
 TOLERANCE = 1e-9
 PAYLOAD = (1.7, 0.02, -0.03, 0.08)
 TILT = (0.2, -0.35)
 
-# physics.md 1.4 and 2.3: largest gravity torque over the workspace, N·m.
+# sources.md 1.4 and 2.3: largest gravity torque over the workspace, N·m.
 LARGEST_GRAVITY = {
     "iiwa7": (0.0, 65.2, 18.5, 18.5, 0.58, 0.38, 0.0),
     "iiwa14": (0.0, 69.8, 18.9, 19.0, 0.60, 0.39, 0.0),
@@ -139,7 +139,7 @@ def test_largest_gravity_torque_of_the_panda_with_hand():
 
 @pytest.mark.parametrize("name", BUILTIN)
 def test_tilt_turns_gravity_in_the_base_frame(name):
-    """An upright arm under R_base^T g feels the torques of the tilted arm (physics.md 2.6)."""
+    """An upright arm under R_base^T g feels the torques of the tilted arm (sources.md 2.6)."""
     from scipy.spatial.transform import Rotation
 
     roll, pitch = TILT

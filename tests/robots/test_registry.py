@@ -156,7 +156,9 @@ def test_unknown_mounting_and_protocol_are_refused(tmp_path):
     register_arm_folder(tmp_path)
     with pytest.raises(StictionError, match="mounting 'wall': expected one of floor, free"):
         load_arm("odd")
-    with pytest.raises(StictionError, match="'ramp': expected one of ramp_rate, threshold"):
+    with pytest.raises(
+        StictionError, match="ramp: no such setting: expected one of ramp_rate, threshold"
+    ):
         load_protocol("odd")
 
 

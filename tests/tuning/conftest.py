@@ -10,9 +10,9 @@ import pytest
 
 from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
 from stiction_envs.robots import Arm, load_arm
-from tests.robots.own_arms import chain
-from tests.tuning.postgres import Server
-from tuning.storage import open_storage
+from tests.robots.arms import chain
+from tests.tuning.study.postgres import Server
+from tuning.study.storage import open_storage
 
 NUMBERS = itertools.count()
 """Of databases."""

@@ -1,1 +1,1 @@
-"""Policies that dither: trained, kept in a file that runs no code, evaluated, made a table."""
+"""Policies that dither: training, files that run no code, evaluation, conversion to a table."""

@@ -13,22 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.reporting.provenance import versions
-from tuning.policies.extra import (
-    PPO,
-    SAC,
-    TD3,
-    BaseAlgorithm,
-    Logger,
-    NormalActionNoise,
-    TensorBoardOutputFormat,
-    VecMonitor,
-    VecNormalize,
-    torch,
-)
 from tuning.policies.policy import Card, Policy
-from tuning.policies.recorded import RecordedVecEnv
 from tuning.policies.settings import (
     PolicySettings,
     PPOSettings,
@@ -38,6 +25,18 @@ from tuning.policies.settings import (
     TD3Settings,
 )
 from tuning.policies.task import Task
+
+try:
+    import torch
+    from stable_baselines3 import PPO, SAC, TD3
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    from tuning.policies.resumable_env import ResumableVecEnv
+except ImportError:
+    raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
 Settings = PPOSettings | SACSettings | TD3Settings
 ALGORITHMS = ("sac", "ppo", "td3")
@@ -52,16 +51,12 @@ def settings_of(algorithm: str, settings: PolicySettings) -> Settings:
     """
     if algorithm not in ALGORITHMS:
         raise unknown("algorithm", algorithm, ALGORITHMS)
-    found: dict[str, Settings] = {
-        "sac": settings.sac,
-        "ppo": settings.ppo,
-        "td3": settings.td3,
-    }
+    found: dict[str, Settings] = {"sac": settings.sac, "ppo": settings.ppo, "td3": settings.td3}
     return found[algorithm]
 
 
 def least_steps(settings: Settings) -> tuple[int, str]:
-    """Return the fewest steps from which anything is learned, and why."""
+    """Return the smallest number of steps from which anything is learned, and the reason."""
     if isinstance(settings, PPOSettings):
         return (
             settings.envs * settings.rollout,
@@ -76,7 +71,7 @@ def least_steps(settings: Settings) -> tuple[int, str]:
 def make_env(task: Task, num_envs: int, settings: RunSettings, gamma: float) -> VecNormalize:
     """Return N arms as Stable-Baselines3 trains on them: recorded, monitored, normalised."""
     return VecNormalize(
-        VecMonitor(RecordedVecEnv(task.make(num_envs))),
+        VecMonitor(ResumableVecEnv(task.make(num_envs))),
         clip_obs=settings.clip_observation,
         clip_reward=settings.clip_reward,
         gamma=gamma,
@@ -86,18 +81,19 @@ def make_env(task: Task, num_envs: int, settings: RunSettings, gamma: float) -> 
 def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorithm:
     """Return an untrained model; everything random in it follows from the seed.
 
-    From here on torch has one thread: its sums depend on how many there are, and small networks
-    are no faster on more.
+    From here on torch uses one thread: its sums depend on the number of threads, and small networks
+    are not faster with more.
     """
     torch.set_num_threads(1)
+    network: dict[str, Any] = {"net_arch": list(settings.network)}
     arguments: dict[str, Any] = {
         "learning_rate": settings.learning_rate,
         "batch_size": settings.batch_size,
         "gamma": settings.gamma,
+        "policy_kwargs": network,
         "seed": seed,
         "device": "cpu",
     }
-    network: dict[str, Any] = {"net_arch": list(settings.network)}
     if isinstance(settings, PPOSettings):
         network["log_std_init"] = settings.log_std
         return PPO(
@@ -108,7 +104,6 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
             gae_lambda=settings.gae_lambda,
             clip_range=settings.clip_range,
             ent_coef=settings.entropy,
-            policy_kwargs=network,
             **arguments,
         )
     arguments |= {
@@ -116,7 +111,6 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
         "gradient_steps": settings.gradient_steps,
         "buffer_size": settings.buffer_size,
         "tau": settings.tau,
-        "policy_kwargs": network,
     }
     if isinstance(settings, SACSettings):
         return SAC("MlpPolicy", env, ent_coef=f"auto_{settings.temperature}", **arguments)
@@ -133,12 +127,12 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
 
 
 def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: StartSettings) -> None:
-    """Make an untrained model's mean action (nearly) the same whatever is seen.
+    """Make an untrained model's mean action (nearly) independent of the observation.
 
     Args:
         model: of `make_model`.
         action: (2n,) in [-1, 1].
-        settings: how nearly.
+        settings: limits of the weights and of the action.
     """
     layers, output = _layers(model)
     inside = np.clip(action, -settings.most, settings.most)
@@ -153,14 +147,14 @@ def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: Star
 
 
 def make_logger(folder: Path | None) -> Logger:
-    """Return a logger to TensorBoard, or to nobody."""
+    """Return a logger to TensorBoard, or one without output."""
     if folder is None:
         return Logger(None, [])
     return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
 
 
 def packages() -> dict[str, str]:
-    """Return the versions that decide a training's bits, besides ours."""
+    """Return the versions of other packages that decide a training's bits."""
     return {name: metadata.version(name) for name in ("stable-baselines3", "torch", "numpy")}
 
 
@@ -168,16 +162,16 @@ def packages() -> dict[str, str]:
 
 
 def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None = None) -> Policy:
-    """Return what a model of Stable-Baselines3 does, its normalisation included, as numbers.
+    """Return a model of Stable-Baselines3, its normalisation included, as a numeric policy.
 
     Args:
         model: PPO, SAC or TD3 with an ``MlpPolicy`` that was trained on actions in [-1, 1]
-            (`SB3VecEnv`), within `VecNormalize` or not.
-        task: what it was trained on.
-        training: how it came about.
+            (`SB3VecEnv`), with or without `VecNormalize`.
+        task: task of the training.
+        training: description of the training.
 
     Raises:
-        StictionError: another algorithm, or layers that a `Policy` has not.
+        StictionError: another algorithm, or layers that `Policy` does not support.
     """
     layers, output = _layers(model)
     linear = [x for x in layers if isinstance(x, torch.nn.Linear)]
@@ -211,7 +205,7 @@ def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None 
 
 
 def _layers(model: BaseAlgorithm) -> tuple[list[Any], str]:
-    """Return the actor's layers in order, the last linear, and what bounds the action."""
+    """Return the actor's layers in order, the last linear, and how the action is bounded."""
     policy: Any = model.policy
     if isinstance(model, PPO):
         return [*policy.mlp_extractor.policy_net, policy.action_net], "clip"

@@ -1,12 +1,12 @@
-"""All of a training on disk, so that it goes on to the bit: a folder that is there or not.
+"""The complete state of a training on disk, for an exact restart; a folder is complete or absent.
 
     checkpoint/000020480/state.json    counters, random generators, the curve so far
                          arrays.npz    episodes, normalisation, replay buffer
                          weights.pt    networks and optimisers
                          policy.zip    the best policy so far
 
-Neither part is pickled code: tensors are read with ``weights_only``, arrays without pickle. It is
-made under another name and takes its own when it is complete; then older ones are removed.
+Neither part is pickled code: tensors are read with ``weights_only``, arrays without pickle. The
+folder is written under another name and renamed when it is complete; then older ones are removed.
 """
 
 from __future__ import annotations
@@ -22,24 +22,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.reporting.json_text import plain
-from tuning.policies.extra import (
-    BaseAlgorithm,
-    OffPolicyAlgorithm,
-    RunningMeanStd,
-    VecMonitor,
-    VecNormalize,
-    torch,
-)
-from tuning.policies.recorded import RecordedVecEnv
 
 PART = "next"
-"""Name of a checkpoint that is being made."""
+"""Name of a checkpoint that is being written."""
 _REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+_MOMENTS = ("mean", "var", "count")
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 
@@ -52,15 +47,15 @@ def save(
     *,
     finished: bool = False,
 ) -> None:
-    """Write a checkpoint between two rollouts; it takes the place of older ones.
+    """Write a checkpoint between two rollouts; it replaces older ones.
 
     Args:
-        folder: of the checkpoints.
-        model: with its environments.
-        identity: what makes the training.
-        more: what else is to come back, JSON.
+        folder: folder of the checkpoints.
+        model: the model with its environments.
+        identity: definition of the training.
+        more: other state to store, JSON.
         best: the best policy's file.
-        finished: whether the training is over: what is only needed to go on is left out.
+        finished: whether the training is finished: what only a restart needs is left out.
     """
     part = folder / PART
     shutil.rmtree(part, ignore_errors=True)
@@ -86,7 +81,7 @@ def save(
     # in memory: torch reports a full disk as an error of its own, without the file
     weights = io.BytesIO()
     torch.save(tensors, weights)
-    # by name, that of a finished training comes behind the one at the same step
+    # sorted by name, that of a finished training comes after the one at the same step
     place = folder / f"{model.num_timesteps:09d}{'-finished' if finished else ''}"
     old = [p for p in folder.iterdir() if p != part]
     try:
@@ -107,7 +102,7 @@ def save(
 
 
 def newest(folder: Path) -> Path | None:
-    """Return the newest complete checkpoint; None where there is none."""
+    """Return the newest complete checkpoint; None if there is none."""
     if not folder.is_dir():
         return None
     found = sorted(p for p in folder.iterdir() if p.name != PART and p.is_dir())
@@ -115,10 +110,10 @@ def newest(folder: Path) -> Path | None:
 
 
 def read_state(place: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the counters and the rest of a checkpoint.
+    """Return the counters and the other state of a checkpoint.
 
     Raises:
-        StictionError: of another training, or one that cannot be read.
+        StictionError: it belongs to another training, or cannot be read.
     """
     try:
         state: dict[str, Any] = json.loads((place / "state.json").read_text(encoding="utf-8"))
@@ -131,15 +126,15 @@ def read_state(place: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         name = names[0]
         raise StictionError(
             f"checkpoint {place}: of another training: {name} is {theirs.get(name)!r}: expected "
-            f"{mine.get(name)!r}: choose another folder, or force (--force)"
+            f"{mine.get(name)!r}: choose another folder, or force"
         )
     return state
 
 
 def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None:
-    """Bring a fresh model of the same training, and its environments, to where it was saved.
+    """Restore a new model of the same training, and its environments, to the saved state.
 
-    A finished training has nothing to go on with.
+    A finished training cannot be continued.
 
     Raises:
         StictionError: files that cannot be read.
@@ -160,71 +155,58 @@ def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None
     if isinstance(model, OffPolicyAlgorithm):
         _restore_replay(model, arrays)
     _restore_environment(model, arrays, state["episodes"])
-    # last: nothing above may draw from them
+    # last: nothing above may draw random numbers
     model.action_space.np_random.bit_generator.state = state["actions"]
     key = np.array(state["numpy"]["state"]["key"], dtype=np.uint32)
     np.random.set_state({**state["numpy"], "state": {**state["numpy"]["state"], "key": key}})  # noqa: NPY002
     torch.set_rng_state(tensors["torch"])
 
 
-# ---- environments --------------------------------------------------------------------------------
+# ---- environments and replay buffer --------------------------------------------------------------
 
 
-def _wrappers(model: BaseAlgorithm) -> tuple[VecNormalize, VecMonitor, RecordedVecEnv]:
+def _arrays_of(model: BaseAlgorithm) -> dict[str, tuple[Any, str]]:
+    """Return where each array is kept: an object and the name of its attribute."""
     normal: Any = model.get_vec_normalize_env()
-    return normal, normal.venv, normal.venv.venv
+    monitor = normal.venv
+    return {
+        "last_obs": (model, "_last_obs"),
+        "episode_starts": (model, "_last_episode_starts"),
+        "old_obs": (normal, "old_obs"),
+        "old_reward": (normal, "old_reward"),
+        "returns": (normal, "returns"),
+        "monitor_returns": (monitor, "episode_returns"),
+        "monitor_lengths": (monitor, "episode_lengths"),
+        **{f"obs_{name}": (normal.obs_rms, name) for name in _MOMENTS},
+        **{f"ret_{name}": (normal.ret_rms, name) for name in _MOMENTS},
+    }
 
 
 def _environment(model: BaseAlgorithm) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
-    normal, monitor, recorded = _wrappers(model)
-    start, actions = recorded.snapshot()
-    last: Any = model._last_obs
-    arrays = {
-        "last_obs": last,
-        "episode_starts": np.array(model._last_episode_starts),
-        "old_obs": np.array(normal.old_obs),
-        "old_reward": np.array(normal.old_reward),
-        "returns": normal.returns,
-        "monitor_returns": monitor.episode_returns,
-        "monitor_lengths": monitor.episode_lengths,
-        "lengths": np.array([len(a) for a in actions]),
-        "actions_since": np.concatenate(actions),
-    }
-    for name, moments in (("obs", normal.obs_rms), ("ret", normal.ret_rms)):
-        assert isinstance(moments, RunningMeanStd)
-        arrays |= {
-            f"{name}_mean": np.asarray(moments.mean),
-            f"{name}_var": np.asarray(moments.var),
-            f"{name}_count": np.asarray(moments.count),
-        }
+    """Return all arrays of a model's environments, and the random generators of their episodes."""
+    normal: Any = model.get_vec_normalize_env()
+    start, actions = normal.venv.venv.snapshot()
+    arrays = {name: np.array(getattr(*place)) for name, place in _arrays_of(model).items()}
+    arrays["lengths"] = np.array([len(a) for a in actions])
+    arrays["actions_since"] = np.concatenate(actions)
     return arrays, start
 
 
 def _restore_environment(
     model: BaseAlgorithm, arrays: Mapping[str, NDArray[Any]], start: list[dict[str, Any]]
 ) -> None:
-    normal, monitor, recorded = _wrappers(model)
+    normal: Any = model.get_vec_normalize_env()
     ends = np.cumsum(arrays["lengths"])[:-1]
-    observation = recorded.restore(start, np.split(arrays["actions_since"], ends))
-    normal.old_obs, normal.old_reward = arrays["old_obs"], arrays["old_reward"]
-    if not np.array_equal(observation, normal.old_obs):
+    observation = normal.venv.venv.restore(start, np.split(arrays["actions_since"], ends))
+    if not np.array_equal(observation, arrays["old_obs"]):
         raise StictionError(
             "checkpoint: played again, its episodes come out otherwise: the machine, or the "
             "version of a package, is another: expected those it was made with"
         )
-    normal.returns = arrays["returns"]
-    monitor.episode_returns = arrays["monitor_returns"]
-    monitor.episode_lengths = arrays["monitor_lengths"]
-    for name, moments in (("obs", normal.obs_rms), ("ret", normal.ret_rms)):
-        assert isinstance(moments, RunningMeanStd)
-        moments.mean, moments.var = arrays[f"{name}_mean"], arrays[f"{name}_var"]
-        moments.count = float(arrays[f"{name}_count"])
-    model._last_obs = arrays["last_obs"]
+    for name, (owner, attribute) in _arrays_of(model).items():
+        value = arrays[name]
+        setattr(owner, attribute, value if value.ndim else float(value))
     model._last_original_obs = normal.old_obs
-    model._last_episode_starts = arrays["episode_starts"]
-
-
-# ---- replay buffer -------------------------------------------------------------------------------
 
 
 def _replay(model: OffPolicyAlgorithm) -> dict[str, NDArray[Any]]:

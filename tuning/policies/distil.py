@@ -1,13 +1,13 @@
-"""The closest gated table to what a policy does, and the closest torque-and-speed rule.
+"""The gated table and the torque-and-speed rule that are closest to a policy.
 
-Per joint, amplitudes that a policy chose are fitted by
+For each joint, the amplitudes that a policy chose are fitted by
 
     A(τ, q̇) = a · min(1, |τ| / θ) · exp(−(q̇/v)²)                       (rule)
     A(q̇)    = a · exp(−(q̇/v)²)                                         (table)
 
-with τ the torque without dither over the stiction. For a threshold θ and a gate v the amplitude a
-is linear, so only these two are searched (variable projection, Golub and Pereyra 1973). A joint's
-frequency is the mean of those chosen, weighted with the power that went into them.
+where τ is the torque without dither over the stiction. For a threshold θ and a gate v, the
+amplitude a is linear, so only these two are searched (variable projection, Golub and Pereyra 1973).
+A joint's frequency is the mean of the chosen ones, weighted with their power.
 
     distilled = distil(task, policy, seed=0)
     distilled.save("runs/distilled")                      # final.csv, rule.csv
@@ -36,35 +36,35 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """One joint as a table, and as a rule."""
+    """One joint as a table and as a rule."""
 
     joint: int
-    """From 1."""
+    """Number of the joint, from 1."""
     frequency_hz: float
-    """Mean over the policy's frequencies, weighted with amplitude²; of table and rule [Hz]."""
+    """Mean of the policy's frequencies, weighted with amplitude²; for table and rule [Hz]."""
     frequency_std_hz: float
-    """Their standard deviation, weighted likewise: what one frequency leaves out [Hz]."""
+    """Their standard deviation with the same weights: the loss of using one frequency [Hz]."""
     table_nm: float
     """Amplitude of the table [N·m]; 0 where the joint is not dithered."""
     table_gate_rad_s: float
-    """Its gate; 0 is none [rad/s]."""
+    """Gate of the table; 0 means none [rad/s]."""
     table_r2: float
-    """Share of the amplitude's variance that it explains; NaN where there is none to explain."""
+    """Share of the amplitude's variance that the table explains; NaN where there is no variance."""
     rule_nm: float
     """Amplitude of the rule [N·m]."""
     rule_gate_rad_s: float
-    """Its gate; 0 is none [rad/s]."""
+    """Gate of the rule; 0 means none [rad/s]."""
     rule_threshold: float
-    """Torque over stiction from which the amplitude is the largest; 0 is none [-]."""
+    """Torque over stiction at which the amplitude reaches its maximum; 0 means no threshold [-]."""
     rule_r2: float
-    """As `table_r2`."""
+    """The same for the rule."""
 
 
 class DistilledRule(GatedTable):
     """A table, gated by speed, whose amplitudes also grow with the torque up to a threshold."""
 
     def __init__(self, env: Any, fits: Sequence[Fit]) -> None:
-        """Make it for an environment of the project."""
+        """Create it for an environment of the project."""
         top = env.unwrapped.core.action_space.high
         rows = [_row(f.joint, f.frequency_hz, f.rule_nm, f.rule_gate_rad_s, top) for f in fits]
         super().__init__(env, [r for r in rows if r is not None], speed=np.inf)
@@ -77,22 +77,22 @@ class DistilledRule(GatedTable):
 
 @dataclass(frozen=True, kw_only=True)
 class Distilled:
-    """Table and rule, and what they lose."""
+    """Table and rule, and their loss of return."""
 
     fits: tuple[Fit, ...]
-    """Of every joint."""
+    """Fits of all joints."""
     table: tuple[AmplitudeRow, ...]
-    """The table: joints that are dithered."""
+    """Rows of the dithered joints."""
     joint_names: tuple[str, ...]
-    """Of all the arm's joints."""
+    """Names of all the arm's joints."""
     evaluated: Evaluated
-    """Of none, policy, table and rule, on the same episodes, other than those of the fit."""
+    """Evaluation of none, policy, table and rule on the same episodes, not those of the fit."""
 
     @property
     def lost(self) -> dict[str, float]:
-        """Share of the policy's gain in return over no dither that is lost, per kind [-].
+        """Share of the policy's gain in return over no dither that each kind loses [-].
 
-        NaN where the policy gains nothing.
+        It is NaN where the policy gains nothing.
         """
         mean = {p: self.evaluated.values(p, "return").mean() for p in self.evaluated.policies}
         gain = mean["policy"] - mean["none"]
@@ -104,7 +104,7 @@ class Distilled:
     def save(self, folder: str | Path) -> None:
         """Write the table (``final.csv`` and ``.yaml``), ``rule.csv`` and its ``distilled.csv``.
 
-        The table is not written where no joint is dithered.
+        The table is not written if no joint is dithered.
         """
         folder = Path(folder)
         if self.table:
@@ -129,13 +129,13 @@ def distil(
     seed: int = 0,
     settings: DistilSettings | None = None,
 ) -> Distilled:
-    """Return the closest table and rule to an agent of the environment.
+    """Return the table and rule closest to an agent of the environment.
 
     Args:
         task: the environment.
         policy: anything with Stable-Baselines3's `predict`.
-        episodes: that are looked at, and as many others to evaluate; None for the settings'.
-        seed: of the first episode.
+        episodes: episodes to record, and as many others to evaluate; None for the settings'.
+        seed: seed of the first episode.
         settings: None for the defaults.
     """
     settings = policy_settings().distil if settings is None else settings
@@ -157,7 +157,7 @@ def distil(
 
 
 def watch(env: Any, policy: Any, seed: int) -> tuple[Array, Array, Array, Array]:
-    """Return what a policy saw and did until each arm of a batch has ended an episode.
+    """Return a policy's inputs and actions until each arm of a batch has ended an episode.
 
     Returns:
         Speeds [rad/s], torques without dither over the stiction [-], amplitudes [N·m] and
@@ -170,7 +170,7 @@ def watch(env: Any, policy: Any, seed: int) -> tuple[Array, Array, Array, Array]
     while going.any():
         action, _ = policy.predict(observation)
         parts = [reader.speed(observation), reader.torque(observation), *np.hsplit(action, 2)]
-        # an arm whose episode is over has begun the next one, which is as good
+        # an arm whose episode has ended starts the next one, which is just as useful
         seen.append(np.stack(parts))
         observation, _, terminated, truncated, _ = env.step(action)
         going &= ~(terminated | truncated)
@@ -187,15 +187,15 @@ def fit(
     top: NDArray[Any],
     settings: DistilSettings,
 ) -> list[Fit]:
-    """Return table and rule of every joint.
+    """Return the table and the rule of every joint.
 
     Args:
         speed: (M, n) [rad/s].
         torque: (M, n) without dither, over the stiction [-].
-        amplitude: (M, n) that the policy chose [N·m].
-        frequency: (M, n) that it chose [Hz].
+        amplitude: (M, n) amplitudes that the policy chose [N·m].
+        frequency: (M, n) frequencies that it chose [Hz].
         top: (n,) highest amplitudes [N·m].
-        settings: where is searched.
+        settings: bounds of the fit.
     """
     out = []
     for j in range(amplitude.shape[1]):
@@ -236,7 +236,7 @@ def _fitted(
     lower, upper = np.transpose(bounds)
 
     def shape(x: Array) -> Array:
-        # at the edge of its range a parameter is none
+        # a parameter at the edge of its range counts as none
         gate = np.inf if x[0] >= upper[0] - settings.edge else np.exp(x[0])
         out = np.exp(-((speed / gate) ** 2))
         if pushed is not None and x[1] > lower[1] + settings.edge:
@@ -260,7 +260,7 @@ def _fitted(
         grids = [np.linspace(lo, hi, settings.starts + 2)[1:-1] for lo, hi in bounds]
         for start in np.stack(np.meshgrid(*grids), axis=-1).reshape(-1, len(bounds)):
             found = least_squares(residual, start, bounds=(lower, upper))
-            if 2 * found.cost < cost * (1 - 1e-9):  # by more than rounding
+            if 2 * found.cost < cost * (1 - 1e-9):  # beyond rounding
                 best, cost = found.x, 2 * float(found.cost)
         r2 = 1.0 - cost / total
     else:
@@ -276,7 +276,7 @@ def _fitted(
 
 
 def _pushed(torque: Array, threshold: Any) -> Array:
-    """Return min(1, |τ| / θ), 1 where there is no threshold."""
+    """Return min(1, |τ| / θ), or 1 without threshold."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.minimum(1.0, torque / threshold)
     return np.where(np.asarray(threshold) > 0, share, 1.0)
@@ -285,7 +285,7 @@ def _pushed(torque: Array, threshold: Any) -> Array:
 def _row(
     joint: int, frequency: float, amplitude: float, gate: float, top: NDArray[Any]
 ) -> AmplitudeRow | None:
-    """Return the row of a joint; None where it is not dithered."""
+    """Return the row of a joint; None if it is not dithered."""
     if amplitude == 0:
         return None
     amplitude = min(amplitude, float(top[joint - 1]))

@@ -1,4 +1,4 @@
-"""What policies are worth: the same episodes for each, one row per episode.
+"""Comparison of policies: the same episodes for each, one row per episode.
 
 evaluated = evaluate_all(task, ["none", "gated", "policy.zip"], episodes=32, seed=0)
 evaluated.save("runs/evaluate-panda")
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
 from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.errors import StictionError
@@ -24,7 +25,7 @@ from tuning.policies.task import Task
 
 NAMED = ("none", "gated", "random", "rule")
 """Policies that need no file."""
-_TOGETHER = 64  # arms at once: as many as are quickest
+_TOGETHER = 64  # arms at once: the fastest number
 Progress = Callable[[str, float, float], None]
 """Called with a policy's name, episodes done and episodes in all."""
 
@@ -42,7 +43,7 @@ class Evaluated:
 
     @property
     def policies(self) -> list[str]:
-        """Names, in the order in which they were evaluated."""
+        """Names of the policies, in the order of their evaluation."""
         return list(dict.fromkeys(str(row["policy"]) for row in self.rows))
 
     def values(self, policy: str, name: str) -> NDArray[np.float64]:
@@ -62,7 +63,7 @@ class Evaluated:
 
     @property
     def _measures(self) -> list[str]:
-        # behind the return: what the episode was stands before it
+        # from the return on; the columns before it describe the episode
         names = list(self.rows[0])
         return [n for n in names[names.index("return") + 1 :] if not n.startswith("undithered")]
 
@@ -81,13 +82,13 @@ def evaluate_all(
     Args:
         task: the environment.
         policies: one of `NAMED`, a ``policy.zip``, an amplitude table, or a name and an agent.
-        episodes: of each; None for the settings'.
-        seed: of the first episode; the others have those that follow.
-        options: reset options of all episodes; of random paths, those that training never draws.
+        episodes: number of episodes of each; None for the settings'.
+        seed: seed of the first episode; the others have those that follow.
+        options: reset options of all episodes; random paths are those that training never draws.
         progress: see `Progress`.
 
     Raises:
-        StictionError: no such policy, one that is for something else, or unknown options.
+        StictionError: an unknown policy, one for another purpose, or unknown options.
     """
     episodes = policy_settings().evaluation.episodes if episodes is None else episodes
     env = task.make(min(episodes, _TOGETHER))
@@ -110,7 +111,7 @@ def evaluate_all(
 
 
 def check(task: Task, policies: Sequence[str], options: Mapping[str, Any] | None = None) -> None:
-    """Raise a StictionError for whatever is wrong with an evaluation; nothing is run."""
+    """Raise a StictionError if an evaluation has invalid arguments; nothing is run."""
     if len(set(policies)) < len(policies):
         raise StictionError(f"policies {', '.join(policies)}: expected each once")
     env = task.make(1)
@@ -124,13 +125,13 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
     """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
 
     Args:
-        name: one of `NAMED`, a ``policy.zip``, or an amplitude table (gates in it are kept to).
+        name: one of `NAMED`, a ``policy.zip``, or an amplitude table (its gates are used).
         task: the environment.
-        env: the same, made.
+        env: an instance of it.
 
     Raises:
-        StictionError: no such policy, one that is for something else, or a table that the
-            environment cannot do.
+        StictionError: an unknown policy, one for another purpose, or a table that the environment
+            cannot execute.
     """
     if name == "gated":
         return best_gated(task.arm_name, env)
@@ -158,11 +159,12 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
 
 
 def best_gated(robot: str, env: Any) -> GatedTable:
-    """Return the best gated table that is shipped for an arm, cut to the environment's amplitudes.
+    """Return the best gated table shipped for an arm, clipped to the environment's amplitudes.
 
     The Panda's is the best of 1600 tables with one gate that ``stiction tune panda --protocol
-    search --objective gte --gates one --evaluations 1600`` tried (``benchmarks/search.md``). An arm
-    without one is given `agents.usual_table` with the default gate.
+    search --objective gte --gates one --evaluations 1600`` tried
+    (``benchmarks/learning/search.md``). An arm without one is given
+    `agents.usual_table` with the default gate.
     """
     path = gated_file(robot)
     if path is None:
@@ -172,13 +174,13 @@ def best_gated(robot: str, env: Any) -> GatedTable:
 
 
 def gated_file(robot: str) -> Path | None:
-    """Return the best gated table that is shipped for an arm, None where there is none."""
-    path = Path(__file__).parents[1] / "tables" / f"{robot}_gated.csv"
+    """Return the best gated table shipped for an arm, None if there is none."""
+    path = HERE / f"{robot}_gated.csv"
     return path if path.is_file() else None
 
 
 def within_bounds(env: Any, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow, ...]:
-    """Return a table whose amplitudes are cut to those of the environment's action."""
+    """Return a table with amplitudes clipped to those of the environment's action."""
     top = env.unwrapped.single_action_space.high
     return tuple(
         replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in table
@@ -186,7 +188,7 @@ def within_bounds(env: Any, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow
 
 
 class _WithinBounds:
-    """A policy whose actions are cut to the bounds of another friction than it was trained with."""
+    """A policy with actions clipped to the bounds of another friction than it was trained with."""
 
     def __init__(self, policy: Policy, env: Any) -> None:
         space = env.single_action_space
@@ -199,13 +201,13 @@ class _WithinBounds:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
-        """Return the policy's action, cut."""
+        """Return the policy's action, clipped."""
         action, state = self._policy.predict(observation, state, episode_start, deterministic)
         return np.clip(action, self._low, self._high), state
 
 
 def _held_out(options: Mapping[str, Any] | None, episode: int) -> dict[str, Any]:
-    """Return the options of an episode; random paths are those that no training draws."""
+    """Return the options of an episode; its random path is one that no training draws."""
     out = dict(options or {})
     if out.get("trajectory") == "random" and "path" not in out:
         out["path"] = policy_settings().evaluation.test_paths + episode

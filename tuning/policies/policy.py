@@ -1,4 +1,4 @@
-"""A trained policy as numbers: played with numpy alone, kept in a file that runs no code.
+"""A trained policy as numbers: it runs with numpy alone and is stored in a file that runs no code.
 
 policy = Policy.load("policy.zip")
 policy.check(robot="panda", environment="GTE-v0", ...)     # what it was trained for
@@ -10,57 +10,54 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, get_origin, get_type_hints
+from typing import Annotated, Any, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError, unknown
-from tuning.policies.archive import read_archive, write_archive
+from stiction_envs.method_settings import Positive
+from tuning.policies.policy_file import read_archive, write_archive
 
 FORMAT = "stiction-envs policy 1"
 ACTIVATIONS = ("tanh", "relu")
-"""What hidden layers do."""
+"""Activations of the hidden layers."""
 OUTPUTS = ("tanh", "clip")
-"""How an action comes to lie in [-1, 1] of its range."""
+"""How an action is limited to [-1, 1] of its range."""
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a policy is, besides its numbers."""
+    """Description of a policy, besides its numbers."""
 
     robot: str
     """Name of the arm."""
     environment: str
-    """End of the environment's identifier, its version in it: ``GTE-v0``."""
-    observation_names: tuple[str, ...]
-    """Of every element, in order."""
-    interval: float
+    """End of the environment's identifier with its version: ``GTE-v0``."""
+    observation_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    """Names of all elements, in order."""
+    interval: Positive
     """Time between two actions [s]."""
     activation: str
     """One of `ACTIVATIONS`."""
     output: str
     """One of `OUTPUTS`."""
-    clip: float
-    """Normalised observations are within this."""
-    epsilon: float
-    """Added to the variance where it is normalised."""
+    clip: Positive
+    """Bound of normalised observations."""
+    epsilon: Positive
+    """Added to the variance in the normalisation."""
     training: Mapping[str, Any]
-    """How it came about: algorithm, steps, seed, versions and whatever else; for people."""
-
-
-_IN_JSON = {str: str, float: float, tuple: list, Mapping: dict}
-_CARD = {name: _IN_JSON[get_origin(kind) or kind] for name, kind in get_type_hints(Card).items()}
-"""Kinds of a card's entries in JSON."""
+    """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Policy:
     """Observation → normalised → layers → amplitudes [N·m] and frequencies [Hz].
 
-    A row of a batch has the same bits as alone.
+    A row of a batch gives the same bits as the row alone.
     """
 
     card: Card
@@ -69,9 +66,9 @@ class Policy:
     high: Array
     """(2n,) highest action."""
     mean: Array
-    """(observations,) of the observations in training."""
+    """(observations,) mean of the observations in training."""
     variance: Array
-    """(observations,) likewise."""
+    """(observations,) their variance."""
     weights: tuple[Array, ...]
     """(out, in) of every layer."""
     biases: tuple[Array, ...]
@@ -84,13 +81,13 @@ class Policy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float64], None]:
-        """Return the mean action; Stable-Baselines3's face, in the units of the environment.
+        """Return the mean action in the units of the environment; interface of Stable-Baselines3.
 
         Args:
             observation: (observations,) or (M, observations).
             state: not used: the policy has no memory.
             episode_start: not used.
-            deterministic: not used: nothing is drawn.
+            deterministic: not used: the policy is deterministic.
 
         Returns:
             (2n,) or (M, 2n) amplitudes [N·m] and frequencies [Hz], and None.
@@ -113,7 +110,7 @@ class Policy:
             if k < last:
                 y = np.tanh(y) if self.card.activation == "tanh" else np.maximum(y, 0.0)
         y = np.tanh(y) if self.card.output == "tanh" else np.clip(y, -1.0, 1.0)
-        # −1 is exactly the lowest: no dither
+        # −1 is exactly the lowest action: no dither
         action = self.low + 0.5 * (y + 1.0) * (self.high - self.low)
         return action.reshape(*x.shape[:-1], len(self.low)), None
 
@@ -165,11 +162,11 @@ class Policy:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a ``policy.zip``, whoever made it: no code in it is run.
+        """Read a ``policy.zip`` from any source: no code in it is run.
 
         Raises:
-            StictionError: no file, no policy, Stable-Baselines3's own zip, pickled objects, more
-                than fits, numbers that are not finite, shapes that do not belong together.
+            StictionError: no file, no policy, Stable-Baselines3's own zip, pickled objects, a
+                content that is too large, numbers that are not finite, inconsistent shapes.
         """
         path = Path(path)
         raw, arrays = read_archive(path)
@@ -197,17 +194,11 @@ class Policy:
     def _check_shapes(self, path: Path) -> None:
         observations, actions = len(self.card.observation_names), self.low.size
         sizes = [observations, *(w.shape[0] if w.ndim == 2 else -1 for w in self.weights)]
-        expected = {
-            "low": (actions,),
-            "high": (actions,),
-            "mean": (observations,),
-            "variance": (observations,),
-        }
-        for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise StictionError(
-                    f"{path}: {name} has shape {getattr(self, name).shape}: expected {shape}"
-                )
+        lengths = (actions, actions, observations, observations)
+        for name, size in zip(_VECTORS, lengths, strict=True):
+            shape = getattr(self, name).shape
+            if shape != (size,):
+                raise StictionError(f"{path}: {name} has shape {shape}: expected ({size},)")
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if weight.shape != (sizes[k + 1], sizes[k]) or bias.shape != (sizes[k + 1],):
                 raise StictionError(
@@ -226,30 +217,26 @@ _VECTORS = ("low", "high", "mean", "variance")
 def _checked_card(path: Path, raw: Mapping[str, Any]) -> Card:
     if raw.get("format") != FORMAT:
         raise StictionError(f"{path}: format {raw.get('format')!r}: expected {FORMAT!r}")
-    for name, kind in _CARD.items():
-        value = raw.get(name)
-        good = isinstance(value, (int, float) if kind is float else kind)
-        if not good or isinstance(value, bool):
-            words = {float: "a number", list: "a list", dict: "an object", str: "a word"}
-            raise StictionError(f"{path}: {name} is {value!r}: expected {words[kind]}")
-    for name in ("interval", "clip", "epsilon"):
-        if not 0 < raw[name] < np.inf:
-            raise StictionError(f"{path}: {name} is {raw[name]!r}: expected a number above 0")
+    try:
+        card = msgspec.convert(raw, Card)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$.")
+        name = place.rstrip("`").partition("[")[0]
+        value = f"{name} is {raw[name]!r}: " if name in raw else ""
+        raise StictionError(f"{path}: {value}{said[:1].lower()}{said[1:]}") from None
+    if not np.isfinite([card.interval, card.clip, card.epsilon]).all():
+        raise StictionError(f"{path}: interval, clip and epsilon: expected finite numbers")
     for name, expected in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
         if raw[name] not in expected:
             raise unknown(f"{name} in {path}", raw[name], expected)
-    if raw["environment"].count("-") != 1:
-        raise StictionError(f"{path}: environment {raw['environment']!r}: expected one as GTE-v0")
-    names = raw["observation_names"]
-    if not names or not all(isinstance(n, str) for n in names):
-        raise StictionError(f"{path}: observation_names: expected a list of words")
-    fields = {name: raw[name] for name in _CARD}
-    return Card(**{**fields, "observation_names": tuple(names)})
+    if card.environment.count("-") != 1:
+        raise StictionError(f"{path}: environment {card.environment!r}: expected one as GTE-v0")
+    return card
 
 
 @compiled
 def _layer(x: Array, weight: Array, bias: Array) -> Array:
-    """Return x Wᵀ + b for x (M, in), summed in a fixed order whatever M is."""
+    """Return x Wᵀ + b for x (M, in), summed in an order that does not depend on M."""
     out = np.empty((x.shape[0], weight.shape[0]))
     turned = weight.T.copy()
     for i in range(x.shape[0]):

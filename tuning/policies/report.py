@@ -1,14 +1,19 @@
-"""A training for people: ``report.md`` and ``report.html``; means of evaluated policies as rows."""
+"""Report of a training: its curve, its pages, and the means of evaluated policies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.reporting.markdown import number, table_text
+from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.registry import arm_title
@@ -18,6 +23,7 @@ if TYPE_CHECKING:
     from tuning.policies.evaluation import Evaluated
     from tuning.policies.task import Task
     from tuning.policies.train import Trained
+    from tuning.policies.training_callbacks import CurvePoint
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "train.md.j2"
 COLUMNS = {
@@ -31,13 +37,13 @@ COLUMNS = {
     "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
     "power": ("power", 1.0, 3),
 }
-"""Means that are shown: heading, factor, digits."""
+"""Means that the report shows: heading, factor, digits."""
 
 
 def means_table(
     summary: Mapping[str, Mapping[str, float]],
 ) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows of `Evaluated.summary`, a policy in a row."""
+    """Return header and rows of `Evaluated.summary`, one row per policy."""
     shown = [c for c in COLUMNS if c in next(iter(summary.values()))]
     rows = [
         [policy, *(number(means[c] * COLUMNS[c][1], COLUMNS[c][2]) for c in shown)]
@@ -63,11 +69,11 @@ def write_report(
 
     Args:
         folder: an existing one, with ``curve.png``.
-        task: that was trained on.
+        task: task of the training.
         algorithm: its name.
         trained: the policy's curve.
         evaluated: no dither ("none") and the policy ("trained"), on the same episodes.
-        distilled: the closest table and rule, where they were asked for.
+        distilled: the closest table and rule, if they were requested.
     """
     summary = evaluated.summary()
     none, policy = summary["none"], summary["trained"]
@@ -93,3 +99,40 @@ def write_report(
         if distilled is None
         else {kind: 100 * lost for kind, lost in distilled.lost.items()},
     )
+
+
+# ---- the curve -----------------------------------------------------------------------------------
+
+POLICY, TRAINING, NONE = "#1f5fa8", "#8a8a8a", "#d1701a"
+
+
+def draw_curve(path: Path, points: Sequence[CurvePoint], *, title: str, experiment: str) -> None:
+    """Draw returns over steps; the shade is the standard deviation over the evaluation's episodes.
+
+    Args:
+        path: path of the PNG.
+        points: `training_callbacks.CurvePoint`.
+        title: title of the plot.
+        experiment: one of `envs.registration.EXPERIMENTS`.
+    """
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    steps = np.array([p.steps for p in points])
+    mean = np.array([p.evaluation_return for p in points])
+    spread = np.array([p.evaluation_std for p in points])
+    training = np.array([p.training_return for p in points])
+    axes.fill_between(steps, mean - spread, mean + spread, color=POLICY, alpha=0.15, lw=0)
+    axes.plot(steps, mean, "o-", ms=3, color=POLICY, label="evaluation, ± std of episodes")
+    if np.isfinite(training).any():
+        axes.plot(steps, training, color=TRAINING, lw=1, label="training, exploration included")
+    best = int(np.argmax(mean))
+    axes.plot(steps[best], mean[best], "o", ms=9, mfc="none", color=POLICY, label="kept")
+    kind = EXPERIMENTS[experiment]
+    if kind.undithered_return is not None:
+        axes.axhline(kind.undithered_return, color=NONE, ls="--", lw=1, label="no dither")
+    axes.set_xlabel("steps of all arms")
+    axes.set_ylabel(kind.returns)
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    save_full(figure, path)

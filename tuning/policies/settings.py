@@ -6,66 +6,65 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from stiction_envs.method_settings import check_numbers, load_settings
+from stiction_envs.method_settings import (
+    Count,
+    NotNegative,
+    Positive,
+    Share,
+    load_settings,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PPOSettings:
     """Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3."""
 
-    envs: int
+    envs: Count
     """Arms that are stepped together."""
-    rollout: int
+    rollout: Count
     """Steps of each arm between two updates."""
-    batch_size: int
+    batch_size: Count
     """Transitions of a gradient step."""
-    epochs: int
+    epochs: Count
     """Passes over a rollout."""
-    learning_rate: float
-    """Of Adam [-]."""
-    gamma: float
+    learning_rate: Positive
+    """Learning rate of Adam [-]."""
+    gamma: Share
     """Discount per step [-]."""
-    gae_lambda: float
-    """Of the advantage estimate [-]."""
-    clip_range: float
-    """Of the probability ratio [-]."""
-    entropy: float
+    gae_lambda: Share
+    """λ of the generalised advantage estimate [-]."""
+    clip_range: Share
+    """Clip range of the probability ratio [-]."""
+    entropy: NotNegative
     """Weight of the entropy [-]."""
     log_std: float
-    """Logarithm of the first standard deviation of an action, in [-1, 1] of its range."""
-    network: tuple[int, ...]
-    """Units of each hidden layer (tanh), of actor and critic alike."""
-
-    def __post_init__(self) -> None:
-        shares = ("gamma", "gae_lambda", "clip_range")
-        check_numbers(self, shares=shares, from_zero=("entropy",), signed=("log_std",))
+    """Logarithm of an action's initial standard deviation, in [-1, 1] of its range."""
+    network: tuple[Count, ...]
+    """Units of each hidden layer (tanh), the same for actor and critic."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OffPolicySettings:
-    """What soft actor-critic and TD3 have in common."""
+    """Settings that soft actor-critic and TD3 share."""
 
-    envs: int
+    envs: Count
     """Arms that are stepped together."""
-    learning_starts: int
+    learning_starts: Count
     """Steps with random actions at the beginning."""
-    gradient_steps: int
+    gradient_steps: Count
     """Updates after each step of all arms."""
-    batch_size: int
+    batch_size: Count
     """Transitions of a gradient step."""
-    buffer_size: int
-    """Most transitions that are kept."""
-    learning_rate: float
-    """Of Adam [-]."""
-    gamma: float
+    buffer_size: Count
+    """Largest number of transitions in the replay buffer."""
+    learning_rate: Positive
+    """Learning rate of Adam [-]."""
+    gamma: Share
     """Discount per step [-]."""
-    tau: float
-    """By how much target networks follow, per update [-]."""
-    network: tuple[int, ...]
-    """Units of each hidden layer (ReLU), of actor and critics alike."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("gamma", "tau"))
+    tau: Share
+    """Rate at which target networks follow, per update [-]."""
+    network: tuple[Count, ...]
+    """Units of each hidden layer (ReLU), the same for actor and critics."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +72,7 @@ class SACSettings(OffPolicySettings):
     """Soft actor-critic (Haarnoja et al. 2018) with learned temperature, by Stable-Baselines3."""
 
     temperature: float
-    """Price of entropy at first, in normalised reward; learned from there on."""
+    """Initial weight of the entropy, in normalised reward; it is learned afterwards."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,103 +80,88 @@ class TD3Settings(OffPolicySettings):
     """Twin delayed deterministic policy gradient (Fujimoto et al. 2018), by Stable-Baselines3."""
 
     noise: float
-    """Standard deviation of what is added to an action to explore, in [-1, 1] of its range."""
+    """Standard deviation of the exploration noise on an action, in [-1, 1] of its range."""
     policy_delay: int
     """Updates of the critics per update of the actor."""
     target_noise: float
     """Standard deviation of the noise that smooths the critics' targets."""
     target_clip: float
-    """Most of that noise."""
+    """Bound of that noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """What happens while a policy is trained, whatever the algorithm."""
+    """Settings of a training that hold for every algorithm."""
 
-    evaluation_every: int
+    evaluation_every: Count
     """Steps between two evaluations."""
-    evaluation_episodes: int
-    """Episodes of each, the same ones every time."""
-    checkpoint_every: int
-    """Steps between two checkpoints: what an interruption may cost."""
-    final_episodes: int
+    evaluation_episodes: Count
+    """Episodes of each evaluation, the same ones every time."""
+    checkpoint_every: Count
+    """Steps between two checkpoints; an interruption loses at most these."""
+    final_episodes: Count
     """Episodes with other seeds on which the finished policy is compared."""
-    clip_observation: float
-    """Normalised observations are within this [standard deviations]."""
-    clip_reward: float
-    """So are normalised rewards."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    clip_observation: Positive
+    """Bound of normalised observations [standard deviations]."""
+    clip_reward: Positive
+    """Bound of normalised rewards [standard deviations]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StartSettings:
-    """A policy that begins with an amplitude table."""
+    """A policy that starts from an amplitude table."""
 
-    slope: float
-    """How much it varies at first, over an untrained network [-]."""
-    most: float
-    """Most and least of its action where a tanh bounds it, in [-1, 1] of the range."""
+    slope: Positive
+    """Initial variation of the network's output, over that of an untrained network [-]."""
+    most: Share
+    """Bound of its action where a tanh limits it, in [-1, 1] of the range."""
     log_std: float
-    """Logarithm of PPO's first standard deviation, in [-1, 1] of the action's range."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("most",), signed=("log_std",))
+    """Logarithm of PPO's initial standard deviation, in [-1, 1] of the action's range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
     """Episodes on which policies are compared."""
 
-    episodes: int
-    """Default number of them."""
-    test_paths: int
-    """First number of the random paths that are evaluated on; training may draw smaller ones."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    episodes: Count
+    """Default number of episodes."""
+    test_paths: Count
+    """Number of the first random path for evaluation; training may draw smaller numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileSettings:
-    """What a policy's file may be: a stranger's could be made to fill the memory."""
+    """Limits of a policy file: a file from a stranger could otherwise fill the memory."""
 
-    most_bytes: int
-    """Of all that is in it, unpacked."""
-    most_entries: int
-    """Files in it."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    most_bytes: Count
+    """Largest size of its content, unpacked."""
+    most_entries: Count
+    """Largest number of files in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DistilSettings:
-    """The closest gated table and rule to what a policy does."""
+    """The gated table and rule that come closest to a policy."""
 
-    episodes: int
-    """Default number that is looked at."""
-    starts: int
-    """Gates, and thresholds, from which a joint's fit is started: each with each."""
-    gate_rad_s: tuple[float, float]
-    """Slowest and fastest gate speed; a gate that ends on the fastest is none [rad/s]."""
-    threshold: tuple[float, float]
-    """Lowest and highest torque threshold over stiction; one on the lowest is none [-]."""
-    least_share: float
+    episodes: Count
+    """Default number of episodes of the policy that are recorded."""
+    starts: Count
+    """Initial gates and initial thresholds of a joint's fit; every combination is tried."""
+    gate_rad_s: tuple[Positive, Positive]
+    """Slowest and fastest gate speed; a gate that ends on the fastest counts as none [rad/s]."""
+    threshold: tuple[Positive, Positive]
+    """Lowest and highest torque threshold over stiction; one on the lowest counts as none [-]."""
+    least_share: Positive
     """A joint whose amplitude is below this share of the highest possible is not dithered [-]."""
-    edge: float
-    """A gate or threshold this near its bound is on it, in its logarithm [-]."""
-    least_spread: float
+    edge: Positive
+    """A gate or threshold this near its bound, in the logarithm, is on it [-]."""
+    least_spread: Positive
     """Amplitudes whose standard deviation is below this share of the highest are constant [-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySettings:
-    """All of this room."""
+    """All settings of this package."""
 
     ppo: PPOSettings
     """Proximal policy optimisation."""
@@ -188,11 +172,11 @@ class PolicySettings:
     run: RunSettings
     """Evaluations and checkpoints."""
     start: StartSettings
-    """Trainings from a table on."""
+    """Trainings that start from a table."""
     evaluation: EvaluationSettings
     """Comparisons."""
     file: FileSettings
-    """A policy's file."""
+    """Limits of a policy file."""
     distil: DistilSettings
     """A table from a policy."""
 

@@ -1,12 +1,12 @@
-"""Training of a policy that goes on where it was interrupted, to the bit.
+"""Training of a policy that continues after an interruption with the same bits.
 
     task = Task(robot="panda", experiment="gte")
     with OutputFolder(path, provenance(...), resumable=True) as folder:
         trained = train(task, "ppo", steps=300_000, out=folder.path)
 
-Evaluate, then rollouts with evaluations and checkpoints between them, evaluate, keep the policy of
-the best evaluation. Whatever is random follows from the seed; how often it was interrupted does not
-matter. Needs the extra `rl`.
+The steps are: evaluate, then rollouts with evaluations and checkpoints between them, evaluate, keep
+the policy of the best evaluation. All random numbers follow from the seed; interruptions do not
+change them. Needs the extra `rl`.
 """
 
 from __future__ import annotations
@@ -36,37 +36,36 @@ from tuning.policies.algorithms import (
     packages,
     settings_of,
 )
-from tuning.policies.callbacks import Checkpoints, CurvePoint, Evaluations
 from tuning.policies.checkpoint import newest, read_state, restore, save
-from tuning.policies.curve import write_curve
 from tuning.policies.policy import Policy
 from tuning.policies.settings import PolicySettings, policy_settings
 from tuning.policies.task import Task
+from tuning.policies.training_callbacks import Checkpoints, CurvePoint, Evaluations, write_curve
 
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
-"""What is in the folder of a training."""
+"""Contents of the folder of a training."""
 Progress = Callable[[str, float], None]
-"""Called with a stage and the share of the training that is done."""
+"""Called with a stage and the finished share of the training."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trained:
-    """What a training gave."""
+    """Result of a training."""
 
     policy: Policy
-    """That of the best evaluation."""
+    """Policy of the best evaluation."""
     points: tuple[CurvePoint, ...]
     """The curve."""
     resumed_at: int | None
-    """Steps of the checkpoint it went on from, None for none."""
+    """Steps of the checkpoint from which it continued, None for none."""
     steps_per_second: float | None
-    """Of this process, evaluations left out; None where nothing was left to train."""
+    """Speed of this process without evaluations; None if nothing was left to train."""
     notes: tuple[str, ...]
-    """What a person should know."""
+    """Notes for the user."""
 
     @property
     def best(self) -> CurvePoint:
-        """The evaluation whose policy was kept."""
+        """The evaluation whose policy was saved."""
         return max(self.points, key=lambda p: p.evaluation_return)
 
 
@@ -79,9 +78,9 @@ def check(
     out: Path | None,
     start: Sequence[AmplitudeRow] = (),
 ) -> None:
-    """Raise a StictionError for whatever is wrong with a training; nothing is written.
+    """Raise a StictionError if a training has invalid arguments; nothing is written.
 
-    ``out`` is looked into for a checkpoint, None for a training that begins.
+    ``out`` is searched for a checkpoint; None for a new training.
     """
     least, why = least_steps(settings_of(algorithm, settings))
     if steps < least:
@@ -89,7 +88,7 @@ def check(
     if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
         read_state(place, identity_of(task, algorithm, steps, seed, settings, start))
     env = task.make(1)
-    ConstantTable(env, start)  # raises where it cannot be done
+    ConstantTable(env, start)  # raises if the environment cannot execute it
     drawn, first = getattr(env.core, "random_paths", 0), settings.evaluation.test_paths
     env.close()
     if drawn > first:
@@ -106,7 +105,7 @@ def identity_of(
     settings: PolicySettings,
     start: Sequence[AmplitudeRow] = (),
 ) -> dict[str, Any]:
-    """Return what tells a training from another, bit for bit."""
+    """Return what distinguishes a training from another, bit for bit."""
     return {
         "robot": task.arm_name,
         "environment": task.kind,
@@ -132,22 +131,22 @@ def train(
     settings: PolicySettings | None = None,
     progress: Progress | None = None,
 ) -> Trained:
-    """Train; ``policy.zip`` and ``curve.csv`` are in the folder afterwards, and from the start on.
+    """Train; ``policy.zip`` and ``curve.csv`` are in the folder from the start on.
 
     Args:
         task: the environment.
         algorithm: one of `algorithms.ALGORITHMS`.
-        steps: of all arms together; the last rollout may pass it.
-        out: an existing folder; a part of the same training in it is gone on with.
-        seed: of all that is random.
-        start: amplitudes that the policy begins with, whatever it sees; their gates are not looked
-            at. None: half of the highest amplitudes and frequencies.
+        steps: steps of all arms together; the last rollout may exceed it.
+        out: an existing folder; an unfinished run of the same training in it is continued.
+        seed: seed of all random numbers.
+        start: amplitudes that the policy starts with, for every observation; their gates are
+            ignored. None: half of the highest amplitudes and frequencies.
         settings: None for the defaults.
         progress: see `Progress`.
 
     Raises:
         StictionError: an unknown algorithm, too few steps, a checkpoint of another training, a
-            table that the environment cannot do.
+            table that the environment cannot execute.
     """
     settings = policy_settings() if settings is None else settings
     check(task, algorithm, steps, seed, settings, out, start)
@@ -155,7 +154,7 @@ def train(
 
 
 class _Training:
-    """One process's part of a training."""
+    """The part of a training that one process runs."""
 
     def __init__(
         self,
@@ -187,7 +186,7 @@ class _Training:
         self._said = ""
 
     def run(self) -> Trained:
-        """Train what is left."""
+        """Train the rest."""
         at, finished = None, False
         if (place := newest(self._out / CHECKPOINTS)) is not None:
             state = read_state(place, self._identity)
@@ -195,7 +194,7 @@ class _Training:
             if not finished:
                 restore(place, state, self._model)
             self._evaluations.restore(state["more"])
-            # what was better after the checkpoint is found again
+            # improvements after the checkpoint are found again
             write_bytes_atomic(self._out / POLICY, (place / POLICY).read_bytes())
         rate = None
         if not finished:
@@ -256,11 +255,11 @@ class _Training:
             self._progress(stage, min(1.0, steps / self._steps))
 
     def _log_to(self, steps: int) -> None:
-        """Log to TensorBoard where it is installed."""
+        """Log to TensorBoard if it is installed."""
         if not _has_tensorboard():
             self._model.set_logger(make_logger(None))
             return
-        # a folder for each start: what an interrupted one logged after its checkpoint is its own
+        # a folder for each start: logs after the checkpoint of an interrupted one stay separate
         folder = self._out / "tensorboard" / f"from-{steps:09d}"
         self._model.set_logger(make_logger(folder))
 
@@ -270,7 +269,7 @@ def _has_tensorboard() -> bool:
 
 
 def _notes() -> tuple[str, ...]:
-    """Return what a person should know, also of a training that was over when this began."""
+    """Return notes for the user, even if the training was already finished."""
     if _has_tensorboard():
         return ()
     return (f"tensorboard is not installed: the curve is in {CURVE} alone",)
@@ -280,7 +279,7 @@ def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64
     """Return an amplitude table as an action (2n,) in [-1, 1].
 
     Raises:
-        StictionError: a table that the environment cannot do.
+        StictionError: a table that the environment cannot execute.
     """
     env = task.make(1)
     space: Any = env.single_action_space
@@ -291,5 +290,5 @@ def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64
 
 
 def far_seed(seed: int, which: int) -> int:
-    """Return a first seed of episodes that is far from those of others, and of the training."""
+    """Return a first seed of episodes that is far from the others, and from the training's."""
     return int(np.random.SeedSequence([seed, which]).generate_state(1)[0]) % 2**31

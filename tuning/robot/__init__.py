@@ -1,1 +1,1 @@
-"""Tuning beside a real robot: which settings to measure next, and what to believe of the others."""
+"""Tuning on a real robot: which settings to measure next, and what to expect of the others."""

@@ -1,4 +1,4 @@
-"""Settings of one joint that may be tried, what the simulation says of them, what was measured."""
+"""Candidate settings of one joint, what the simulation predicts for them, and what was measured."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 CONFIGURATIONS = tuple((load, direction) for load in LOADS for direction in DIRECTIONS)
-"""Pose and direction of a joint, in the order of every axis of four."""
+"""Pose and direction of a joint, in the order of every axis of length four."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,19 +23,19 @@ class Candidates:
     """S settings of one joint; a setting is tried in four configurations (`CONFIGURATIONS`)."""
 
     joint: int
-    """From 1."""
+    """Number of the joint, from 1."""
     frequency_hz: Array
-    """(S,) [Hz]."""
+    """(S,) frequency [Hz]."""
     amplitude_nm: Array
-    """(S, 4) amplitude in each configuration [N·m]; the thesis scales it with their base torques,
-    an amplitude table has one for all four."""
+    """(S, 4) amplitude in each configuration [N·m]; the thesis scales it with the base torques of
+    each, an amplitude table has one for all four."""
     predicted: Array
-    """(S, 4) |τ|/|τ_base| in simulation, the mean of the belief before anything is measured [-]."""
+    """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
     displacement: Array
-    """(S, 4) root mean square oscillation before breakaway, in simulation [rad]."""
+    """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
     eligible: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, dtype=bool))
-    """(S,) may be asked for and chosen; the others (they shake too much) are only learnt from. Left
-    out: all may."""
+    """(S,) may be proposed and chosen; the others (too much vibration) only serve for learning. The
+    default is all."""
 
     def __post_init__(self) -> None:
         s = len(self.frequency_hz)
@@ -59,7 +59,7 @@ class Candidates:
 
     @cached_property
     def features(self) -> Array:
-        """(4 S, 4) what the discrepancy of a cell may depend on; see `belief.discrepancy_kernel`.
+        """(4 S, 4) inputs of `posterior.discrepancy_kernel`.
 
         Cells are in the order of ``predicted.ravel()``. Columns: ln f, ln of the displacement,
         configuration 0…3, setting 0…S−1.
@@ -72,7 +72,7 @@ class Candidates:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """M measured cells of one joint; a cell may be there many times."""
+    """M measured cells of one joint; a cell may occur several times."""
 
     setting: Index
     """(M,) from 0."""
@@ -99,7 +99,7 @@ class Readings:
         return np.isfinite(self.ratio)
 
     def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> Readings:
-        """Return these readings and more."""
+        """Return these readings with more rows."""
         mine = zip(self.setting, self.configuration, self.ratio, strict=True)
         return Readings.of([*((int(s), int(c), float(r)) for s, c, r in mine), *rows])
 

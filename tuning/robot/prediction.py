@@ -1,7 +1,7 @@
-"""Settings that a robot may be asked for, within its bounds, and what the simulation says of them.
+"""Candidate settings of a robot, within its bounds, and what the simulation predicts for them.
 
-Two passes: a grid over frequency and amplitude; then, at every frequency, the amplitude that meets
-the limit of displacement, where the best setting mostly lies. What passes the limit is left out.
+Two passes: a grid over frequency and amplitude; then, at every frequency, the amplitude that
+reaches the displacement limit, where the best setting usually lies, and none beyond the limit.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
 from stiction_envs.measured import AmplitudeRow
-from tuning.explore.bounds import Bounds
 from tuning.robot.candidates import CONFIGURATIONS, Candidates
+from tuning.search.bounds import Bounds
 from tuning.settings import RobotSettings, tuning_settings
 
 Array = NDArray[np.float64]
 TRIED = 2000
-"""Frequencies looked at between the bounds, to find those outside of forbidden bands."""
+"""Frequencies checked between the bounds, to find those outside forbidden bands."""
 MARGIN = 0.97
-"""Share of the displacement limit that the second pass aims at: it interpolates."""
+"""Share of the displacement limit that the second pass aims at, because it interpolates."""
 
 
 def allowed(bounds: Bounds, row: AmplitudeRow) -> bool:
@@ -40,10 +40,10 @@ def allowed(bounds: Bounds, row: AmplitudeRow) -> bool:
 def grid(bounds: Bounds, joint: int, settings: RobotSettings | None = None) -> list[AmplitudeRow]:
     """Return settings of a joint (from 1): frequencies even in the logarithm, amplitudes in size.
 
-    The largest amplitude at every frequency is among them, forbidden bands are left out.
+    The largest amplitude at every frequency is included, forbidden bands are left out.
 
     Raises:
-        StictionError: bounds that leave nothing.
+        StictionError: the bounds allow no setting.
     """
     s = settings or tuning_settings().robot
     low, high = bounds.frequency_hz[joint - 1]
@@ -74,14 +74,14 @@ def predict(
 
     Args:
         experiment: the arm.
-        bounds: what it may be asked.
+        bounds: bounds of the settings.
         limit: (n,) largest displacement, root mean square over configurations [rad]; inf for none.
         joints: from 1; None for all.
         settings: numbers of the method; None for those of ``settings.toml``.
         progress: called with simulated seconds.
 
     Raises:
-        StictionError: bounds or a limit that leave a joint nothing.
+        StictionError: bounds or a limit that leave a joint without settings.
     """
     s = settings or tuning_settings().robot
     chosen = list(joints or range(1, experiment.n + 1))
@@ -125,7 +125,7 @@ def shaken(found: Mapping[Job, Measurement], row: AmplitudeRow) -> float:
 def candidates(
     found: Mapping[Job, Measurement], joint: int, rows: Sequence[AmplitudeRow], limit: float
 ) -> Candidates:
-    """Return the settings of a joint that free it in simulation and keep to the limit [rad]."""
+    """Return the settings of a joint that free it in simulation and satisfy the limit [rad]."""
     base = [abs(found[Job(Configuration(joint, *c))].mean) for c in CONFIGURATIONS]
     table = [
         (row, [found[job(row, *c)] for c in CONFIGURATIONS])
@@ -154,7 +154,7 @@ def _place(row: AmplitudeRow) -> tuple[float, float]:
 def _at_limit(
     found: Mapping[Job, Measurement], rows: Sequence[AmplitudeRow], limit: Array
 ) -> list[AmplitudeRow]:
-    """Return for every joint and frequency the amplitude that meets the limit, interpolated."""
+    """Return for every joint and frequency the amplitude that reaches the limit, interpolated."""
     out = []
     for joint, frequency in dict.fromkeys((r.joint, r.frequency_hz) for r in rows):
         mine = sorted(
@@ -165,7 +165,7 @@ def _at_limit(
         aim = MARGIN * limit[joint - 1]
         if x[-1] <= limit[joint - 1] or not x[0] > 0:
             continue
-        # a joint that still sticks swings in proportion to the amplitude
+        # a joint that still sticks oscillates in proportion to the amplitude
         first = a[0] * aim / x[0]
         size = first if aim < x[0] else np.exp(np.interp(np.log(aim), np.log(x), np.log(a)))
         out.append(AmplitudeRow(joint, frequency, float(size)))

@@ -1,9 +1,9 @@
-"""Tuning beside a real robot: ask for settings, tell what was measured, over weeks.
+"""Tuning on a real robot: propose settings, enter what was measured, over weeks.
 
-    ask("panda", 2, out="runs/robot")       # runs/robot/ask.csv, measure.csv to fill in
-    tell("panda", "measured.csv", out="runs/robot")
+    Session("panda", out="runs/robot").ask(2)       # runs/robot/ask.csv, measure.csv to fill in
+    Session("panda", out="runs/robot").tell("measured.csv")
 
-Both write report.md, belief.png, final.csv and final.yaml. All that lasts is in the study.
+Both write report.md, belief.png, final.csv and final.yaml. Everything permanent is in the study.
 """
 
 from __future__ import annotations
@@ -27,81 +27,25 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 from stiction_envs.reporting.provenance import provenance, sha256
 from stiction_envs.version import __version__
-from tuning.explore.bounds import bounds_of
-from tuning.explore.breakaway import BreakawayObjective
-from tuning.explore.tables import other_tables
-from tuning.record import Record
 from tuning.robot.candidates import CONFIGURATIONS, Candidates
-from tuning.robot.memory import (
-    Predicted,
-    add_told,
-    keep_predictions,
-    predictions,
-)
-from tuning.robot.page import State, state_of, write_state
+from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
 from tuning.robot.prediction import job, measure, predict, shaken
-from tuning.robot.told import Told, check_told, read_told
+from tuning.robot.report import State, state_of, write_state
+from tuning.robot.robot_study import (
+    Predicted,
+    add_measured,
+    predictions,
+    write_predictions,
+)
+from tuning.search.bounds import bounds_of
+from tuning.search.breakaway import BreakawayObjective
+from tuning.search.reference_tables import other_tables
 from tuning.settings import TuningSettings, tuning_settings
+from tuning.study.record import Record
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[str, float, float], None]
 STUDY = "study.db"
-
-
-def ask(robot: Robot, count: int = 1, **options: Any) -> State:
-    """Write the settings to measure next: ask.csv, and measure.csv to fill in and tell.
-
-    The first call simulates all candidates, minutes; later ones find them in the study.
-
-    Args:
-        robot: name, model file, arm, or an arm with its friction (`load_model`).
-        count: settings per joint that is not done yet.
-        options: of `Session`.
-
-    Raises:
-        StictionError: bad input, or a folder or study of another robot; nothing was written.
-    """
-    if count < 1:
-        raise StictionError(f"settings to ask for: {count}: expected 1 or more")
-    session = Session(robot, **options)
-    session.reach()
-    with session.folder:
-        record, predicted = session.open()
-        state = state_of(session.experiment, record, predicted, session.settings.robot, count)
-        write_state(session.folder.path, state, asked=True)
-    return state
-
-
-def tell(robot: Robot, table: str | Path, **options: Any) -> State:
-    """Add measured torques to the study, and write what is believed now.
-
-    Args:
-        robot: as of `ask`.
-        table: `told.read_told`; settings that were not asked for count too, within the bounds.
-        options: of `Session`.
-
-    Raises:
-        StictionError: a table that cannot be this robot's, or as of `ask`; nothing was changed.
-    """
-    session = Session(robot, **options)
-    path, experiment = Path(table), session.experiment
-    rows = read_told(path, experiment.sticking.arm.name, experiment.n)
-    rough = {
-        (c.joint, c.load, c.direction): experiment.expected(j)
-        for j in experiment.jobs()
-        for c in (j.configuration,)
-    }
-    check_told(rows, session.bounds, rough, session.settings.robot)
-    session.reach()
-    with session.folder:
-        record, predicted = session.open()
-        predicted = session.with_told(record, predicted, rows)
-        most = float(max(session.bounds.frequency_hz.max(), session.bounds.amplitude_nm.max()))
-        new = add_told(record, rows, sha256(path), most, experiment.n)
-        state = state_of(experiment, record, predicted, session.settings.robot, 1)
-        state = dataclasses.replace(state, told=new)
-        write_state(session.folder.path, state, asked=False)
-    return state
 
 
 class Session:
@@ -120,7 +64,7 @@ class Session:
         study: str | None = None,
         friction: Friction | None = None,
         protocol: Protocol | None = None,
-        nthread: int = 0,
+        threads: int = 0,
         progress: Progress | None = None,
         settings: TuningSettings | Changes | None = None,
     ) -> None:
@@ -129,16 +73,16 @@ class Session:
         Args:
             robot: name, model file, arm, or an arm with its friction (`load_model`).
             bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
-            limit: amplitude table whose displacement may not be passed; None for thesis Table 4.9
-                on the Panda, on other arms for what `explore.tables` has.
+            limit: amplitude table whose displacement may not be exceeded; None for thesis Table 4.9
+                on the Panda, and on other arms for the table that `other_tables` returns.
             out: output folder; None for ``runs/ask-ROBOT``.
-            force: whether the files of *another* run in it are replaced; a session's own stay.
+            force: whether the files of *another* run in it are replaced; a session's own are kept.
             seed: of the simulations.
             storage: URL or journal file of the study; None for a SQLite file in ``out``.
-            study: its name; None for ``ROBOT-robot``.
-            friction: of the arm, or its TOML; None for the robot's own.
-            protocol: of the simulated SJE; None for the robot's.
-            nthread: threads, 0 for all processors.
+            study: name of the study; None for ``ROBOT-robot``.
+            friction: friction of the arm, or its TOML; None for the robot's own.
+            protocol: protocol of the simulated SJE; None for the robot's.
+            threads: threads, 0 for all processors.
             progress: called with (stage, done, total).
             settings: constants that differ from ``settings.toml``.
 
@@ -147,7 +91,7 @@ class Session:
         """
         self.settings = override(tuning_settings(), settings)
         self.experiment = SingleJointExperiment(
-            robot, friction=friction, protocol=protocol, seed=seed, nthread=nthread
+            robot, friction=friction, protocol=protocol, seed=seed, threads=threads
         )
         e, arm = self.experiment, self.experiment.sticking.arm
         self.bounds = bounds_of(e, bounds, self.settings.bounds)
@@ -164,8 +108,9 @@ class Session:
             "model": model_sha256(e.sticking),
             "sje": dataclasses.asdict(e.protocol),
             "friction": {k: getattr(e.sticking.parameters, k).tolist() for k in QUANTITIES},
-            "bounds": {k: _plain(v) for k, v in vars(self.bounds).items()},
+            "bounds": self.bounds.to_json(),
             "limits": [dataclasses.astuple(r) for r in self.limits],
+            "settings": dataclasses.asdict(self.settings.robot),
             "seed": seed,
         }
         path = default_folder("ask", arm.name) if out is None else Path(out)
@@ -181,24 +126,73 @@ class Session:
         made = {**self.about, "storage": storage is not None}
         return provenance("tune", made, seed=seed, inputs=files)
 
+    def ask(self, count: int = 1) -> State:
+        """Write the settings to measure next: ask.csv, and measure.csv to fill in and enter.
+
+        The first call simulates all candidates (minutes); later calls read them from the study.
+
+        Args:
+            count: settings per joint that is not finished yet.
+
+        Raises:
+            StictionError: bad input, or a study of another robot; nothing was written.
+        """
+        if count < 1:
+            raise StictionError(f"settings to ask for: {count}: expected 1 or more")
+        self.reach()
+        with self.folder:
+            record, predicted = self.open()
+            state = state_of(self.experiment, record, predicted, self.settings.robot, count)
+            write_state(self.folder.path, state, asked=True)
+        return state
+
+    def tell(self, table: str | Path) -> State:
+        """Add measured torques to the study, and write the new predictions.
+
+        Args:
+            table: see `measured_table.read_measured`; settings that were not proposed count too,
+                within the bounds.
+
+        Raises:
+            StictionError: a table that cannot be this robot's, or as in `ask`; nothing was changed.
+        """
+        path, experiment = Path(table), self.experiment
+        rows = read_measured(path, experiment.sticking.arm.name, experiment.n)
+        rough = {
+            (c.joint, c.load, c.direction): experiment.expected(j)
+            for j in experiment.jobs()
+            for c in (j.configuration,)
+        }
+        check_measured(rows, self.bounds, rough, self.settings.robot)
+        self.reach()
+        with self.folder:
+            record, predicted = self.open()
+            predicted = self.with_measured(record, predicted, rows)
+            most = float(max(self.bounds.frequency_hz.max(), self.bounds.amplitude_nm.max()))
+            new = add_measured(record, rows, sha256(path), most, experiment.n)
+            state = state_of(experiment, record, predicted, self.settings.robot, 1)
+            state = dataclasses.replace(state, told=new)
+            write_state(self.folder.path, state, asked=False)
+        return state
+
     @cached_property
     def record(self) -> Record:
         """The study."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        return Record(self._storage, self._study, about=self.about)
+        return Record(self._storage, self._study, about=self.about, settings=self.settings.shared)
 
     def reach(self) -> None:
-        """Open a study outside of the folder before the folder is made: it may not be there."""
+        """Open a study outside the folder before the folder is created: it may be unavailable."""
         if self._outside:
             _ = self.record
 
     def open(self) -> tuple[Record, Predicted]:
-        """Return study and predictions; simulate what the robot may be asked for, once."""
+        """Return study and predictions; simulate the candidate settings once."""
         record = self.record
         predicted = predictions(record)
         if predicted is None:
             predicted = self._predict()
-            keep_predictions(record, predicted)
+            write_predictions(record, predicted)
         return record, predicted
 
     def _predict(self) -> Predicted:
@@ -217,8 +211,10 @@ class Session:
         base = {(c.joint, c.load, c.direction): abs(m.mean) for c, m in objective.base[0].items()}
         return Predicted(candidates=found, base_nm=base, limit=limit.tolist())
 
-    def with_told(self, record: Record, predicted: Predicted, rows: list[Told]) -> Predicted:
-        """Return the predictions with those of settings that were told but never asked for."""
+    def with_measured(
+        self, record: Record, predicted: Predicted, rows: list[MeasuredRow]
+    ) -> Predicted:
+        """Return the predictions, with those of settings that were measured but never proposed."""
         s = self.settings.robot
         told = dict.fromkeys(r.setting for r in rows if not r.is_base)
         new = [AmplitudeRow(*t) for t in told if predicted.find(t, s.same) is None]
@@ -234,16 +230,16 @@ class Session:
             swing = np.array(
                 [[found[job(r, *c)].displacement for c in CONFIGURATIONS] for r in mine]
             )
-            # one that sticks in simulation is predicted to do nothing
+            # a setting that leaves the joint stuck in simulation is predicted to have no effect
             ratio = np.nan_to_num(np.abs(tau) / base, nan=1.0)
             over = np.array([shaken(found, row) > predicted.limit[j - 1] for row in mine])
             candidates[j] = _joined(c, mine, ratio, np.maximum(swing, 1e-9), ~over)
         out = dataclasses.replace(predicted, candidates=candidates)
-        keep_predictions(record, out)
+        write_predictions(record, out)
         return out
 
     def _simulated(self) -> Callable[[float], None] | None:
-        """Return what takes simulated seconds; how many it will be is known only roughly."""
+        """Return a progress function for simulated seconds, whose total is known only roughly."""
         if self._progress is None:
             return None
         s, e, progress, done = self.settings.robot, self.experiment, self._progress, 0.0
@@ -276,14 +272,10 @@ def _joined(
 
 
 def _folder(path: Path, found: Mapping[str, Any], force: bool) -> OutputFolder:
-    """Return the folder; ``force`` never wipes the study of this very session."""
+    """Return the folder; ``force`` never deletes the study of this session."""
     try:
         return OutputFolder(path, dict(found), resumable=True)
     except StictionError:
         if not force:
             raise
         return OutputFolder(path, dict(found), force=True, resumable=True)
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else value

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.render.scene import MARK, ArmScene, ball, connect
+from stiction_envs.envs.render.arm_scene import MARK, ArmScene, ball, polyline
 
 Array = NDArray[np.float64]
 REST = np.array([0.2, 0.22, 0.27, 1.0], dtype=np.float32)
@@ -97,25 +97,17 @@ class Dial:
         """
         width = _LINE * self._radius
         for a in np.linspace(0.0, angle, _FAN):
-            self._line(scene, 0.6 * width, a, 0.05, 0.92, _FILL)
-        self._line(scene, 0.8 * width, 0.0, 0.0, 1.1, REST)
-        self._line(scene, 0.8 * width, limit, 0.55, 1.1, LIMIT)
-        self._line(scene, 1.3 * width, angle, 0.0, 1.0, MARK)
+            polyline(scene, 0.6 * width, self._ray(a, 0.05, 0.92), _FILL)
+        polyline(scene, 0.8 * width, self._ray(0.0, 0.0, 1.1), REST)
+        polyline(scene, 0.8 * width, self._ray(limit, 0.55, 1.1), LIMIT)
+        polyline(scene, 1.3 * width, self._ray(angle, 0.0, 1.0), MARK)
         ball(scene, _TIP * self._radius, self._at(angle, 1.0), MARK)
-        foot, top = (self._centre + x * self._radius * self._axis for x in (-0.25, 0.06))
-        connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 1.3 * width, foot, top, REST)
+        ends = [self._centre + x * self._radius * self._axis for x in (-0.25, 0.06)]
+        polyline(scene, 1.3 * width, np.array(ends), REST)
 
-    def _line(
-        self,
-        scene: mujoco.MjvScene,
-        width: float,
-        angle: float,
-        start: float,
-        end: float,
-        colour: NDArray[np.float32],
-    ) -> None:
-        capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-        connect(scene, capsule, width, self._at(angle, start), self._at(angle, end), colour)
+    def _ray(self, angle: float, start: float, end: float) -> Array:
+        """Return the ends (2, 3) [m] of a line at an angle [rad], as shares of the radius."""
+        return np.array([self._at(angle, start), self._at(angle, end)])
 
     def _at(self, angle: float, share: float) -> Array:
         """Return the point (3,) [m] at an angle [rad] and a share of the radius."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 INK, SOFT, GRID, PAPER = (35, 38, 44), (110, 115, 124), (226, 228, 232), (255, 255, 255)
 BLUE, BAND, ORANGE, PURPLE = (20, 90, 180), (178, 205, 240), (225, 95, 0), (150, 70, 180)
+SLIPPING = 0.1
+"""Part of the experiment's threshold from which on a joint that has moved slips."""
 
 
 @functools.lru_cache
@@ -30,10 +33,14 @@ def signed(value: float, digits: int = 2) -> str:
     return f"{value:+.{digits}f}".replace("-", "−")
 
 
-def new_panel(
-    width: int, height: int, lines: list[str], state: str
-) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an empty panel [pixel] below its title, some lines, and what is going on."""
+def draw_panel(
+    width: int,
+    height: int,
+    lines: list[str],
+    state: str,
+    plot: Callable[[ImageDraw.ImageDraw], None],
+) -> NDArray[np.uint8]:
+    """Return a panel (height, width, 3): a title, some lines, what is going on, and plots."""
     image = Image.new("RGB", (width, height), PAPER)
     draw = ImageDraw.Draw(image)
     title, *rest = lines
@@ -41,7 +48,8 @@ def new_panel(
     for k, line in enumerate(rest):
         draw.text((14, 31 + 19 * k), line, font=font(13), fill=INK)
     draw.text((14, 31 + 19 * len(rest)), state, font=font(13, bold=True), fill=ORANGE)
-    return image, draw
+    plot(draw)
+    return np.array(image, dtype=np.uint8)
 
 
 def round_up(value: float) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
-import queue
 import socket
 import time
 from collections.abc import Callable
@@ -19,17 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.render.push_controls import (
-    DOWN,
-    ONE,
-    SPACE,
-    UP,
-    D,
-    PushControls,
-    R,
-    play,
-)
-from stiction_envs.envs.render.push_scene import PushScene
+from stiction_envs.envs.render.push_view import DOWN, ONE, SPACE, UP, PushView, R
 from stiction_envs.errors import StictionError, missing_extra
 
 HOST = "127.0.0.1"
@@ -39,7 +28,6 @@ _PANEL_PERIOD = 0.1  # from one panel to the next [s]
 _FARTHER, _ASIDE = 1.3, 0.12  # than the whole picture: the panel covers its right
 _MARKS = 200  # at most
 _SHOWN = 3  # groups of geoms, as MuJoCo's viewer does at first
-_JOINTS = 9  # that have a key
 _GAMMA = 2.2  # of sRGB
 _UP = (0.0, 0.0, 1.0)
 
@@ -47,11 +35,11 @@ _UP = (0.0, 0.0, 1.0)
 class PushPage:
     """The page; it runs in real time, as far as the machine is fast enough."""
 
-    def __init__(self, controls: PushControls, port: int) -> None:
+    def __init__(self, view: PushView, port: int) -> None:
         """Serve it.
 
         Args:
-            controls: the push.
+            view: what it shows.
             port: of this machine; 0 for any that is free.
 
         Raises:
@@ -62,12 +50,9 @@ class PushPage:
         except ImportError:
             raise missing_extra("view: a page", "viser", "web") from None
         _check_port(port)
-        self.controls = controls
-        self._scene = PushScene(controls)
-        self._marks = mujoco.MjvScene(self._scene.model, _MARKS)
+        self.view = view
+        self._marks = mujoco.MjvScene(view.model, _MARKS)
         self._lines: dict[float, Any] = {}  # by their width
-        # the page calls back in threads of its own
-        self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._open, self._panel_due = True, 0.0
         with _silence():
             self._server: Any = viser.ViserServer(host=HOST, port=port, verbose=False)
@@ -79,17 +64,17 @@ class PushPage:
     # ---- scene -------------------------------------------------------------------------------
 
     def _add_scene(self) -> None:
-        model, page = self._scene.model, self._server.scene
+        model, page = self.view.model, self._server.scene
         page.set_up_direction("+z")
         self._bodies = [page.add_frame(f"/{b}", show_axes=False) for b in range(model.nbody)]
         for geom in range(model.ngeom):
             if model.geom_group[geom] < _SHOWN:
                 _add_geom(page, model, geom)
-        ground = self._scene.data.geom("stiction_floor").xpos
+        ground = self.view.data.geom("stiction_floor").xpos
         page.add_grid("/floor", 6.0, 6.0, position=ground, plane_opacity=0.5, fade_distance=20.0)
         ball = next(iter(self._drawn()[1]))
         self._tip = page.add_icosphere("/tip", ball.size[0], _colour(ball.rgba))
-        camera, look = self._scene.camera, self._server.initial_camera
+        camera, look = self.view.camera, self._server.initial_camera
         azimuth, elevation = np.deg2rad([camera.azimuth, camera.elevation])
         level = np.cos(elevation)
         view = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
@@ -101,7 +86,7 @@ class PushPage:
 
     def _drawn(self) -> tuple[dict[float, list[Any]], list[Any]]:
         """Return what is drawn about the arm: lines by their width, and balls."""
-        self._scene.draw(self._marks)
+        self.view.draw(self._marks)
         lines: dict[float, list[Any]] = {}
         balls = []
         for geom in self._marks.geoms[: self._marks.ngeom]:
@@ -112,7 +97,7 @@ class PushPage:
         return lines, balls
 
     def _draw(self) -> None:
-        page, data = self._server.scene, self._scene.data
+        page, data = self._server.scene, self.view.data
         lines, balls = self._drawn()
         with self._server.atomic():
             for body, frame in enumerate(self._bodies):
@@ -134,7 +119,7 @@ class PushPage:
                     f"/marks/{width}", points, colours, thickness=width
                 )
         if time.monotonic() >= self._panel_due:
-            self._panel.image = self.controls.panel()
+            self._panel.image = self.view.panel()
             self._panel_due = time.monotonic() + _PANEL_PERIOD
 
     # ---- controls ----------------------------------------------------------------------------
@@ -143,46 +128,33 @@ class PushPage:
         gui = self._server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label("Push a joint")
-        self._panel = gui.add_image(self.controls.panel(), format="png")
-        joints = [str(j + 1) for j in range(min(self.controls.push.n, _JOINTS))]
+        self._panel = gui.add_image(self.view.panel(), format="png")
+        # the page calls back in threads of its own
+        joints = [c.hotkey for c in self.view.controls if c.hotkey.isdigit()]
         chosen = gui.add_button_group("joint", joints)
-        chosen.on_click(lambda event: self._keys.put(ONE - 1 + int(event.target.value)))
-        step = f"{100 * self.controls.push.settings.step:.0f} %"
+        chosen.on_click(lambda event: self.view.keys.put(ONE - 1 + int(event.target.value)))
+        step = f"{100 * self.view.push.settings.step:.0f} %"
         pushed = gui.add_button_group("push", [f"− {step}", f"+ {step}"])
         pushed.on_click(
-            lambda event: self._keys.put(UP if event.target.value.startswith("+") else DOWN)
+            lambda event: self.view.keys.put(UP if event.target.value.startswith("+") else DOWN)
         )
-        for label, key in (("Dither on or off", SPACE), ("Reset the arm", R)):
-            gui.add_button(label).on_click(functools.partial(self._press, key))
-        for j in joints:
-            self._add_hotkey(f"Joint {j}", j, ONE - 1 + int(j))
-        self._add_hotkey("Push harder", "arrowup", UP)
-        self._add_hotkey("Push softer", "arrowdown", DOWN)
-        self._add_hotkey("Dither on or off", "space", SPACE)
-        self._add_hotkey("Dither on or off (D)", "D", D)
-        self._add_hotkey("Reset the arm", "R", R)
-
-    def _add_hotkey(self, label: str, hotkey: Any, key: int) -> None:
-        command = self._server.gui.add_command(label, hotkey=hotkey)
-        command.on_trigger(functools.partial(self._press, key))
+        for control in self.view.controls:
+            press = functools.partial(self._press, control.key)
+            if control.key in (SPACE, R):
+                gui.add_button(control.label).on_click(press)
+            hotkey: Any = control.hotkey
+            gui.add_command(control.label, hotkey=hotkey).on_trigger(press)
 
     def _press(self, key: int, _event: object) -> None:
-        self._keys.put(key)
+        self.view.keys.put(key)
 
     # ---- time --------------------------------------------------------------------------------
 
-    def run(self, say: Callable[[str], None]) -> None:
-        """Show the arm until Ctrl-C; ``say`` is told where, and of every change of state."""
-        say(f"{self.url} shows the arm, until Ctrl-C")
+    def run(self, report: Callable[[str], None]) -> None:
+        """Show the arm until Ctrl-C; ``report`` is called with the address and changes of state."""
+        report(f"{self.url} shows the arm, until Ctrl-C")
         with contextlib.suppress(KeyboardInterrupt):
-            play(
-                self.controls,
-                self._keys,
-                self._draw,
-                say,
-                is_open=lambda: self._open,
-                period=_PERIOD,
-            )
+            self.view.run(self._draw, report, is_open=lambda: self._open, period=_PERIOD)
 
     def close(self) -> None:
         """End the server; `run` ends too."""
@@ -205,7 +177,7 @@ def _check_port(port: int) -> None:
     except (OSError, OverflowError) as error:
         why = (getattr(error, "strerror", None) or "no such port").lower()
         raise StictionError(
-            f"view: port {port}: {why}: expected a free one, as in --browser 8081"
+            f"view: port {port}: {why}: expected a free one, such as 8081"
         ) from None
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 from collections.abc import Callable
 
 import mujoco
 
-from stiction_envs.envs.render.push_controls import KEYS, PushControls, play
-from stiction_envs.envs.render.push_scene import PushScene
+from stiction_envs.envs.render.push_view import KEYS, PushView
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
 
@@ -17,40 +15,36 @@ from stiction_envs.errors import StictionError
 class PushWindow:
     """The viewer's window; it runs in real time, as far as the machine is fast enough."""
 
-    def __init__(self, controls: PushControls) -> None:
+    def __init__(self, view: PushView) -> None:
         """Open it.
 
         Raises:
             StictionError: no display, or on a Mac outside of mjpython.
         """
-        what = "view"
-        push = controls.push
+        what, push = "view", view.push
         robot = push.plant.sticking.arm.name
         film = f"stiction sje {robot} --joint {push.joint} --dither TABLE.csv --video"
         page = "`--browser` shows a page (pip install 'stiction-envs[web]')"
         check_display(what, f"`{film}` writes an mp4 without one; {page}")
         if sys.platform == "darwin" and not _in_mjpython():
             raise StictionError(f"{what}: on a Mac: expected `mjpython $(which stiction) view …`")
-        self.controls = controls
-        self._scene = PushScene(controls)
+        self.view = view
         # the viewer calls back in its own thread
-        self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
-        scene = self._scene
-        self._window = Window(what, scene.model, scene.data, scene.camera, self._keys.put)
+        self._window = Window(what, view.model, view.data, view.camera, view.keys.put)
         self._viewer = self._window.viewer
         self._flags = self._viewer.opt.flags.copy(), self._viewer.opt.geomgroup.copy()
 
-    def run(self, say: Callable[[str], None]) -> None:
-        """Show the arm until the window is closed; ``say`` is told of every change of state."""
-        play(self.controls, self._keys, self._draw, say, is_open=self._viewer.is_running)
+    def run(self, report: Callable[[str], None]) -> None:
+        """Show the arm until the window is closed; ``report`` is called with changes of state."""
+        self.view.run(self._draw, report, is_open=self._viewer.is_running)
 
     def _draw(self) -> None:
         with self._viewer.lock():
-            self._scene.draw(self._viewer.user_scn)
+            self.view.draw(self._viewer.user_scn)
             # our keys are the viewer's too: what they switch there stays as it was
             self._viewer.opt.flags[:], self._viewer.opt.geomgroup[:] = self._flags
         texts = (None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, KEYS, "")
-        self._window.show(self.controls.panel(), texts, bottom=60)
+        self._window.show(self.view.panel(), texts, bottom=60)
 
     def close(self) -> None:
         """Close the window."""

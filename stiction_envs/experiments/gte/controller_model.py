@@ -25,7 +25,7 @@ class ControllerModel:
     """
 
     def __init__(
-        self, arm: Arm, sticking: StickingModel, nsim: int, nthread: int, *, coriolis: bool
+        self, arm: Arm, sticking: StickingModel, nsim: int, threads: int, *, coriolis: bool
     ) -> None:
         """Make it for N arms.
 
@@ -33,12 +33,12 @@ class ControllerModel:
             arm: as the controller takes it to be.
             sticking: the plant's model.
             nsim: number of arms.
-            nthread: threads, 0 for all processors.
+            threads: threads, 0 for all processors.
             coriolis: whether Coriolis torques are asked for.
         """
         model = arm.bare_model()
         # few MjData for all arms stay in the cache: every update computes everything anew anyway
-        self._batch = Batch(model, nsim, nthread)
+        self._batch = Batch(model, nsim, threads)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
         self._rotor = sticking.parameters.rotor_inertia
@@ -46,7 +46,7 @@ class ControllerModel:
         self._rows, self._columns = _entries(model)
         self._true: Batch | None = None
         if arm.xml != sticking.arm.xml:
-            self._true = Batch(sticking.arm.bare_model(), nsim, nthread)
+            self._true = Batch(sticking.arm.bare_model(), nsim, threads)
             self._true_qpos = self._true.bind("qpos")
             self._true_bias = self._true.bind("qfrc_bias")
         self.mass = np.zeros((nsim, model.nv, model.nv))

@@ -24,7 +24,7 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.gte.cases import start_angles
+from stiction_envs.experiments.base import joint_number
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
     TRAJECTORIES,
@@ -33,15 +33,15 @@ from stiction_envs.experiments.gte.protocol import (
     Run,
     load_gte_protocol,
     named_path,
+    start_angles,
 )
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
 from stiction_envs.experiments.gte.results import TrackingErrors
-from stiction_envs.experiments.gte.rig import GTERig
-from stiction_envs.experiments.gte.run_log import RunLog
+from stiction_envs.experiments.gte.rig import GTERig, GTESetup
+from stiction_envs.experiments.gte.sampling import RunLog
 from stiction_envs.experiments.rig import count_blocks
-from stiction_envs.experiments.sje.protocol import Protocol, load_protocol
+from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.assumed import friction_note
-from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import thesis_robots
@@ -60,25 +60,11 @@ _PART = 10  # samples of a block, between two looks whether all arms are done
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class GeneratedTrajectoryExperiment:
+class GeneratedTrajectoryExperiment(GTESetup):
     """One arm, its friction, its controller and the protocol: all that defines a result."""
 
-    sticking: StickingModel
-    protocol: GTEProtocol
-    approach: Protocol
-    settings: ImpedanceSettings
-    motion: MotionLimits
-    interface: TorqueInterface
-    start: Array
-    """(n,) joint angles at the start [rad]."""
-    tool: Array
-    """(3,) the point that is controlled and measured, from the flange in the hand's frame [m]."""
     paths: Mapping[str, Path]
     """Paths other than the triangle and the pentagon, by name."""
-    controller_model: Arm | None
-    scatter: bool
-    seed: int
-    nthread: int
 
     def __init__(
         self,
@@ -96,7 +82,7 @@ class GeneratedTrajectoryExperiment:
         scatter: bool = True,
         seed: int = 0,
         timestep: float | None = None,
-        nthread: int = 0,
+        threads: int = 0,
     ) -> None:
         """Set the experiment up.
 
@@ -115,43 +101,28 @@ class GeneratedTrajectoryExperiment:
             scatter: whether iterations differ.
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
-            nthread: threads, 0 for all processors.
+            threads: threads, 0 for all processors.
 
         Raises:
             StictionError: anything wrong with the arm, its friction, the start or the tool point.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
+        super().__init__(sticking, interface=interface, scatter=scatter, seed=seed, threads=threads)
         arm = sticking.arm
-        interface = TorqueInterface.of(arm) if interface is None else interface
         if settings is None:
-            settings = ImpedanceSettings(rate_hz=float(interface.controller_rate_hz))
+            settings = ImpedanceSettings(rate_hz=float(self.interface.controller_rate_hz))
         if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
-        fields = {
-            "sticking": sticking,
-            "protocol": load_gte_protocol() if protocol is None else protocol,
-            "approach": load_protocol(arm.name),
-            "settings": settings,
-            "motion": MotionLimits() if motion is None else motion,
-            "interface": interface,
-            "start": start_angles(arm, start),
-            "tool": tool_point(tool),
-            "paths": dict(paths or {}),
-            "controller_model": controller_model,
-            "scatter": scatter,
-            "seed": seed,
-            "nthread": nthread,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.sticking.n
+        self._set(
+            protocol=load_gte_protocol() if protocol is None else protocol,
+            approach=load_protocol(arm.registered_name),
+            settings=settings,
+            motion=MotionLimits() if motion is None else motion,
+            start=start_angles(arm, start),
+            tool=tool_point(tool),
+            paths=dict(paths or {}),
+            controller_model=controller_model,
+        )
 
     def path(self, name: str) -> Path:
         """Return a path by name; ``random-17`` is number 17 of `random_paths`.
@@ -172,23 +143,7 @@ class GeneratedTrajectoryExperiment:
 
         ``parameters`` is their true friction, of one arm or of each, where it is not the model's.
         """
-        return GTERig(
-            self.sticking,
-            nsim,
-            protocol=self.protocol,
-            approach=self.approach,
-            settings=self.settings,
-            motion=self.motion,
-            interface=self.interface,
-            capacity=capacity,
-            start=self.start,
-            tool=self.tool,
-            controller_model=self.controller_model,
-            scatter=self.scatter,
-            seed=self.seed,
-            parameters=parameters,
-            nthread=self.nthread,
-        )
+        return GTERig(self, nsim, capacity, parameters)
 
     def compensation(
         self, kind: str, factor: float = 1.0, *, table: str | File | None = None
@@ -211,7 +166,7 @@ class GeneratedTrajectoryExperiment:
 
     def start_load(self) -> Array:
         """Return the torque (n,) that each joint transmits at the start, its magnitude [N·m]."""
-        plant = Plant(self.sticking, 1, nthread=1)
+        plant = Plant(self.sticking, 1, threads=1)
         plant.reset(np.array([0]), self.start[None])
         load: Array = plant.load[1][0]
         return load
@@ -264,7 +219,7 @@ class GeneratedTrajectoryExperiment:
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
-            compared=arm.name in thesis_robots("4.11") and not own,
+            compared=arm.registered_name in thesis_robots("4.11") and not own,
             note=friction_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "gte",
@@ -393,9 +348,7 @@ class GeneratedTrajectoryExperiment:
             "waveform": np.full(n, DEFAULT_WAVEFORM, dtype=object),
         }
         for row in case.dither:
-            if not 1 <= row.joint <= n:
-                raise unknown("joint", row.joint, range(1, n + 1))
-            j = row.joint - 1
+            j = joint_number(row.joint, n)
             out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
             out["waveform"][j] = row.waveform
             if row.gate_rad_s > 0:

@@ -2,9 +2,9 @@
 
 Errors are actual pose less reference, per axis x, y, z [m], roll, pitch, yaw [rad]. Roll, pitch and
 yaw are those of the hand's frame: the Panda's flange starts with a yaw of −45°, in which errors
-about the base's x and y would come out mixed; its hand starts with 0 (physics.md 1.1).
+about the base's x and y would come out mixed; its hand starts with 0 (sources.md 1.1).
 
-The reference moves at once to where the arm is whenever a goal is accepted (physics.md 6.2), so an
+The reference moves at once to where the arm is whenever a goal is accepted (sources.md 6.2), so an
 error counts from the last corner on.
 
 Table 4.11 (thesis 4.2) sums "the error values for each coordinate" over "200 data points", "from 1

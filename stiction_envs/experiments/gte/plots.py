@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
 from stiction_envs.experiments.gte.rows import CASES, case_name, thesis_window_sums, unit
-from stiction_envs.experiments.sje.plots import WITH, WITHOUT
+from stiction_envs.experiments.sje.plots import WITH, WITHOUT, plain_axes
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
 
@@ -105,8 +105,7 @@ def draw_path_xy(
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.grid(alpha=0.25, lw=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain_axes(axes)
     if legend:
         axes.legend(handles=path_legend(runs), loc="best", frameon=False, fontsize=9)
 
@@ -214,9 +213,8 @@ def draw_error(axes: Axes, runs: Sequence[Run], k: int) -> None:
         axes.plot(run.time, mean, color=colour(run), lw=1.5, label=label(run), zorder=3)
     _mark_goals(axes, runs)
     axes.set_ylabel(f"{AXES[k]} error [{'mm' if k < 3 else 'mrad'}]")
-    axes.grid(alpha=0.25, lw=0.6)
+    plain_axes(axes)
     axes.margins(x=0.01, y=0.08)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Any], list[str]]:
@@ -270,8 +268,7 @@ def plot_window_sums(
         axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
         axes.invert_yaxis()
         axes.set_xlim(left=0)
-        axes.grid(alpha=0.25, lw=0.6, axis="x")
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes, grid="x")
         axes.set_xlabel("sum of |error| over 200 samples", fontsize=9)
     for axes in grid[len(pairs) :]:
         axes.set_visible(False)

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.trajectory import Path, pentagon, triangle
+from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Stiffness = tuple[float, float, float]
+"""Translational [N/m], rotational and nullspace [N·m/rad]."""
+_TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
@@ -30,47 +35,86 @@ FLAGS = ("singular", "saturated", "near_limit")
 class GTEProtocol:
     """Numbers of the experiment; `gte.toml` has their sources."""
 
-    iterations: int
+    iterations: Count
     """Runs per case."""
-    window: float
+    window: Positive
     """Half the window of Table 4.11 [s]."""
-    sample_rate: float
+    sample_rate: Positive
     """Of the errors [Hz]."""
-    model_steps: int
+    model_steps: Count
     """Control steps between two updates of the controller's model."""
-    return_distance: float
+    return_distance: Positive
     """How far joints are from the start before they are brought back [rad]."""
-    tail: float
+    tail: Positive
     """Time after the last goal is reached or given up [s]."""
-    patience: float
+    patience: Positive
     """Time a path may take beyond its movements and the generator's own patience before it is
     given up: counts only where that is inf (`MotionLimits.patience`) [s]."""
-    vibration_low: float
+    vibration_low: Positive
     """Lowest frequency that counts as vibration [Hz]."""
-    vibration_lever: float
+    vibration_lever: Positive
     """How much translation a vibration of 1 rad counts as [m]."""
 
     def __post_init__(self) -> None:
-        for f in dataclasses.fields(self):
-            value = getattr(self, f.name)
-            if not (np.isfinite(value) and value > 0):
-                raise StictionError(f"protocol {f.name}: {value} must be finite and positive")
         if self.tail < self.window:
             raise StictionError(f"protocol tail: {self.tail} s ends before the window does")
 
     def replace(self, **changes: float) -> GTEProtocol:
-        """Return a copy with some numbers changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+        """Return a copy with some numbers changed.
 
-
-@functools.lru_cache
-def _table() -> dict[str, dict[str, dict[str, object]]]:
-    return tomllib.loads((File(__file__).parent / "gte.toml").read_text(encoding="utf-8"))
+        Raises:
+            StictionError: an unknown name, or a number out of range.
+        """
+        return override(self, changes)
 
 
 def load_gte_protocol() -> GTEProtocol:
     """Return the protocol of `gte.toml`."""
-    return GTEProtocol(**{k: v["value"] for k, v in _table()["default"].items()})  # type: ignore[arg-type]
+    return load_settings(GTEProtocol, _TOML, "default")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeSettings:
+    """What is drawn for an episode of the environment."""
+
+    stiffness: tuple[Stiffness, ...]
+    """Of the triangle and the pentagon."""
+    random_paths: Count
+    """How many are drawn from."""
+    undithered_iterations: Count
+    """Iterations of a random path whose mean is the unit of the reward."""
+
+    @property
+    def unit(self) -> tuple[float, float]:
+        """Stiffness that is observed as 1, the largest: [N/m], [N·m/rad]."""
+        translational, rotational, _ = np.max(self.stiffness, axis=0)
+        return float(translational), float(rotational)
+
+
+def episode_settings() -> EpisodeSettings:
+    """Return the defaults."""
+    return load_settings(EpisodeSettings, _TOML, "episode")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GTERewardSettings:
+    """Weights of the environment's reward, and the unit of its shaking."""
+
+    settling_weight: Share
+    """Of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
+    power_weight: Positive
+    """Of the mean of (A / A_max)² [-]."""
+    torque_rate_weight: Positive
+    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    shaking_weight: Positive
+    """Of the vibration [-]."""
+    shaking_unit: Positive
+    """Of the vibration [m]."""
+
+
+def gte_reward_settings() -> GTERewardSettings:
+    """Return the defaults."""
+    return load_settings(GTERewardSettings, _TOML, "reward")
 
 
 def named_path(name: str) -> Path:
@@ -90,8 +134,7 @@ class Case:
 
     trajectory: str
     """Name of the path."""
-    stiffness: tuple[float, float, float]
-    """Translational [N/m], rotational [N·m/rad], nullspace [N·m/rad]."""
+    stiffness: Stiffness
     dither: tuple[AmplitudeRow, ...] = ()
     """Of each dithered joint; empty is none."""
     gate_velocity: float = float("inf")
@@ -154,3 +197,93 @@ class Run:
     def error(self) -> Array:
         """(iterations, K, 6) actual less reference, angles in (−π, π] [m, rad]."""
         return pose_error(self.actual, self.reference)
+
+
+def read_trajectory(text: str | File) -> Path | None:
+    """Return the path of a CSV file; None for a path by name.
+
+    Raises:
+        StictionError: neither a name nor a CSV that can be read.
+    """
+    if str(text) in TRAJECTORIES:
+        return None
+    if not str(text).lower().endswith(".csv"):
+        raise unknown("trajectory", str(text), [*TRAJECTORIES, "a path to a .csv"])
+    return read_path(str(text))
+
+
+def start_angles(arm: Arm, start: ArrayLike | None) -> NDArray[np.float64]:
+    """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
+
+    Raises:
+        StictionError: not n numbers, or one that is not within the limits.
+    """
+    try:
+        q = np.array(arm.rest if start is None else start, dtype=float)
+    except (TypeError, ValueError):
+        raise StictionError(f"start {start!r}: expected {arm.n} angles in rad") from None
+    if q.shape != (arm.n,):
+        given = f"{q.size} angles" if q.ndim == 1 else f"shape {q.shape}"
+        raise StictionError(f"start: {given}: expected {arm.n}, one per joint of {arm.name}")
+    low, high = arm.limits.position.T
+    for j in np.flatnonzero(~((q > low) & (q < high))):
+        raise StictionError(
+            f"start: joint {j + 1}: {q[j]:g} rad: expected angles within the limits, "
+            f"{low[j]:g} to {high[j]:g}"
+        )
+    return q
+
+
+def read_dither(
+    table: str | File, arm: Arm, *, waveform: str | None = None
+) -> tuple[AmplitudeRow, ...]:
+    """Return the rows of an amplitude table that an arm can take.
+
+    Args:
+        table: the file.
+        arm: says how strong and fast a dither it takes.
+        waveform: of every joint; None for the table's.
+
+    Raises:
+        StictionError: a table that cannot be read, that dithers no joint, or too much.
+    """
+    rows = read_amplitudes(
+        table,
+        n_joints=arm.n,
+        torque_limit=arm.limits.torque,
+        controller_rate_hz=arm.controller_rate_hz,
+    )
+    if not any(row.amplitude_nm > 0 for row in rows):
+        raise StictionError(f"{table}: dithers no joint: expected an amplitude_nm above 0")
+    if waveform is not None:
+        rows = [dataclasses.replace(row, waveform=waveform) for row in rows]
+    return tuple(rows)
+
+
+def with_and_without(
+    trajectory: str,
+    stiffness: Stiffness,
+    dither: Sequence[AmplitudeRow] = (),
+    *,
+    gate_velocity: float | None = None,
+    phases: str | None = None,
+    compensation: Compensation | None = None,
+) -> list[Case]:
+    """Return the case without anything, then those with dither, with compensation, with both.
+
+    Args:
+        trajectory: name of the path.
+        stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
+        dither: of each dithered joint; empty for none.
+        gate_velocity: of the dither [rad/s]; None for no gate.
+        phases: of the joints' dithers; None for the default.
+        compensation: of the joints' friction; None for none.
+    """
+    cases = [Case(trajectory=trajectory, stiffness=stiffness)]
+    if dither:
+        options = {"gate_velocity": gate_velocity, "phases": phases}
+        given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
+        cases.append(dataclasses.replace(cases[0], dither=tuple(dither), **given))
+    if compensation is not None:
+        cases += [dataclasses.replace(case, compensation=compensation) for case in cases]
+    return cases

@@ -25,7 +25,12 @@ from stiction_envs.control.rotation import rotation_error
 from stiction_envs.control.trajectory import Path
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
-from stiction_envs.method_settings import check_numbers, load_settings
+from stiction_envs.method_settings import (
+    Count,
+    Positive,
+    Share,
+    load_settings,
+)
 from stiction_envs.precomputed import store
 
 Array = NDArray[np.float64]
@@ -37,47 +42,45 @@ KIND = "random_paths"
 class RandomPathSettings:
     """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
 
-    fewest_goals: int
+    fewest_goals: Count
     """Of a path."""
-    most_goals: int
+    most_goals: Count
     """Of a path."""
-    smallest: float
+    smallest: Positive
     """Half the length of the box [m]."""
-    largest: float
+    largest: Positive
     """Half the length of the box [m]."""
-    flatness: float
+    flatness: Share
     """Height of the box over its length [-]."""
-    steepest: float
+    steepest: Positive
     """Largest slope of the box [rad]."""
-    shortest_side: float
+    shortest_side: Share
     """Least distance of two goals that follow, over half the length of the box [-]."""
-    slowest: float
+    slowest: Share
     """Least pace [-]."""
-    stiffness_translation: float
+    stiffness_translation: Positive
     """The least [N/m]."""
-    stiffness_rotation: float
+    stiffness_rotation: Positive
     """The least [N·m/rad]."""
-    stiffness_range: float
+    stiffness_range: Positive
     """Largest stiffness over the least [-]."""
-    limit_margin: float
+    limit_margin: Positive
     """Distance of the joints from their limits [rad]."""
-    least_dexterity: float
+    least_dexterity: Share
     """Smallest singular value of the Jacobian over that at the start [-]."""
-    length: float
+    length: Positive
     """How much translation a turn of 1 rad counts as [m]."""
-    out_of_reach: float
+    out_of_reach: Positive
     """What the inverse kinematics may miss by [m]."""
-    step: float
+    step: Positive
     """Between two points of a line that are looked at [m]."""
-    damping: float
+    damping: Positive
     """Of the inverse kinematics [m]."""
-    attempts: int
+    attempts: Count
     """Draws after which an arm is said to follow no such path."""
 
     def __post_init__(self) -> None:
         # where the shortest side is longer, no goal in the box may be far enough from the last
-        shares = ("flatness", "shortest_side", "slowest", "least_dexterity")
-        check_numbers(self, shares=shares)
         if self.most_goals < self.fewest_goals or self.largest < self.smallest:
             raise StictionError(
                 f"RandomPathSettings: {self.fewest_goals} to {self.most_goals} goals in boxes of "

@@ -8,23 +8,26 @@ The two are separate calls, so that some simulations can be brought back while o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from stiction_envs.control.compensation import Compensator
+from stiction_envs.compiled import compiled
+from stiction_envs.control.compensation import Compensator, compensate
 from stiction_envs.control.impedance import CartesianImpedance
+from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
 from stiction_envs.control.kinematics import EndEffector
 from stiction_envs.control.settings import ImpedanceSettings
-from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
+from stiction_envs.dither.kernels import sine
+from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.gte.controller_model import ControllerModel
 from stiction_envs.experiments.gte.protocol import GTEProtocol
-from stiction_envs.experiments.gte.step import control_step
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.model import link_angles
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
@@ -33,74 +36,171 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+class JointArrays(NamedTuple):
+    """State of N arms, and which of its entries are the joints'."""
+
+    qpos: Array
+    """(N, nq) [rad]."""
+    qvel: Array
+    """(N, nv) [rad/s]."""
+    motor: Index
+    spring: Index
+    """As in `link_angles`."""
+
+
+class DitherArrays(NamedTuple):
+    """The dither, as far as it is sines."""
+
+    only_sines: bool
+    """Any other dither is in `torque` already."""
+    omega: Array
+    phase: Array
+    amplitude: Array
+    """As in `dither.kernels.sine`."""
+    torque: Array
+    """(N, n) sines are written in every controller cycle [N·m]."""
+
+
+class CompensationArrays(NamedTuple):
+    """Compensation of the joints' friction."""
+
+    active: bool
+    """Whether any arm is compensated."""
+    arguments: tuple[Array, Array, Array, Array, Array]
+    """The last of `compensate`, its result at the end."""
+    added: Array
+    """(N, n) dither and compensation together, written where active [N·m]."""
+
+
+class StepArrays(NamedTuple):
+    """All that a control step reads and writes; the same objects while arms follow."""
+
+    site: tuple[Any, ...]
+    """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
+    joints: tuple[Any, ...]
+    """`JointArrays`."""
+    step: Index
+    """(N,) control steps since the arm began to follow."""
+    dither: tuple[Any, ...]
+    """`DitherArrays`."""
+    compensation: tuple[Any, ...]
+    """`CompensationArrays`."""
+    modelled: tuple[Array, Array]
+    """(N, n) Coriolis torque and gravity correction of `impedance_cycle` [N·m]."""
+    impedance: tuple[Any, ...]
+    """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
+    path: tuple[Array, float, Array, Array, Array]
+    """Of `pass_torque` between command and result."""
+    missing: Array
+    """(N, n) torque that acts besides, gravity compensated wrongly [N·m]."""
+    applied: Array
+    """(N, n) what the joints get of the command, written [N·m]."""
+    torque: Array
+    """(N, n) the sum of that and `missing`, written [N·m]."""
+
+
+@compiled
+def control_step(due: bool, arrays: tuple[Any, ...]) -> None:
+    """Read the end effector and, where ``due``, compute the next command; pass the command on.
+
+    One call of compiled code: called one by one from Python, these functions would spend half of
+    the time between their calls. Where not ``due``, the controller's command is held.
+
+    Args:
+        due: whether the controller computes in this step.
+        arrays: `StepArrays` and those within as plain tuples, which numba takes over faster.
+    """
+    a = StepArrays(*arrays)
+    site_kinematics(*a.site)
+    if due:
+        position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
+        joints, dither, impedance = JointArrays(*a.joints), DitherArrays(*a.dither), a.impedance
+        compensation = CompensationArrays(*a.compensation)
+        if dither.only_sines:
+            time = a.step.astype(np.float64) * CONTROL_DT
+            sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
+        dq = link_angles(joints.qvel, joints.motor, joints.spring)
+        added = dither.torque
+        if compensation.active:
+            reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
+            compensated = compensation.arguments
+            compensate(
+                *(position, quaternion, jacobian, dq, reference, error_matrix, stiffness),
+                *compensated,
+            )
+            added = compensation.added
+            for i in range(added.shape[0]):
+                for j in range(added.shape[1]):
+                    added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
+        q = link_angles(joints.qpos, joints.motor, joints.spring)
+        impedance_cycle(position, quaternion, jacobian, q, dq, *a.modelled, added, *impedance)
+    pass_torque(a.impedance[-1], *a.path, a.applied)
+    for i in range(a.torque.shape[0]):
+        for j in range(a.torque.shape[1]):
+            a.torque[i, j] = a.applied[i, j] + a.missing[i, j]
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class GTESetup(Experiment):
+    """What an experiment on paths is made of."""
+
+    protocol: GTEProtocol
+    approach: Protocol
+    settings: ImpedanceSettings
+    motion: MotionLimits
+    start: Array
+    """(n,) joint angles at the start [rad]."""
+    tool: Array
+    """(3,) the point that is controlled and measured, from the flange in the hand's frame [m]."""
+    controller_model: Arm | None
+
+
 class GTERig(Rig):
     """N arms that follow paths."""
 
     def __init__(
         self,
-        sticking: StickingModel,
+        setup: GTESetup,
         nsim: int,
-        *,
-        protocol: GTEProtocol,
-        approach: Protocol,
-        settings: ImpedanceSettings,
-        motion: MotionLimits,
-        interface: TorqueInterface,
         capacity: int,
-        start: Array,
-        tool: ArrayLike = (0.0, 0.0, 0.0),
-        controller_model: Arm | None = None,
-        scatter: bool = True,
-        seed: int = 0,
         parameters: FrictionParameters | None = None,
-        nthread: int = 0,
     ) -> None:
         """Make the rig; every arm has to `begin`.
 
         Args:
-            sticking: the model.
+            setup: the experiment.
             nsim: number of arms.
-            protocol: numbers of the experiment.
-            approach: those of the move to the start, and of the scatter.
-            settings: of the controller.
-            motion: of the trajectory generator.
-            interface: what the robot does to commanded torques.
             capacity: most goals of a path.
-            start: (n,) joint angles at the start [rad].
-            tool: (3,) the tool point from the flange, in the hand's frame [m].
-            controller_model: the controller's own model of the arm, None for the true one.
-            scatter: whether iterations differ by pose, friction and dither phase.
-            seed: of that scatter.
             parameters: friction of one arm or of each simulation, None for the model's.
-            nthread: threads, 0 for all processors.
         """
         super().__init__(
+            setup, nsim, approach=setup.approach, parameters=parameters, closed_loop=True
+        )
+        sticking, arm, settings, motion = (
+            setup.sticking,
+            setup.sticking.arm,
+            setup.settings,
+            setup.motion,
+        )
+        self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
+        self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
+        self._model = ControllerModel(
+            setup.controller_model or arm,
             sticking,
             nsim,
-            approach=approach,
-            interface=interface,
-            scatter=scatter,
-            seed=seed,
-            parameters=parameters,
-            nthread=nthread,
-            closed_loop=True,
-        )
-        self.protocol, self.motion, self.start = protocol, motion, np.array(start)
-        self.end_effector = EndEffector(sticking, self.plant.batch, tool)
-        arm = sticking.arm
-        self._model = ControllerModel(
-            controller_model or arm, sticking, nsim, nthread, coriolis=settings.coriolis
+            setup.threads,
+            coriolis=settings.coriolis,
         )
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._inertia = self._servos.inertia(self.start[None])
         self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
-        self._model_period = protocol.model_steps
+        self._model_period = setup.protocol.model_steps
         self.start_position, self.start_quaternion = self._nominal()
         self._watch: Callable[[], None] | None = None
-        self._count, self._hold_steps = 0, interface.hold_steps
-        self._arguments: tuple[Any, ...] = ()
+        self._count, self._hold_steps = 0, self.interface.hold_steps
+        self._arrays: tuple[Any, ...] = ()
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
@@ -188,7 +288,7 @@ class GTERig(Rig):
     def advance(self, steps: int, watch: Callable[[], None] | None = None) -> None:
         """Follow for ``steps`` control steps; ``watch`` is called in each, before the arms move."""
         self._watch, self._count = watch, int(self.step.max())
-        self._arguments = self._step_arguments()
+        self._arrays = self._step_arrays()
         self.plant.follow(self._law, steps)
 
     def _law(self) -> Array:
@@ -224,24 +324,28 @@ class GTERig(Rig):
             self.controller.advance_filters()
             if self.dither.sines is None:
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
-        control_step(due, *self._arguments)
+        control_step(due, self._arrays)
 
-    def _step_arguments(self) -> tuple[Any, ...]:
-        """Return those of `control_step` that stay the same objects while arms follow."""
+    def _step_arrays(self) -> tuple[Any, ...]:
+        """Return what `control_step` works on until the arms stop following."""
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
-        return (
-            self.end_effector.arguments,
-            (*self.plant.state, sticking.motor, sticking.spring),
-            (dither.sines is not None, *sines),
-            self.step,
-            (self.compensator.active, self.compensator.arguments, self._added),
-            # zero where it is not asked for
-            (model.coriolis, self._nothing),
-            self.controller.arguments,
-            self._path.arguments,
-            model.missing,
-            self.dither_torque,
-            self.applied,
-            self._torque,
+        joints = JointArrays(*self.plant.state, sticking.motor, sticking.spring)
+        shaking = DitherArrays(dither.sines is not None, *sines, self.dither_torque)
+        compensator = self.compensator
+        return tuple(
+            StepArrays(
+                site=self.end_effector.arguments,
+                joints=tuple(joints),
+                step=self.step,
+                dither=tuple(shaking),
+                compensation=(compensator.active, compensator.arguments, self._added),
+                # zero where it is not asked for
+                modelled=(model.coriolis, self._nothing),
+                impedance=self.controller.arguments,
+                path=self._path.arguments,
+                missing=model.missing,
+                applied=self.applied,
+                torque=self._torque,
+            )
         )

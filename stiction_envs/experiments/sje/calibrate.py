@@ -1,7 +1,7 @@
 """Identify an arm's friction from its measured base torques: anyone's Table 4.3.
 
 Half the difference of the two directions is friction, half their sum an offset (gravity-model or
-sensor error) that dither cannot remove (physics.md 1.6). Both are known in two poses per joint:
+sensor error) that dither cannot remove (sources.md 1.6). Both are known in two poses per joint:
 
     stiction(L) = F_0 + k L          from the friction in the load and the no-load pose
     offset(G)   = o_0 + e G          from the offset there, G the signed load
@@ -31,7 +31,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     FrictionParameters,
     dump_friction,
-    friction_text,
+    friction_sources,
 )
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -73,14 +73,19 @@ class Calibration:
         }
 
     def write_toml(
-        self, path: Path, *, base: str | Path, table: Path, provenance: Mapping[str, Any]
+        self,
+        path: Path,
+        *,
+        base: str | Path | FrictionParameters | None,
+        table: Path,
+        provenance: Mapping[str, Any],
     ) -> None:
         """Write the friction TOML, provenance inside.
 
         Args:
             path: of the TOML; its folder is made.
-            base: robot or friction TOML that the calibration began with: quantities that it does
-                not find keep the sources they have there.
+            base: friction that the calibration began with (robot, TOML or parameters): quantities
+                that it does not find keep the sources they have there.
             table: file of the measured base torques.
             provenance: of the run.
         """
@@ -217,7 +222,7 @@ def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
 
 def calibrated_toml(
     result: Calibration,
-    base: str | Path,
+    base: str | Path | FrictionParameters | None,
     table_name: str,
     table_text: bytes,
     run: Mapping[str, str] | None = None,
@@ -226,14 +231,13 @@ def calibrated_toml(
 
     Args:
         result: the calibration.
-        base: robot or friction TOML that it began with.
+        base: friction that it began with: robot, TOML or parameters.
         table_name: of the measured table.
         table_text: its bytes.
         run: what else its provenance says.
     """
-    old = friction_text(base)
-    sources = {k: str(v["source"]) for k, v in old.items() if k not in ("meta", "provenance")}
-    found = f"calibrated: stiction_envs.experiments.sje.calibrate on {table_name}"
+    sources, meta = friction_sources(base)
+    found = f"calibrated: `stiction calibrate` on {table_name}"
     for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
         sources[name] = found
     sources["load_coefficient"] = found
@@ -246,7 +250,7 @@ def calibrated_toml(
     return dump_friction(
         result.parameters,
         sources=sources,
-        meta=old["meta"],
+        meta=meta,
         provenance={
             **(run or {}),
             "method": "stiction_envs.experiments.sje.calibrate: simulate, correct, repeat",

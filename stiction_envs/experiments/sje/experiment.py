@@ -8,37 +8,36 @@ base.save("runs/base")
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.experiments.sje.jobs import Dither, jobs_of
-from stiction_envs.experiments.sje.poses import Poses, find_poses
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
     LOADS,
-    Configuration,
     Job,
     Measurement,
     Protocol,
+    configurations,
     load_protocol,
 )
-from stiction_envs.experiments.sje.results import BreakawayTorques
-from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig
-from stiction_envs.experiments.sje.rows import in_order
+from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
+from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.friction.assumed import friction_note
-from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
+from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 MAX_SIMULATIONS = 384
@@ -46,16 +45,8 @@ MAX_SIMULATIONS = 384
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class SingleJointExperiment:
+class SingleJointExperiment(SJESetup):
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
-
-    sticking: StickingModel
-    protocol: Protocol
-    interface: TorqueInterface
-    poses: Poses
-    scatter: bool
-    seed: int
-    nthread: int
 
     def __init__(
         self,
@@ -67,7 +58,7 @@ class SingleJointExperiment:
         scatter: bool = True,
         seed: int = 0,
         timestep: float | None = None,
-        nthread: int = 0,
+        threads: int = 0,
     ) -> None:
         """Set the experiment up.
 
@@ -79,42 +70,18 @@ class SingleJointExperiment:
             scatter: whether iterations differ.
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
-            nthread: threads, 0 for all processors.
+            threads: threads, 0 for all processors.
 
         Raises:
             StictionError: anything wrong with the arm, its friction or its poses.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
+        super().__init__(sticking, interface=interface, scatter=scatter, seed=seed, threads=threads)
         arm = sticking.arm
-        fields = {
-            "sticking": sticking,
-            "protocol": load_protocol(arm.name) if protocol is None else protocol,
-            "interface": TorqueInterface.of(arm) if interface is None else interface,
-            "poses": find_poses(arm),
-            "scatter": scatter,
-            "seed": seed,
-            "nthread": nthread,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
-
-    def replace(self, **changes: Any) -> Self:
-        """Return a copy with some fields changed; poses stay those of the arm."""
-        unknown_names = set(changes) - {f.name for f in dataclasses.fields(self)}
-        if unknown_names:
-            raise TypeError(f"{type(self).__name__} has no field {sorted(unknown_names)[0]!r}")
-        out = copy.copy(self)
-        for name, value in changes.items():
-            object.__setattr__(out, name, value)
-        return out
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.sticking.n
+        self._set(
+            protocol=load_protocol(arm.registered_name) if protocol is None else protocol,
+            poses=find_poses(arm),
+        )
 
     def jobs(
         self,
@@ -141,19 +108,8 @@ class SingleJointExperiment:
         parameters: FrictionParameters | None = None,
         dither_all: bool = False,
     ) -> SJERig:
-        """Return the machine that runs ``nsim`` simulations of this experiment."""
-        return SJERig(
-            self.sticking,
-            nsim,
-            protocol=self.protocol,
-            interface=self.interface,
-            poses=self.poses,
-            scatter=self.scatter,
-            seed=self.seed,
-            dither_all=dither_all,
-            parameters=parameters,
-            nthread=self.nthread,
-        )
+        """Return the machine that runs ``nsim`` simulations of this experiment; see `SJERig`."""
+        return SJERig(self, nsim, dither_all=dither_all, parameters=parameters)
 
     def expected(self, job: Job) -> float:
         """Return the approximate size of a job's torque [N·m], to plan the work."""
@@ -340,4 +296,82 @@ class RampLog:
         )
 
 
-__all__ = ["Configuration", "Job", "Measurement", "SingleJointExperiment"]
+Dither = str | Path | Sequence[AmplitudeRow]
+"""An amplitude table, or its rows."""
+
+
+def jobs_of(
+    arm: Arm,
+    interface: TorqueInterface,
+    joints: Sequence[int] | None,
+    *,
+    loads: Sequence[str] = LOADS,
+    directions: Sequence[str] = DIRECTIONS,
+    dither: Dither | None = None,
+) -> list[Job]:
+    """Return undithered jobs, then those with the dither of a table.
+
+    Args:
+        arm: the arm.
+        interface: says how fast a dither it takes.
+        joints: 1..n; None for all.
+        loads: poses.
+        directions: of the ramp.
+        dither: each joint under test is dithered by its row; None for no dither.
+
+    Raises:
+        StictionError: a joint the arm lacks, or a table that dithers none of the joints, that the
+            arm cannot take, or that cannot be read.
+    """
+    chosen = list(joints) if joints is not None else None
+    base = [
+        Job(c)
+        for c in configurations(arm.n, chosen)
+        if c.load in loads and c.direction in directions
+    ]
+    if dither is None:
+        return base
+    tested = sorted({j.configuration.joint for j in base})
+    rows = _rows(arm, interface, tested, dither)
+    return base + [
+        Job(
+            job.configuration,
+            frequency_hz=row.frequency_hz,
+            amplitude_nm=row.amplitude_nm,
+            waveform=row.waveform,
+            offset_nm=row.offset_nm,
+            gate_velocity=row.gate_velocity,
+        )
+        for job in base
+        if (row := rows.get(job.configuration.joint)) is not None
+    ]
+
+
+def _rows(
+    arm: Arm, interface: TorqueInterface, tested: list[int], dither: Dither
+) -> dict[int, AmplitudeRow]:
+    """Return the row of each joint that is dithered and tested."""
+    where = str(dither) if isinstance(dither, str | Path) else "dither"
+    rows = (
+        read_amplitudes(
+            dither,
+            n_joints=arm.n,
+            torque_limit=arm.limits.torque,
+            controller_rate_hz=interface.controller_rate_hz,
+        )
+        if isinstance(dither, str | Path)
+        else list(dither)
+    )
+    for row in rows:
+        if row.amplitude_nm == 0 and row.offset_nm != 0:
+            raise StictionError(
+                f"{where}: joint {row.joint} has offset_nm {row.offset_nm:g} without amplitude: "
+                "expected an amplitude_nm above 0, or no offset"
+            )
+    dithered = {row.joint: row for row in rows if row.amplitude_nm > 0}
+    chosen = {j: row for j, row in dithered.items() if j in tested}
+    if not chosen:
+        has = ", ".join(map(str, sorted(dithered))) or "no joint"
+        asked = ", ".join(map(str, tested))
+        raise StictionError(f"{where}: dithers {has}, but the joints tested are {asked}")
+    return chosen

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
-from stiction_envs.experiments.sje.protocol import DIRECTIONS, Job, Measurement
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, POSES, SIGNS, Job, Measurement
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.measured import SJERow
 from stiction_envs.plant import CONTROL_DT
@@ -26,12 +26,16 @@ from stiction_envs.reporting.png import save_full
 from stiction_envs.robots.registry import arm_title
 
 Array = NDArray[np.float64]
-POSES = {"load": "load pose", "no_load": "no-load pose"}
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
-SIGNS = {"+": "+", "-": "−"}
 WITHOUT, WITH = "0.45", "#d1701a"
 MOST_NAMED = 2
 """Settings of one joint that a title and a legend have room for."""
+
+
+def plain_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
+    """Give axes a pale grid and no frame above and on the right."""
+    axes.grid(alpha=0.25, lw=0.6, axis=grid)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def dither_text(job: Job) -> str:
@@ -141,10 +145,9 @@ def draw_sje(
             color="0.35",
         )
     for axes in (upper, lower):
-        axes.grid(alpha=0.25, lw=0.6)
+        plain_axes(axes)
         axes.set_ylabel("joint displacement\nfrom the pose [rad]")
         axes.margins(x=0.02, y=0.07)
-        axes.spines[["top", "right"]].set_visible(False)
     upper.set_title(
         f"iterations (dot: threshold passed, {threshold:g} rad from its own start)",
         loc="left",
@@ -251,8 +254,7 @@ def plot_torques(rows: Sequence[SJERow], path: str | os.PathLike[str], *, robot:
     axes.invert_yaxis()
     axes.margins(y=0.6 / len(lines))
     axes.set_xlim(left=0)
-    axes.grid(alpha=0.25, lw=0.6, axis="x")
-    axes.spines[["top", "right"]].set_visible(False)
+    plain_axes(axes, grid="x")
     axes.set_xlabel("|τ| at breakaway [N·m]")
     handles, labels = axes.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
@@ -345,8 +347,7 @@ def plot_with_and_without(
         fontsize=12,
     )
     axes.set_ylim(top=1.4 * threshold)
-    axes.grid(alpha=0.25, lw=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain_axes(axes)
     most = max(abs(base.mean), abs(dithered.mean))
     axes.set_xlim(right=1.22 * most)
     save_full(figure, path)

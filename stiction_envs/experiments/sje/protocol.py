@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,83 +10,95 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.robots.registry import ARMS, ArmFiles
+from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
+from stiction_envs.robots.registry import ARMS
 
 Array = NDArray[np.float64]
 LOADS = ("load", "no_load")
 DIRECTIONS = ("+", "-")
+POSES = {"load": "load pose", "no_load": "no-load pose"}
+"""As pages write loads."""
+SIGNS = {"+": "+", "-": "−"}
+_TOML = Path(__file__).with_name("sje.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol:
     """Numbers of the experiment; `sje.toml` has their sources."""
 
-    ramp_rate: float
+    ramp_rate: Positive
     """Growth of the commanded torque [N·m/s]."""
-    threshold: float
+    threshold: Positive
     """The joint has broken away when it is this far from where the ramp found it [rad]."""
-    iterations: float
+    iterations: Positive
     """Repeats per configuration."""
-    start_tolerance: float
+    start_tolerance: NotNegative
     """Largest distance of any joint from the pose when a ramp starts [rad]."""
-    return_time: float
+    return_time: NotNegative
     """Time of the move back to the pose [s]."""
-    settle_time: float
+    settle_time: NotNegative
     """Time the pose is held before the ramp starts [s]."""
-    rest_speed: float
+    rest_speed: NotNegative
     """Fastest joint speed that counts as rest; a ramp starts from rest [rad/s]."""
-    patience: float
+    patience: NotNegative
     """A ramp starts after this many times the planned approach, at rest or not [-]."""
-    hold_stiffness: float
-    """Servo stiffness over torque limit [1/rad]; `hold` says where friction asks for more."""
-    hold_damping_ratio: float
+    hold_stiffness: NotNegative
+    """Servo stiffness over torque limit [1/rad]; `servos` says where friction asks for more."""
+    hold_damping_ratio: NotNegative
     """Damping ratio of the servo [-]."""
-    averaged_start_torque: float
+    averaged_start_torque: NotNegative
     """1: the ramp starts at the averaged external torque (iiwa), 0: at zero (Panda)."""
-    averaging_time: float
+    averaging_time: NotNegative
     """Time over which that torque is averaged [s]."""
-    give_up_factor: float
+    give_up_factor: NotNegative
     """A ramp ends as stuck at this multiple of stiction plus offset [-]."""
-    pose_scatter: float
+    pose_scatter: NotNegative
     """Standard deviation of the pose from one iteration to the next [rad]."""
-    friction_scatter: float
+    friction_scatter: NotNegative
     """Standard deviation of the dry friction, relative [-]."""
-    torque_noise: float
+    torque_noise: NotNegative
     """Standard deviation of a torque reading [N·m]."""
 
-    def __post_init__(self) -> None:
-        for f in dataclasses.fields(self):
-            value = getattr(self, f.name)
-            if not (np.isfinite(value) and value >= 0):
-                raise StictionError(f"protocol {f.name}: {value} must be finite and not negative")
-        for name in ("ramp_rate", "threshold", "iterations"):
-            if getattr(self, name) <= 0:
-                raise StictionError(f"protocol {name}: {getattr(self, name)} must be positive")
-
     def replace(self, **changes: float) -> Protocol:
-        """Return a copy with some numbers changed."""
-        return dataclasses.replace(self, **changes)
+        """Return a copy with some numbers changed.
+
+        Raises:
+            StictionError: an unknown name, or a number out of range.
+        """
+        return override(self, changes)
 
 
-def load_protocol(robot: str) -> Protocol:
-    """Return the protocol of a robot: `sje.toml`, and what a known arm's TOML says otherwise.
+@dataclass(frozen=True, kw_only=True)
+class SJERewardSettings:
+    """Weights of the environment's penalties, and what shakes."""
+
+    power_weight: Positive
+    """Of the mean of (A / A_max)² [-]."""
+    torque_rate_weight: Positive
+    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    shaking_weight: Positive
+    """Of (oscillation / threshold)² [-]."""
+    shaking_corner: Positive
+    """Joints oscillate above this frequency [Hz]; see `Oscillation`."""
+
+
+def sje_reward_settings() -> SJERewardSettings:
+    """Return the defaults."""
+    return load_settings(SJERewardSettings, _TOML, "reward")
+
+
+def load_protocol(robot: str | None) -> Protocol:
+    """Return the protocol of a registered arm: `sje.toml`, and what its TOML says otherwise.
 
     Raises:
         StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
     """
-    return _protocol(ARMS.get(robot))
-
-
-@functools.lru_cache
-def _protocol(arm: ArmFiles | None) -> Protocol:
-    entries = tomllib.loads((Path(__file__).parent / "sje.toml").read_text(encoding="utf-8"))
-    entries = entries["default"]
-    if arm is not None:
-        own = arm.table.get("experiments", {}).get("sje", {})
-        for name in set(own) - set(entries):
-            raise StictionError(f"{arm.toml}: {unknown('[experiments.sje]', name, entries)}")
-        entries = {**entries, **own}
-    return Protocol(**{k: float(v["value"]) for k, v in entries.items()})
+    protocol, arm = load_settings(Protocol, _TOML, "default"), ARMS.get(str(robot))
+    own = {} if arm is None else arm.table.get("experiments", {}).get("sje", {})
+    try:
+        return override(protocol, own)
+    except StictionError as error:
+        raise StictionError(f"{arm and arm.toml}: [experiments.sje] {error}") from None
 
 
 @dataclass(frozen=True, order=True)

@@ -17,9 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
-from stiction_envs.errors import unknown
+from stiction_envs.experiments.base import Experiment, joint_number
 from stiction_envs.experiments.rig import Rig
 from stiction_envs.experiments.settings import PushSettings, experiment_settings
 from stiction_envs.experiments.sje.protocol import load_protocol
@@ -51,19 +50,10 @@ class Push(Rig):
         Raises:
             StictionError: dither of a joint that the arm lacks.
         """
-        super().__init__(
-            sticking,
-            1,
-            approach=load_protocol(sticking.arm.name),
-            interface=TorqueInterface.of(sticking.arm),
-            scatter=False,
-            seed=0,
-            parameters=None,
-            nthread=1,
-        )
+        protocol = load_protocol(sticking.arm.registered_name)
+        super().__init__(Experiment(sticking, threads=1), 1, approach=protocol)
         for row in dither:
-            if not 1 <= row.joint <= self.n:
-                raise unknown("joint", row.joint, range(1, self.n + 1))
+            joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
         """Dither of each joint that has one."""
         self.settings = settings or experiment_settings().push
@@ -100,9 +90,7 @@ class Push(Rig):
         Raises:
             StictionError: a joint that the arm lacks.
         """
-        if not 1 <= joint <= self.n:
-            raise unknown("joint", joint, range(1, self.n + 1))
-        self.joint = joint
+        self.joint = joint_number(joint, self.n) + 1
         stiffness, damping = self._servos_of(_ME, *self._servos.inertia(self.plant.position))
         stiffness[0, joint - 1] = damping[0, joint - 1] = 0.0
         self.plant.set_servo(_ME, stiffness, damping, self.plant.motor_position)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError
-from stiction_envs.experiments.sje.protocol import Measurement, Protocol
-from stiction_envs.experiments.sje.rows import is_base, is_stuck, sje_rows
+from stiction_envs.experiments.sje.protocol import (
+    DIRECTIONS,
+    LOADS,
+    POSES,
+    SIGNS,
+    Configuration,
+    Measurement,
+    Protocol,
+)
 from stiction_envs.measured import BaseTable, SJERow, write_sje
+from stiction_envs.reporting.markdown import number, percent, signed, table_text
 from stiction_envs.reporting.result import Result
+from stiction_envs.robots.registry import arm_title
+
+
+def is_base(m: Measurement) -> bool:
+    """Whether nothing was added to the ramp."""
+    return m.job.amplitude_nm == 0 and m.job.offset_nm == 0
+
+
+def is_stuck(m: Measurement) -> bool:
+    """Whether an iteration ended without reaching the threshold."""
+    return not math.isfinite(m.mean)
+
+
+def base_of(measurements: Iterable[Measurement]) -> dict[Configuration, Measurement]:
+    """Return the undithered measurement of each configuration."""
+    return {m.job.configuration: m for m in measurements if is_base(m)}
+
+
+def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """Return measurements by joint, load, no load, +, −, then base before dithered."""
+
+    def key(m: Measurement) -> tuple[float, ...]:
+        c = m.job.configuration
+        where = (c.joint, LOADS.index(c.load), DIRECTIONS.index(c.direction))
+        return (*where, m.job.frequency_hz, m.job.amplitude_nm)
+
+    return sorted(measurements, key=key)
+
+
+def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
+    """Return one row per measurement, in order; those with a stuck iteration have none.
+
+    Args:
+        measurements: base and dithered ones.
+        robot: name for the robot column.
+
+    Returns:
+        Rows; `reduction` is 1 − |τ|/|τ_base| of the same configuration, 0 for a base row, NaN where
+        no base torque is known. `std_nm` is NaN after a single iteration: it is not known.
+    """
+    ordered = in_order(measurements)
+    base = base_of(ordered)
+    rows = []
+    for m in ordered:
+        if is_stuck(m):
+            continue
+        c = m.job.configuration
+        reference = base.get(c)
+        tau_base = math.nan if reference is None else reference.mean
+        plain = is_base(m)
+        rows.append(
+            SJERow(
+                robot=robot,
+                joint=c.joint,
+                load=c.load,
+                direction=c.direction,
+                frequency_hz=0.0 if plain else m.job.frequency_hz,
+                amplitude_nm=m.job.amplitude_nm,
+                tau_nm=m.mean,
+                std_nm=m.std if len(m.tau) > 1 else math.nan,
+                iterations=len(m.tau),
+                reduction=0.0 if plain else 1.0 - abs(m.mean) / abs(tau_base),
+            )
+        )
+    return rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -98,7 +172,6 @@ class BreakawayTorques(Result):
             ExperimentError: everything was stuck; nothing is written.
         """
         from stiction_envs.experiments.sje.plots import plot_sje
-        from stiction_envs.experiments.sje.report import write_report
 
         if not self.rows:
             raise ExperimentError(f"{self.describe_stuck()}: nothing was written")
@@ -174,3 +247,82 @@ def _torque(row: Mapping[str, Any] | None) -> str:
         return "stuck"
     spread = "" if row["iterations"] == 1 else f" ± {row['std_nm']:.4f}"
     return f"{row['tau_nm']:+.4f}{spread}"
+
+
+TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
+PICTURE = "torques.png"
+
+
+def write_report(
+    folder: Path,
+    rows: Sequence[SJERow],
+    *,
+    robot: str,
+    protocol: Protocol,
+    pictures: Sequence[str],
+    stuck: str = "",
+    note: str = "",
+) -> None:
+    """Write both pages and the picture.
+
+    Args:
+        folder: an existing one, with the pictures.
+        rows: of ``sje.csv``, at least one.
+        robot: name of the arm.
+        protocol: that the torques were measured by.
+        pictures: of the iterations, names in the folder.
+        stuck: what has no torque, one line.
+        note: stands at the top.
+    """
+    from stiction_envs.experiments.sje.plots import plot_torques
+    from stiction_envs.reporting.templates import write_md_and_html
+
+    plot_torques(rows, folder / PICTURE, robot=robot)
+    by_joint: dict[int, list[float]] = {}
+    for row in rows:
+        if row.amplitude_nm and np.isfinite(row.reduction):
+            by_joint.setdefault(row.joint, []).append(100 * row.reduction)
+    reductions = {joint: float(np.mean(values)) for joint, values in by_joint.items()}
+    by_torque = sorted(rows, key=lambda row: abs(row.tau_nm))
+    write_md_and_html(
+        folder,
+        TEMPLATE,
+        f"Breakaway torques of {arm_title(robot)}",
+        note=note,
+        robot=arm_title(robot),
+        dithered=bool(reductions),
+        mean=float(np.mean(list(reductions.values()))) if reductions else 0.0,
+        reductions=reductions,
+        best=max(reductions, key=reductions.__getitem__, default=0),
+        least=min(reductions, key=reductions.__getitem__, default=0),
+        worse=sorted(joint for joint, value in reductions.items() if value < 0),
+        count=len({(row.joint, row.load, row.direction) for row in rows}),
+        weakest=by_torque[0].joint,
+        strongest=by_torque[-1].joint,
+        lowest=abs(by_torque[0].tau_nm),
+        highest=abs(by_torque[-1].tau_nm),
+        iterations=max(row.iterations for row in rows),
+        protocol=protocol,
+        table=_table(rows),
+        pictures=list(pictures),
+        stuck=stuck,
+    )
+
+
+def _table(rows: Sequence[SJERow]) -> str:
+    header = ["joint", "pose", "direction", "dither", "τ [N·m]", "std [N·m]", "change"]
+    return table_text(
+        header,
+        [
+            [
+                str(row.joint),
+                POSES[row.load],
+                SIGNS[row.direction],
+                f"{row.frequency_hz:g} Hz, {row.amplitude_nm:.3g} N·m" if row.amplitude_nm else "–",
+                signed(row.tau_nm, 4),
+                number(row.std_nm, 4),
+                percent(-100 * row.reduction) if row.amplitude_nm else "",
+            ]
+            for row in rows
+        ],
+    )

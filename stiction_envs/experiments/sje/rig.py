@@ -9,18 +9,18 @@ Friction is never reset between one ramp and the next: the arm is moved back (th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
-from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
@@ -31,54 +31,46 @@ BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
 
 
+@dataclass(frozen=True, init=False, repr=False)
+class SJESetup(Experiment):
+    """What an experiment on single joints is made of."""
+
+    protocol: Protocol
+    poses: Poses
+
+
 class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
     def __init__(
         self,
-        sticking: StickingModel,
+        setup: SJESetup,
         nsim: int,
         *,
-        protocol: Protocol,
-        interface: TorqueInterface,
-        poses: Poses,
-        scatter: bool = True,
-        seed: int = 0,
         dither_all: bool = False,
         parameters: FrictionParameters | None = None,
-        nthread: int = 0,
     ) -> None:
         """Make the rig; all simulations are idle.
 
         Args:
-            sticking: the model.
+            setup: the experiment; its scatter has one stream per configuration and iteration.
             nsim: number of simulations.
-            protocol: numbers of the experiment.
-            interface: what the robot does to commanded torques.
-            poses: where each joint is tested.
-            scatter: whether iterations differ by pose, friction and torque noise.
-            seed: of that scatter; one stream per configuration and iteration.
             dither_all: whether every joint is dithered (the environments) or the tested one.
             parameters: friction of one arm or of each simulation, None for the model's.
-            nthread: threads, 0 for all processors.
         """
         super().__init__(
-            sticking,
+            setup,
             nsim,
-            approach=protocol,
-            interface=interface,
-            scatter=scatter,
-            seed=seed,
+            approach=setup.protocol,
             parameters=parameters,
-            nthread=nthread,
             columns=None if dither_all else 1,
         )
-        self.protocol, self.poses = protocol, poses
+        self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
         # of every pose, joint by joint, load before no load
         self._inertia = self._servos.inertia(poses.q.reshape(-1, self.n))
         self._hold = np.zeros((nsim, self.n))
         self._hold_damping = np.zeros((nsim, self.n))
-        self.dither_seed[:] = seed
+        self.dither_seed[:] = self.seed
         self.stage = np.full(nsim, IDLE)
         """(N,) what each simulation is doing: `IDLE`, `APPROACH` or `RAMP`."""
         self.joint = np.zeros(nsim, dtype=np.int64)
@@ -288,7 +280,7 @@ class SJERig(Rig):
                 f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
                 f"expected at most {p.start_tolerance} rad; held with "
                 f"{self._hold[ids[i], j]:.3g} N·m/rad and at most {limit:.3g} N·m against "
-                f"{resists:.3g} N·m: change its friction (--friction), limits.torque in the arm's "
+                f"{resists:.3g} N·m: change its friction, limits.torque in the arm's "
                 "TOML, or hold_stiffness of the protocol"
             )
         self.start_angle[ids] = q[rows, joint]

@@ -3,37 +3,36 @@
 A package of somebody else's adds one by `register` (see :mod:`stiction_envs.gap.causes.base`).
 """
 
-from stiction_envs.gap.causes.actuator_delay import ActuatorDelay
-from stiction_envs.gap.causes.backlash import Backlash
 from stiction_envs.gap.causes.base import Cause, Parameter, Shape, TorqueShift
-from stiction_envs.gap.causes.base_tilt import BaseTilt
-from stiction_envs.gap.causes.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.direction_asymmetry import DirectionAsymmetry
+from stiction_envs.gap.causes.body.base_tilt import BaseTilt
+from stiction_envs.gap.causes.body.link_inertia import LinkInertia
+from stiction_envs.gap.causes.body.link_parameters import LinkParameters
+from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.external_spring import ExternalSpring
-from stiction_envs.gap.causes.joint_elasticity import JointElasticity
-from stiction_envs.gap.causes.link_inertia import LinkInertia
-from stiction_envs.gap.causes.link_parameters import LinkParameters
-from stiction_envs.gap.causes.load_dependent_friction import LoadDependentFriction
+from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.friction.direction_asymmetry import DirectionAsymmetry
+from stiction_envs.gap.causes.friction.load_dependent_friction import LoadDependentFriction
+from stiction_envs.gap.causes.friction.position_dependent_friction import PositionDependentFriction
+from stiction_envs.gap.causes.friction.presliding_hysteresis import PreslidingHysteresis
+from stiction_envs.gap.causes.friction.stribeck_friction import StribeckFriction
+from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
+from stiction_envs.gap.causes.friction.warm_up_drift import WarmUpDrift
+from stiction_envs.gap.causes.gear.backlash import Backlash
+from stiction_envs.gap.causes.gear.joint_elasticity import JointElasticity
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
+from stiction_envs.gap.causes.log.torque_scale import TorqueScale
+from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
+from stiction_envs.gap.causes.outside.position_dependent_torque import PositionDependentTorque
 from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.payload import Payload
-from stiction_envs.gap.causes.position_dependent_friction import PositionDependentFriction
-from stiction_envs.gap.causes.position_dependent_torque import PositionDependentTorque
-from stiction_envs.gap.causes.presliding_hysteresis import PreslidingHysteresis
 from stiction_envs.gap.causes.registry import (
     cause_named,
-    default_settings,
     parameter_units,
     register,
     registered,
     unregister,
 )
-from stiction_envs.gap.causes.stribeck_friction import StribeckFriction
-from stiction_envs.gap.causes.torque_offset import TorqueOffset
-from stiction_envs.gap.causes.torque_scale import TorqueScale
 from stiction_envs.gap.causes.view import View
-from stiction_envs.gap.causes.viscous_friction import ViscousFriction
-from stiction_envs.gap.causes.warm_up_drift import WarmUpDrift
 
 CAUSES: tuple[Cause, ...] = tuple(
     register(cause())
@@ -71,7 +70,6 @@ __all__ = [
     "TorqueShift",
     "View",
     "cause_named",
-    "default_settings",
     "parameter_units",
     "register",
     "registered",

@@ -9,17 +9,15 @@ coefficients (k,) to the residual torque of a joint, measured less nominal. To a
 3. its numbers: `values` as in ``diagnosis.json``, `why_not_identifiable` where data cannot show it;
 4. its picture: `view`;
 5. its model: `contribute` to a `ModelDraft`; by default MuJoCo has no such thing, which is said;
-6. its traits: flags, all false by default, by which the search treats it as it should be;
-7. its constants, where it has any: `settings`, a frozen dataclass of numbers with their defaults.
+6. its traits: flags, all false by default, by which the search treats it as it should be.
 """
 
 from __future__ import annotations
 
-import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self, TypeVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +26,12 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.draft import ModelDraft
 from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.view import OWN_TORQUE, View
-from stiction_envs.gap.settings import PATH, GapSettings
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.method_settings import load_settings
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
-T = TypeVar("T")
-
-
-def constants(cls: type[T], name: str) -> T:
-    """Return the constants of a cause of the package: ``[causes.NAME]`` of ``settings.toml``."""
-    found: T = load_settings(cast(Any, cls), PATH, f"causes.{name}")
-    return found
 
 
 @dataclass(frozen=True)
@@ -72,19 +61,6 @@ class Cause(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     view: ClassVar[View] = OWN_TORQUE
     """What it is drawn against."""
-    settings: Any = None
-    """Constants of its method, a frozen dataclass; None where it has none. ``diagnose(settings=…)``
-    changes them as ``causes.NAME.FIELD``."""
-
-    def given(self, settings: GapSettings) -> Self:
-        """Return the cause with the constants that these settings have for it."""
-        own = settings.causes.get(self.name, self.settings)
-        if own is self.settings:
-            return self
-        out = copy.copy(self)
-        out.settings = own
-        return out
-
     # ---- traits ------------------------------------------------------------------------------
 
     arm_wide: ClassVar[bool] = False
@@ -118,15 +94,9 @@ class Cause(ABC):
     removed_first: ClassVar[bool] = False
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""
-
-    judged_by_angle: ClassVar[bool] = False
-    """Whether left-out ranges of the joint's angle must bear it out, besides blocks of time."""
-    rather: ClassVar[tuple[str, ...]] = ()
-    """Names of simpler causes which such ranges prefer to it, where they predict them as well."""
-
-    profiled: ClassVar[bool] = False
-    """Whether the interval of its first nonlinear parameter is of its `profile`: where a tangent
-    does not tell how far it may be off."""
+    simpler_over_angle: ClassVar[tuple[str, ...]] = ()
+    """Names of simpler causes of the same torque over the angle. With any, left-out ranges of the
+    joint's angle must confirm it, besides blocks of time, and it must predict them better."""
 
     # ---- torque ------------------------------------------------------------------------------
 
@@ -229,7 +199,8 @@ class Cause(ABC):
     ) -> tuple[Array, Array]:
         """Return others than the first nonlinear parameter, (K,), and what is left with each, (K,).
 
-        What is left is the weighted squared error with the best of all else of a `profiled` cause.
+        What is left is the weighted squared error with the best of all else. For causes of which a
+        tangent does not tell how far the parameter may be off; others have none.
 
         Args:
             data: the logs.

@@ -31,6 +31,8 @@ def reversals(signal: Array, dead: float) -> int:
 def lacks_both_directions(data: Data, joint: int) -> str:
     """Return why friction cannot be seen, or nothing."""
     v, s = data.dq[:, joint], data.settings.motion
+    if (span := float(np.ptp(data.q[:, joint]))) < s.hold_span:
+        return f"joint {joint + 1} turns by {span:.3f} rad only"
     if min((v > s.moving_speed).mean(), (v < -s.moving_speed).mean()) < s.acting_share:
         return f"joint {joint + 1} does not move in both directions"
     return ""

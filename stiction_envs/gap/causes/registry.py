@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import Cause
-from stiction_envs.gap.settings import GapSettings, gap_settings
 
 _CAUSES: dict[str, Cause] = {}
 
@@ -44,12 +42,6 @@ def unregister(name: str) -> None:
 def registered() -> tuple[Cause, ...]:
     """Return all causes, those of the contract first and in its order."""
     return tuple(_CAUSES.values())
-
-
-def default_settings() -> GapSettings:
-    """Return the constants of the room, with those of all causes that have any."""
-    own = {c.name: c.settings for c in registered() if c.settings is not None}
-    return replace(gap_settings(), causes=own)
 
 
 def parameter_units() -> dict[str, str]:

@@ -18,8 +18,8 @@ def bristles(
 
     Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
     turns ζ goes to the sign of the motion by e^(−x/d) over the path x. LuGre without Stribeck
-    effect and bristle damping. What a bristle was before a segment began is not known: a joint that
-    moves then has come a long way, one that rests may hold any torque, on average none.
+    effect and bristle damping. The bristle's state before a segment is unknown: a joint that moves
+    at its start has already slid far; one that rests may hold any torque, zero on average.
 
     Args:
         path: (T, n) [rad].
@@ -37,8 +37,8 @@ def bristles(
             begun = abs(x[min(moves.start_samples, len(x) - 1)] - x[0]) > moves.start_span
             side, turn = _turns(x)
             if turn[-1] < 0:
-                continue  # it rests throughout
-            # numpy's exponential, of many at once, is several times as quick as a compiled loop's
+                continue  # the joint rests throughout
+            # numpy's exponential of a whole array is several times as fast as a compiled loop's
             left = np.exp(-np.abs(x - x[np.maximum(turn, 0)])[:, None] / distance[j])
             _follow(side, turn, left, float(begun), out[run, j])
     return out
@@ -48,7 +48,7 @@ def bristles(
 def _turns(x: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return (K,) sign of the motion by which each row was reached, and the row of the last turn.
 
-    Before the first motion they are that motion's and −1.
+    Before the first motion they are the sign of that motion and −1.
     """
     side, turn = np.zeros(len(x)), np.full(len(x), -1)
     last, at = 0.0, -1
@@ -64,7 +64,7 @@ def _turns(x: Array) -> tuple[Array, NDArray[np.int64]]:
 
 @compiled
 def _follow(side: Array, turn: NDArray[np.int64], left: Array, begun: float, out: Array) -> None:
-    """Put bristles that leave a turn by ``left`` (K, k) into ``out`` (K, k)."""
+    """Write bristles that leave a turn by ``left`` (K, k) into ``out`` (K, k)."""
     zeta = np.full(left.shape[1], side[0] * begun)
     at = -1
     for i in range(len(side)):
@@ -81,16 +81,16 @@ def grown(
     """Return (T,) what a bristle adds per unit of a level that grows by ``growth``.
 
     A bristle σ0 z of level g + εw, z' = q̇ − σ0 |q̇| z/(g + εw), is to first order in ε
-    gζ + εη with d = g/σ0 and η' = |q̇| (wζ − η)/d: η goes to wζ, but later than ζ turns, since the
-    stiffness is what it was. For larger ε, with r = ε/g, it is (y − ζ)/r of
-    y' = (q̇ − |q̇| y/(1 + rw))/d. Both exact for w that is constant over a sample.
+    gζ + εη with d = g/σ0 and η' = |q̇| (wζ − η)/d: η tends to wζ, but turns later than ζ, since
+    the stiffness is unchanged. For larger ε, with r = ε/g, it is (y − ζ)/r of
+    y' = (q̇ − |q̇| y/(1 + rw))/d. Both are exact for w that is constant over a sample.
 
     Args:
         path: (T,) [rad].
         runs: rows of each segment.
         distance: d [rad].
         zeta: (T,) of `bristles` with that distance [-].
-        growth: (T,) w, any unit; at turns that of the new direction.
+        growth: (T,) w, any unit; at turns the value of the new direction.
         ratio: r, per unit of w; 0 for the first order.
     """
     out = np.empty(len(path))
@@ -109,7 +109,7 @@ def _first_order(path: Array, distance: float, zeta: Array, growth: Array) -> Ar
     out = growth * zeta
     for k in range(len(path) - 1):
         if abs(zeta[k]) >= SETTLED and abs(zeta[k + 1]) >= SETTLED:
-            continue  # ζ is settled after some distances: η is there too, and need not be followed
+            continue  # after some distances ζ is steady, and so is η
         step = path[k + 1] - path[k]
         side, w, decay = np.sign(step), growth[k + 1], abs(step) / distance
         if side == 0:
@@ -122,7 +122,7 @@ def _first_order(path: Array, distance: float, zeta: Array, growth: Array) -> Ar
 
 @compiled
 def _taller(path: Array, distance: float, zeta: float, level: Array) -> Array:
-    """Return (K,) a bristle that goes to the sign of the motion times a level (K,) [-]."""
+    """Return (K,) a bristle that tends to the sign of the motion times a level (K,) [-]."""
     out = np.empty(len(path))
     out[0] = zeta * level[0]
     for k in range(len(path) - 1):
@@ -136,4 +136,4 @@ def _taller(path: Array, distance: float, zeta: float, level: Array) -> Array:
 LOWEST = 1e-3
 """Least level of a bristle over that of plain dry friction [-]."""
 SETTLED = 1.0 - 1e-4
-"""ζ from which a bristle is on its level [-]."""
+"""ζ above which a bristle has reached its level [-]."""

@@ -1,7 +1,7 @@
-"""What a cause may look at: a recording, the torque of the nominal model, and its dry friction.
+"""The data that causes use: a recording, the torque of the nominal model, and its dry friction.
 
-Three frozen dataclasses. `Data` puts them together; whoever changes one makes another
-`Data`, and what was worked out from the old one stays with the old one.
+Three frozen dataclasses; `Data` contains the other two. A change makes a new `Data`, and derived
+values stay with the old one.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NominalTorque:
-    """What the nominal model says along a recording; (T, n) each [N·m]."""
+    """Torque of the nominal model along a recording; (T, n) each [N·m]."""
 
     whole: Array
-    """With its friction."""
+    """Torque with friction."""
     rigid: Array
-    """Without: the torque that the gears transmit."""
+    """Torque without friction, which the gears transmit."""
     carried: Array | None = None
-    """What ``rigid`` has of causes beyond ``whole``: a payload, a tilt."""
+    """Torque of causes in ``rigid`` that ``whole`` lacks: a payload, a tilt."""
     diagnosed: bool = False
-    """Whether causes of an earlier diagnosis are in it."""
+    """Whether it contains causes of an earlier diagnosis."""
     gravity: tuple[float, ...] = ()
-    """x, y, z under which bodies are weighed, once a lean was found [m/s²]; () for the arm's."""
+    """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
 
     def __post_init__(self) -> None:
         for x in (self.whole, self.rigid, self.carried):
@@ -75,13 +75,13 @@ class Data:
 
     @property
     def pinocchio(self) -> pin.Model:
-        """The same as pinocchio has it."""
+        """The nominal rigid arm as a pinocchio model."""
         return self.recording.pinocchio
 
     @property
-    def link_side(self) -> bool:
-        """Whether torque was measured behind the gear."""
-        return self.recording.link_side
+    def torque(self) -> str:
+        """Side of the gear on which torque was measured: "motor" or "link"."""
+        return self.recording.torque
 
     @property
     def n(self) -> int:
@@ -150,7 +150,7 @@ class Data:
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, segment by segment.
 
-        What depends on the signals other than linearly must pass it before it is compared.
+        Nonlinear functions of the signals must pass it before a comparison.
         """
         return self.recording.smooth(x)
 
@@ -163,12 +163,12 @@ class Data:
 
     @property
     def rigid(self) -> Array:
-        """(T, n) of the nominal model without its friction: what the gears transmit [N·m]."""
+        """(T, n) torque of the nominal model without friction, which the gears transmit [N·m]."""
         return self.model.rigid
 
     @property
     def carried(self) -> Array | None:
-        """(T, n) what ``rigid`` has of causes beyond ``nominal``: a payload, a tilt [N·m]."""
+        """(T, n) torque of causes in ``rigid`` that ``nominal`` lacks: payload, tilt [N·m]."""
         return self.model.carried
 
     @property
@@ -183,25 +183,25 @@ class Data:
 
     @property
     def gravity_found(self) -> tuple[float, ...]:
-        """x, y, z under which bodies are weighed, once a lean was found [m/s²]; else ()."""
+        """Gravity x, y, z for bodies once a tilt was found [m/s²]; else ()."""
         return self.model.gravity
 
     def carrying(self, torque: Array, gravity: tuple[float, ...] = ()) -> Data:
-        """Return data whose gears transmit a torque (T, n) that ``nominal`` has not [N·m].
+        """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
 
         Args:
-            torque: that is transmitted.
-            gravity: x, y, z under which bodies are then weighed [m/s²]; () for the arm's.
+            torque: the transmitted torque.
+            gravity: x, y, z of gravity for bodies from now on [m/s²]; () for the arm's gravity.
         """
         carried = torque if self.carried is None else self.carried + torque
         model = replace(self.model, rigid=self.rigid + torque, carried=carried, gravity=gravity)
         return replace(self, model=model)
 
     def on(self, arm: Arm) -> Data:
-        """Return data of another rigid arm that moved alike, against the same torque.
+        """Return data of another rigid arm with the same motion and the same torque.
 
         Args:
-            arm: of which bodies or gravity are others.
+            arm: with other bodies or another gravity.
         """
         recording = replace(self.recording, arm=arm, pinocchio=arm.pinocchio())
         return replace(self, recording=recording)
@@ -210,7 +210,7 @@ class Data:
         """Return data whose nominal model has the causes of a diagnosis.
 
         Args:
-            torque: (T, n) of all of them [N·m]; what of it the gears carry was `carrying` before.
+            torque: (T, n) of all causes [N·m]; gears carry the part set by `carrying` before.
             friction: whether friction is among them.
             rotor: (n,) inertia that they add to the rotors [kg·m²].
         """
@@ -226,7 +226,7 @@ class Data:
 
     @property
     def has_friction(self) -> bool:
-        """Whether the nominal model has friction, which may then be too much too."""
+        """Whether the nominal model has friction, so that it may also have too much."""
         return self.friction.in_nominal
 
     def with_presliding(self, distance: Array) -> Data:
@@ -234,15 +234,15 @@ class Data:
         return replace(self, friction=replace(self.friction, presliding_distance=distance))
 
     def with_presliding_of(self, residual: Array, logged: Callable[[Array], Array]) -> Data:
-        """Return data with the presliding distances of a residual (T, n) [N·m].
+        """Return data with presliding distances fitted to a residual (T, n) [N·m].
 
-        ``logged`` makes of a torque (T,) what is logged of it.
+        ``logged`` turns a torque (T,) into the logged torque.
         """
         return self.with_presliding(presliding_distances(self.recording, residual, logged))
 
     @cached_property
     def directions(self) -> Array:
-        """(T, n) direction of motion in [-1, 1], unfiltered; at rest that of the last motion.
+        """(T, n) direction of motion in [-1, 1], unfiltered; at rest the last direction.
 
         A joint that stops keeps its friction until it goes back by the presliding distance.
         """
@@ -252,7 +252,7 @@ class Data:
         ]
 
     def direction(self, joint: int) -> Array:
-        """Return (T,) that of `directions` of a joint (from 0)."""
+        """Return (T,) direction of a joint (from 0) as in `directions`."""
         return self.directions[:, joint]
 
     def dry_friction_ratio(self, joint: int) -> Array:
@@ -260,7 +260,7 @@ class Data:
         return self._leading(self.direction(joint), joint)
 
     def side(self, joint: int) -> Array:
-        """Return (T,) sign of the motion by which each row was reached; at rest of the last."""
+        """Return (T,) sign of the motion by which each row was reached; at rest the last one."""
         out = np.zeros(len(self.t))
         for run in self.runs():
             path = self.reversal_path[run, joint]
@@ -286,7 +286,7 @@ class Data:
         return self._leading(eta, joint)
 
     def _leading(self, x: Array, joint: int) -> Array:
-        """Return (T,) a bristle's torque with that of its damping."""
+        """Return (T,) a bristle's torque including its damping."""
         lead = self.friction.bristle_lead_time[joint]
         return x if lead == 0 else x + lead * rate(x, self.runs(), self.dt)
 
@@ -296,19 +296,19 @@ def assemble(
     signals: Signals,
     *,
     friction: FrictionParameters | None = None,
-    link_side: bool = False,
+    torque: str = "motor",
     settings: GapSettings | None = None,
 ) -> Data:
-    """Hold signals against the nominal model.
+    """Compare signals with the nominal model.
 
     Args:
         arm: nominal rigid arm.
-        signals: of its logs.
-        friction: nominal friction; None for a rigid body without any.
-        link_side: whether torque was measured behind the gear.
+        signals: signals of its logs.
+        friction: nominal friction; None for a rigid body without friction.
+        torque: side of the gear on which torque was measured, "motor" or "link".
         settings: constants of the method; None for those of ``settings.toml``.
     """
-    recording = join(arm, signals, link_side=link_side, settings=settings)
+    recording = join(arm, signals, torque=torque, settings=settings)
     if friction is None:
         state, nominal = FrictionState.unknown(recording), recording.rigid
     else:

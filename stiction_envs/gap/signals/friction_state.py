@@ -1,4 +1,4 @@
-"""Dry friction of the nominal model along a recording: how far it yields, how high it is."""
+"""Dry friction of the nominal model along a recording: presliding distance and level."""
 
 from __future__ import annotations
 
@@ -13,26 +13,28 @@ from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording, rate
 
 Array = NDArray[np.float64]
+FALLING_SPEED = 0.1
+"""Speed scale with which friction may fall in the fit of presliding distances [rad/s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionState:
-    """What is known of each joint's dry friction before causes are looked for; (n,) each."""
+    """Each joint's dry friction as known before the search for causes; (n,) each."""
 
     presliding_distance: Array
-    """Of plain dry friction [rad]."""
+    """Presliding distance of plain dry friction [rad]."""
     level: Array
-    """Dry friction of the nominal model in motion, mean of the directions [N·m]."""
+    """Dry friction of the nominal model in motion, mean of both directions [N·m]."""
     bristle_lead_time: Array
-    """σ1/σ0 of plain dry friction, by which damped bristles lead; 0 where not known [s]."""
+    """σ1/σ0 of plain dry friction, the lead time of damped bristles; 0 if unknown [s]."""
     rotor: Array
     """Rotor inertia that the nominal model has [kg·m²]."""
     in_nominal: bool
-    """Whether the nominal model has friction, which may then be too much too."""
+    """Whether the nominal model has friction, so that it may also have too much."""
 
     @classmethod
     def of(cls, friction: FrictionParameters) -> FrictionState:
-        """Return that of a nominal model with friction."""
+        """Return the state for a nominal model with friction."""
         # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
         rotor, stiffness = friction.rotor_inertia, friction.bristle_stiffness
         return cls(
@@ -45,7 +47,7 @@ class FrictionState:
 
     @classmethod
     def unknown(cls, recording: Recording) -> FrictionState:
-        """Return that of a rigid body without any."""
+        """Return the state for a rigid body without friction."""
         none = np.zeros(recording.n)
         return cls(
             presliding_distance=presliding_distances(recording, recording.tau - recording.rigid),
@@ -62,9 +64,9 @@ def steady_friction(
     """Return (T, n) torque of our friction in steady sliding, rotor inertia and offset [N·m].
 
     Args:
-        friction: of one arm.
+        friction: parameters of one arm.
         load: (T, n) signed transmitted torque [N·m].
-        direction: (T, n) of motion, in [-1, 1] but for what bristle damping adds.
+        direction: (T, n) of motion, in [-1, 1] except for the contribution of bristle damping.
         dq: (T, n) [rad/s].
         ddq: (T, n) [rad/s²].
     """
@@ -96,7 +98,7 @@ def friction_torque(recording: Recording, friction: FrictionParameters) -> Array
         state.presliding_distance[:, None],
         recording.settings.motion,
     )[..., 0]
-    if recording.link_side:
+    if recording.torque == "link":
         friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
     ratio = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
     dry = steady_friction(friction, recording.gravity, ratio, recording.dq, recording.ddq)
@@ -108,12 +110,12 @@ def presliding_distances(
 ) -> Array:
     """Return (n,) the presliding distances with which friction explains most of a residual [rad].
 
-    It turns the sign of friction some milliseconds later, which moves what else is found.
+    They delay the sign change of friction by some milliseconds, which affects other causes.
 
     Args:
         recording: of the logs.
         residual: (T, n) measured less nominal torque [N·m].
-        logged: makes of a torque (T,) what is logged of it.
+        logged: turns a torque (T,) into the logged torque.
     """
     s = recording.settings.friction_state
     distances = s.presliding_distances
@@ -124,11 +126,11 @@ def presliding_distances(
     zeta = recording.smooth(zeta)
     out = np.full(recording.n, s.presliding_distance)
     for j in range(recording.n):
-        falls = np.exp(-np.abs(dq[:, j]) / s.falling_speed)
+        falls = np.exp(-np.abs(dq[:, j]) / FALLING_SPEED)
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []
         for k in range(len(distances)):
-            # what friction falls by with speed may show apart from when it turns
+            # friction's fall with speed may show apart from when it turns
             x = np.column_stack([common, zeta[:, j, k], zeta[:, j, k] * falls])
             x = np.stack([logged(column) for column in x.T], axis=1)
             r = residual[:, j]

@@ -1,10 +1,10 @@
-"""The noise floor of a residual: what no cause can explain.
+"""The noise floor of a residual: the part that no cause can explain.
 
-`noise_floor` takes the noise from beside the band and from its upper half, where no motion is. Of
-torques that passed a low-pass before they were logged that is too little: their noise is at the low
-end. `slow_noise` finds it there once the causes are known: what they leave falls with frequency
-until noise takes over, and noise goes on below as it is there. Noise that is slower than what the
-model gets wrong nobody can tell from it.
+`noise_floor` takes the noise from above the band and from its upper half, where there is no motion.
+Torques that were low-passed before logging have more noise than that, at low frequencies.
+`slow_noise` finds it once the causes are known: what they leave falls with frequency until noise
+dominates, and the noise below is taken to have the same density. Noise that is slower than the
+model's error cannot be distinguished from it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,16 @@ from stiction_envs.gap.signals.poses import scatter, wander
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
+LONGEST_WINDOW = 2.0
+"""Longest window of the spectrum for slow noise [s]: two periods of the slowest noise."""
+LEAST_WINDOWS = 4.0
+"""Least number of windows that fit into the longest run."""
+LEVEL = 2.0
+"""Largest ratio of a spectrum to its median in the octave above where it is flat [-]."""
 
 
 def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
-    """Return (n,) noise of a residual [N·m]; that of joints that never move holds their creep.
+    """Return (n,) noise of a residual [N·m]; for joints that never move it includes their creep.
 
     Args:
         recording: of the logs.
@@ -35,37 +41,37 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
 
 
 def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Array, Array]:
-    """Return (n,) noise of a residual down to where it takes over [N·m], and (n,) that point [Hz].
+    """Return (n,) noise of a residual from where it dominates [N·m], and (n,) that frequency [Hz].
 
-    The spectrum S stops falling at the lowest f with S(f) ≤ `level`·median of S, the octave above
-    (as in `spectra`, which has three octaves: a low-pass before the log may leave one). From there
-    on all of it is noise, and below it the noise is taken to be as dense as there:
-    σ² = f S(f) + ∫_f S. Of white noise it is the whole. NaN where no such point is, as noise is
-    nowhere to be seen then, or it lies in the band of the motion: what a model gets wrong is there
-    too.
+    The spectrum S stops falling at the lowest f with S(f) ≤ `LEVEL`·median of S, the octave above
+    (as in `spectra`, which uses three octaves: a low-pass before the log may leave only one). Above
+    it everything is noise, and below it the noise is taken to have the same density:
+    σ² = f S(f) + ∫_f S. For white noise this is the whole noise. NaN where there is no such point,
+    as the noise is then not visible, or where it is in the band of the motion, which also contains
+    the model's error.
 
     Args:
         recording: of the logs.
         left: (T, n) torque that the extended model leaves [N·m].
-        motion_hz: frequency below which the motion is [Hz].
+        motion_hz: upper end of the motion's band [Hz].
     """
-    s, n = recording.settings.noise, left.shape[1]
+    n = left.shape[1]
     sigma, start = np.full(n, np.nan), np.full(n, np.nan)
     longest = max(recording.runs, key=lambda r: r.stop - r.start)
     rows = longest.stop - longest.start
     if not np.isfinite(recording.dt):
         return sigma, start
-    window = int(min(rows / s.least_windows, s.longest_window / recording.dt))
+    window = int(min(rows / LEAST_WINDOWS, LONGEST_WINDOW / recording.dt))
     if window < 16:
         return sigma, start
     f, power = welch(left[longest], 1 / recording.dt, nperseg=window, average="median", axis=0)
-    # by halves of octaves; the lowest frequency holds what the window leaks
+    # by half octaves; the lowest frequency contains the window's leakage
     edges = np.searchsorted(f, 2 * f[1] * 2 ** (np.arange(40) / 2) * (1 - 1e-9))
     edges = np.unique(edges[f[np.minimum(edges, len(f) - 1)] < recording.cutoff])
     level = np.array([power[a:b].mean(axis=0) for a, b in pairwise(edges)]).reshape(-1, n)
     for j in range(n):
         for i, at in enumerate(edges[: max(len(level) - 2, 0)]):
-            if level[i, j] <= s.level * np.median(level[i + 1 : i + 3, j]):
+            if level[i, j] <= LEVEL * np.median(level[i + 1 : i + 3, j]):
                 if f[at] <= motion_hz:
                     break
                 start[j] = f[at]
@@ -78,8 +84,8 @@ def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Arr
 def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
     """Return (n,) noise of the residual [N·m]: that of the torque, and of the acceleration.
 
-    The latter grows with frequency: the upper half of the filter's band holds all of it and half
-    of the torque's. Medians over windows leave out the few that hold a jump of friction.
+    The latter grows with frequency: the upper half of the filter's band contains all of it and half
+    of the torque's. Medians over windows ignore the few that contain a jump of friction.
     """
     own = recording.settings
     least, distance = own.noise.least_noise, own.friction_state.presliding_distance

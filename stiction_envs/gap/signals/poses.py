@@ -1,8 +1,8 @@
-"""Poses at rest: no time runs between them, and friction holds each of them as it likes.
+"""Poses at rest: they have no order in time, and friction may hold any torque at each of them.
 
-A joint at rest can hold any torque inside its friction band. How much that scatters is seen where
-a pose was taken twice: neighbours that are nearly the same differ by noise and friction alone.
-A joint that rests throughout a log, while others move, is held by friction in the same way.
+A joint at rest can hold any torque inside its friction band. Repeated poses show the scatter:
+poses that are nearly the same differ only by noise and friction. A joint that rests throughout a
+log while others move is held by friction in the same way.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from stiction_envs.gap.signals.prepare import Segment
 from stiction_envs.measured.settings import MotionThresholds
 
 Array = NDArray[np.float64]
+LEAST_PAIRS = 10
+"""Least number of pairs of such poses for an estimate of the scatter."""
 
 
 def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
-    """Return (T,) the number of the segment of each row; each pose is one of its own.
+    """Return (T,) the number of the segment of each row; each pose is a segment of its own.
 
     Args:
         parts: segments, poses among them.
@@ -30,7 +32,7 @@ def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
     out: list[NDArray[np.int64]] = []
     start = 0
     for s in parts:
-        # poses are counted, not timed
+        # poses have numbers instead of times
         timed = len(s.t) < 2 or not s.static or bool(np.isclose(s.t[1] - s.t[0], dt))
         out.append(np.full(len(s.t), start) if timed else start + np.arange(len(s.t)))
         start = int(out[-1][-1]) + 1
@@ -38,7 +40,7 @@ def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
 
 
 def scatter(q: Array, residual: Array, settings: NoiseSettings | None = None) -> Array | None:
-    """Return (n,) scatter of the residual between poses that are the same [N·m], if there are any.
+    """Return (n,) scatter of the residual between equal poses [N·m], if there are any.
 
     Args:
         q: (T, n) [rad].
@@ -51,7 +53,7 @@ def scatter(q: Array, residual: Array, settings: NoiseSettings | None = None) ->
     distance, nearest = cKDTree(q).query(q, k=2)
     first = np.flatnonzero(distance[:, 1] < s.same_pose)
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
-    if len(pairs) < s.least_pairs:
+    if len(pairs) < LEAST_PAIRS:
         return None
     difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
     return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
@@ -62,8 +64,8 @@ def wander(
 ) -> Array:
     """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0.
 
-    Sensors see it creep within the friction band, far below their own noise in frequency: it is
-    no evidence of what a simulation gets wrong.
+    Sensors see their torque creep within the friction band, far below the sensors' own noise in
+    frequency: it does not show what a simulation gets wrong.
 
     Args:
         q: (T, n) [rad].

@@ -1,16 +1,16 @@
-"""Joint logs as signals: even in time, smooth, differentiated, all through one zero-phase filter.
+"""Joint logs as signals: evenly sampled, smooth, differentiated, through one zero-phase filter.
 
-Angles and torques of a segment are put on even times and pass the same low-pass, forwards and
-backwards, so that neither lags the other. Speeds and accelerations are central differences of the
-filtered angles. Logged speeds are not used: robots filter them causally, and they lag (measured:
-5 ms on a Panda, 56 ms on an iiwa 14).
+Angles and torques of a segment are interpolated to even times and pass the same low-pass forwards
+and backwards, so that neither lags the other. Speeds and accelerations are central differences of
+the filtered angles. Logged speeds are not used: robots filter them causally, and they lag
+(measured: 5 ms on a Panda, 56 ms on an iiwa 14).
 
 The cutoff comes from the spectra, each of which stops falling where noise takes over
 (:mod:`stiction_envs.gap.signals.spectra`):
 
-- Torque: above its own point it has nothing more to say, except that dry friction jumps at each
+- Torque: above its own point it has no further information, except that dry friction jumps at each
   reversal and so reaches to high harmonics of the motion.
-- Angle: above its point the acceleration is noise. That does no harm while the noise of the
+- Angle: above its point the acceleration is noise. This is harmless while the noise of the
   filtered acceleration, √(S (2π)⁴ f⁵/5) for white noise S of the angle, stays small.
 """
 
@@ -29,12 +29,18 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
-from stiction_envs.gap.signals.spectra import ORDER, Spectra, nominal_step, resample
+from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, nominal_step, resample
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.settings import MotionThresholds
 
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
+TRIM_SHARE = 0.15
+"""Largest share of a segment that is cut off at each end [-]."""
+LEAST_RATE = 5.0
+"""Least number of samples kept per period of the cutoff [-]."""
+MOST_SAMPLES = 120000
+"""Default number of samples kept of all logs together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +48,7 @@ class Segment:
     """A stretch without gaps, on even times; arrays are float64 and read-only."""
 
     log: int
-    """Number of the log it is from, from 0."""
+    """Number of its log, from 0."""
     t: NDArray[np.float64]
     """Time on the log's clock, (K,), s; numbers of the poses for a static log."""
     q: NDArray[np.float64]
@@ -54,7 +60,7 @@ class Segment:
     tau: NDArray[np.float64]
     """Torques, (K, n), N·m."""
     reversal_path: NDArray[np.float64]
-    """Angles without overshoot or the turns that noise makes, (K, n), rad: for friction's turns
+    """Angles without overshoot or reversals caused by noise, (K, n), rad: for friction's reversals
     (:mod:`stiction_envs.gap.signals.reversal_path`)."""
     extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Further channels through the same filter, (K, n) each."""
@@ -73,28 +79,28 @@ class Signals:
 
     segments: tuple[Segment, ...]
     dt: float
-    """Time between samples of every segment but those of static poses, s; NaN without any."""
+    """Time between samples of every segment except static poses, s; NaN without motion logs."""
     cutoff_hz: float
-    """Cutoff of the filter, Hz; half the amplitude is left there. NaN without any motion log."""
+    """Cutoff of the filter, Hz, where the amplitude is halved; NaN without any motion log."""
     noise_tau: NDArray[np.float64]
-    """Noise of the filtered torques, standard deviation, (n,), N·m: compare residuals with it."""
+    """Noise of the filtered torques, standard deviation, (n,), N·m: the scale for residuals."""
     noise_tau_raw: NDArray[np.float64]
     """Noise of the torques as logged, standard deviation, (n,), N·m."""
     motion_hz: float
-    """Frequency below which nearly all of the motion is, Hz; NaN without any motion log."""
+    """Frequency that bounds nearly all of the motion, Hz; NaN without any motion log."""
     low_passed: NDArray[np.bool_]
-    """Whether torque spectra fall on past the filter's band, (n,), as after a low-pass before the
-    log: then there may be more noise in the band than ``noise_tau``, which is from beside it."""
+    """Whether torque spectra continue to fall above the filter's band, (n,), as after a low-pass
+    before logging: then the band may contain more noise than ``noise_tau`` from above it."""
     sessions: Sessions
     """When the logs were recorded."""
     notes: tuple[str, ...]
-    """How the signals were made, one sentence each."""
+    """How the signals were computed, one sentence each."""
 
 
 def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
     """The filter of all signals: Butterworth of order :data:`ORDER`, forwards and backwards.
 
-    What depends on the signals other than linearly must pass it too before it is compared.
+    Nonlinear functions of the signals must pass it too before a comparison.
 
     Args:
         x: even samples along the first axis.
@@ -122,7 +128,7 @@ def prepare(
     most_samples: int | None = None,
     settings: GapSettings | None = None,
 ) -> Signals:
-    """Even, filtered and differentiated signals of ``logs``.
+    """Compute evenly sampled, filtered and differentiated signals of ``logs``.
 
     Args:
         logs: one or more logs of the same robot.
@@ -136,7 +142,7 @@ def prepare(
             segment long enough for it.
     """
     own = settings or gap_settings()
-    most_samples = own.prepare.most_samples if most_samples is None else most_samples
+    most_samples = MOST_SAMPLES if most_samples is None else most_samples
     if not logs:
         raise StictionError("no log given: expected one or more")
     for log in logs:
@@ -176,12 +182,12 @@ def prepare(
     dt = thin * slowest
     if thin > 1:
         text = f"thinned out after the filter to every {thin}th sample, {1 / dt:.4g} Hz"
-        most = 1 / (own.prepare.least_rate * dt)
+        most = 1 / (LEAST_RATE * dt)
         if cutoff_hz is None and cutoff > most:
             text += f"; the cutoff is lowered for it from {cutoff:.3g} Hz"
             cutoff = most
         notes.append(text)
-    left_out, shortest = 0, (own.spectra.periods - 1) / cutoff
+    left_out, shortest = 0, (PERIODS - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
             made = _segment(i, log, rows, step, dt, cutoff, own)
@@ -229,12 +235,12 @@ def _segment(
     own: GapSettings,
 ) -> Segment | None:
     seconds = log.t[rows][-1] - log.t[rows][0]
-    # A period of room for the rounding of the longest segment's own cutoff.
-    if seconds < (own.spectra.periods - 1) / cutoff or rows.stop - rows.start < 16:
+    # One period of margin for the rounding of the longest segment's own cutoff.
+    if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
         return None
     t, values = resample(log, rows, step)
-    # The filter does not know what comes before and after.
-    ends = min(own.prepare.trim_periods / cutoff, own.prepare.trim_share * seconds)
+    # The filter does not know the signal before and after.
+    ends = min(own.prepare.trim_periods / cutoff, TRIM_SHARE * seconds)
     cut = max(3, int(np.ceil(ends / step)))
     inner = slice(cut, len(t) - cut)
     pick: slice | None = None
@@ -282,7 +288,7 @@ def _poses(number: int, log: JointLog) -> Segment:
 
 
 def _rest(segments: Sequence[Segment], dt: float, motion: MotionThresholds) -> list[str]:
-    """How long the arm rests, if it does for long."""
+    """How long the arm rests, if it rests for long."""
     moved = [s for s in segments if not s.static]
     count = sum(len(s.t) for s in moved)
     slow = motion.rest_speed

@@ -1,4 +1,4 @@
-"""What was measured: signals of all logs in one piece, and what follows from them alone."""
+"""Measured data: signals of all logs in one piece, and what follows from them alone."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Array = NDArray[np.float64]
 class Recording:
     """T samples of n joints, read-only.
 
-    What is worked out from a recording is kept with it (`rigid`, `gravity`, `derived`). To change a
-    field, make another recording (`dataclasses.replace`): it has nothing worked out yet.
+    Values derived from a recording are stored with it (`rigid`, `gravity`, `derived`). To change a
+    field, make another recording (`dataclasses.replace`), which has no derived values yet.
     """
 
     arm: Arm
     """The nominal rigid arm."""
     pinocchio: pin.Model
-    """The same as pinocchio has it."""
-    link_side: bool
-    """Whether torque was measured behind the gear."""
+    """The nominal rigid arm as a pinocchio model."""
+    torque: str
+    """Side of the gear on which torque was measured: "motor" or "link"."""
     dt: float
     """Sampling time within a segment [s]; NaN for poses alone."""
     cutoff: float
@@ -43,10 +43,10 @@ class Recording:
     since_log: Array
     """(T,) time since the log's first row [s]; the number of a pose."""
     since_session: Array
-    """(T,) time since the first row of the session that the log is of [s]; that of the log where
-    clocks do not say."""
+    """(T,) time since the first row of the log's session [s]; since that of the log where the
+    clocks do not show sessions."""
     common_clock: bool
-    """Whether there are several logs, and their clocks say when each was recorded."""
+    """Whether there are several logs whose clocks show when each was recorded."""
     q: Array
     """(T, n) [rad]."""
     dq: Array
@@ -64,7 +64,7 @@ class Recording:
     log: NDArray[np.int64]
     """(T,) number of the log, from 0."""
     settings: GapSettings
-    """Constants of the method, for all that is worked out from it."""
+    """Constants of the method, for all derived values."""
 
     def __post_init__(self) -> None:
         for x in (
@@ -106,21 +106,21 @@ class Recording:
         return {}
 
     def derived(self, make: Callable[..., Array], *arguments: float) -> Array:
-        """Return ``make(self, *arguments)``, worked out the first time only: it may be costly.
+        """Return ``make(self, *arguments)``, computed only once because it may be expensive.
 
         Args:
-            make: a function of a module; what it made last is kept.
+            make: a function of a module; only its last result is kept.
             arguments: numbers.
         """
         if make not in self._derived or self._derived[make][0] != arguments:
-            self._derived.pop(make, None)  # two at once take too much memory
+            self._derived.pop(make, None)  # two results at once take too much memory
             self._derived[make] = arguments, make(self, *arguments)
         return self._derived[make][1]
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, segment by segment.
 
-        What depends on the signals other than linearly must pass it before it is compared.
+        Nonlinear functions of the signals must pass it before a comparison.
         """
         return filtered(x, self.runs, self.dt, self.cutoff)
 
@@ -129,15 +129,15 @@ def join(
     arm: Arm,
     signals: Signals,
     *,
-    link_side: bool = False,
+    torque: str = "motor",
     settings: GapSettings | None = None,
 ) -> Recording:
     """Put the segments of all logs into one piece.
 
     Args:
         arm: nominal rigid arm.
-        signals: of its logs.
-        link_side: whether torque was measured behind the gear.
+        signals: signals of its logs.
+        torque: side of the gear on which torque was measured, "motor" or "link".
         settings: constants of the method; None for those of ``settings.toml``. Logs are blocks
             where there are at least as many of them as blocks.
     """
@@ -154,7 +154,7 @@ def join(
     return Recording(
         arm=arm,
         pinocchio=arm.pinocchio(),
-        link_side=link_side,
+        torque=torque,
         dt=signals.dt,
         cutoff=signals.cutoff_hz,
         t=np.concatenate([s.t for s in parts]),
@@ -190,7 +190,7 @@ def rate(x: Array, runs: list[slice], dt: float) -> Array:
 
 
 def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
-    """Return (T, ...) through the filter of the signals, segment by segment; poses as they are."""
+    """Return (T, ...) after the filter of the signals, by segment; poses are unchanged."""
     out = np.array(x, dtype=np.float64)
     if np.isfinite(dt) and np.isfinite(cutoff):
         for run in runs:
@@ -201,9 +201,9 @@ def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
 def _blocks(
     log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, s: RecordingSettings
 ) -> NDArray[np.int64]:
-    """Return (T,) block numbers: by log where there are many, else equal spans of each log's time.
+    """Return (T,) block numbers: one per log for many logs, else equal spans of each log's time.
 
-    Never rows at random: neighbours share noise, filter and friction state.
+    Blocks are never random rows: neighbours share noise, filter and friction state.
     """
     logs = np.unique(log)
     each = max(1, -(-s.blocks // len(logs)))
@@ -215,7 +215,7 @@ def _blocks(
         block[rows] = i * each + part
         for edge in np.flatnonzero(np.diff(part)) + 1:
             if segment[rows[edge]] != segment[rows[edge - 1]]:
-                continue  # another recording, or another pose: no neighbours in time
+                continue  # another recording or pose: not neighbours in time
             near = slice(max(0, edge - guard // 2), edge + guard // 2)
             block[rows[near]] = -1
     return block

@@ -1,9 +1,9 @@
-"""The path of a joint, for what depends on its reversals: friction, hysteresis, play.
+"""The path of a joint, for effects that depend on its reversals: friction, hysteresis, play.
 
-The low-pass of all signals overshoots where a joint stops, by 0.1 mrad and more, and friction that
-builds up within it would turn with it; noise would wear it off at rest. So the path passes a wider
-low-pass, and what noise that leaves is taken out by play: it follows the angle only when that has
-left a band about it.
+The low-pass of all signals overshoots by 0.1 mrad and more where a joint stops. Friction with a
+shorter presliding distance would reverse there, and noise would change it at rest. The path
+therefore passes a wider low-pass, and play removes the remaining noise: the path follows the angle
+only when it has left a band about the path.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 def angle_noise(q: Array) -> float:
     """Return the standard deviation of white noise on even samples of an angle (K,) [rad].
 
-    From fourth differences, which any motion below a tenth of the sampling rate hardly has; their
-    squares sum up to 1² + 4² + 6² + 4² + 1² = 70. The largest tenth, jumps and collisions, is left
-    out, which for normal noise leaves 0.62 of the variance.
+    In its fourth differences motion below a tenth of the sampling rate is negligible. The
+    squares of their weights sum to 1² + 4² + 6² + 4² + 1² = 70. The largest tenth (jumps and
+    collisions) is left out, which for normal noise leaves 0.62 of the variance.
     """
     if len(q) < 16:
         return 0.0
@@ -35,10 +35,10 @@ def angle_noise(q: Array) -> float:
 
 @compiled
 def play(x: Array, half: Array) -> Array:
-    """Return (T, K) pens that are dragged along by slots of half widths ``half`` (K,), from x[0].
+    """Return (T, K) outputs of play with half widths ``half`` (K,), starting at x[0].
 
     Args:
-        x: (T,) path of the slots' middle.
+        x: (T,) input path, the middle of the play.
         half: (K,) half widths from 0, in units of the path; 0 gives the path itself.
     """
     out = np.empty((len(x), len(half)))
@@ -57,13 +57,13 @@ def reversal_path(
     lowpass: Callable[[Array, float, float], Array],
     settings: ReversalPathSettings | None = None,
 ) -> Array:
-    """Return (K,) the angles of a joint without overshoot and the turns that noise makes [rad].
+    """Return (K,) the angles of a joint without overshoot and reversals caused by noise [rad].
 
     Args:
         q: (K,) even samples of its angle [rad].
         rate_hz: their rate [Hz].
-        cutoff_hz: of the filter of all signals [Hz].
-        lowpass: that filter, of samples, rate and cutoff.
+        cutoff_hz: cutoff of the filter of all signals [Hz].
+        lowpass: that filter, a function of samples, rate and cutoff.
         settings: constants of the method; None for those of ``settings.toml``.
     """
     s = settings or gap_settings().reversal_path

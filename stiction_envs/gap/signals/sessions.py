@@ -1,8 +1,8 @@
-"""When logs were recorded: the time since each began, and since the session that it is of.
+"""When logs were recorded: the time since each log began, and since its session began.
 
-What warms up runs on a clock that files seldom tell. Logs share one where all of them have dates or
-none, and their times rise from log to log without overlap; those that all start at zero do not. A
-pause that is long enough for a gear to cool down begins another session.
+Warm-up depends on a clock that files seldom contain. Logs share a clock where all or none of them
+have dates, and their times rise from log to log without overlap; logs that all start at zero do
+not. A pause that is long enough for a gear to cool down begins another session.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sessions:
-    """Of the logs, in their order; static ones have no time."""
+    """One entry per log, in the order of the logs; static ones have no time."""
 
     start: Array
     """(L,) first row of each log on its own clock [s]."""
     since: Array
-    """(L,) time from the start of its session to that of the log [s]; 0 where none is known."""
+    """(L,) time from the start of its session to that of the log [s]; 0 where unknown."""
     common_clock: bool
-    """Whether logs with motion, if several, share a clock."""
+    """Whether logs with motion share a clock, if there are several."""
 
 
 def sessions(logs: Sequence[JointLog], settings: SessionSettings) -> Sessions:
-    """Return when each log was recorded, as far as the clocks say.
+    """Return when each log was recorded, if the clocks show it.
 
     Args:
         logs: one or more.

@@ -1,9 +1,9 @@
 """Spectra of joint logs: where the signal ends, how much noise there is, which joints move.
 
-A spectrum S stops falling where noise takes over: at the lowest frequency with S(f) ≤ 2·median of S
-over the three octaves above, where signal and noise are equal, or from which S stays within a
-factor of 3 for two octaves, if noise itself ends above. A sharp low-pass where signal and noise are
-equal has the least mean square error (Wiener, "Extrapolation, Interpolation, and Smoothing of
+A spectrum S stops falling where noise takes over. This is the lowest frequency with S(f) ≤ 2·median
+of S over the three octaves above, where signal and noise are equal, or from which S stays within a
+factor of 3 for two octaves, if the noise itself ends above. A sharp low-pass where signal and noise
+are equal has the least mean square error (Wiener, "Extrapolation, Interpolation, and Smoothing of
 Stationary Time Series", 1949).
 """
 
@@ -24,6 +24,16 @@ from stiction_envs.measured.settings import MotionThresholds
 ORDER = 4
 """Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
 cutoff."""
+MOTION_SHARE = 0.95
+"""The motion ends at the frequency below which this share of the speed's power lies [-]."""
+ACCURATE_ABSOLUTE = 0.05
+"""Least acceleration for the arm to count as accelerating [rad/s²]: 0.05 N·m at 1 kg·m²."""
+PERIODS = 6.0
+"""Least length of a segment in periods of the cutoff [-]."""
+MOST_ROWS = 300000
+"""Most rows of all logs that are used, to limit the time for long logs."""
+STRETCHES = 6
+"""Number of parts of a longer segment, spread over it."""
 
 
 class Spectra:
@@ -49,7 +59,7 @@ class Spectra:
         pieces = [
             (seconds, k, part) for seconds, k, s in segments for part in _samples_of(s, own.spectra)
         ]
-        # The longest segments say enough, and a long log must not take minutes.
+        # The longest segments are sufficient, and limit the time for long logs.
         pieces.sort(key=lambda p: -p[0])
         length = int(self.rate * min(4.0, self.longest / 4))
         self.length = max(16, length // 2 * 2)
@@ -61,7 +71,7 @@ class Spectra:
         motion: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         total, used = 0.0, 0
         for _, k, rows in pieces:
-            if used >= own.spectra.most_rows:
+            if used >= MOST_ROWS:
                 break
             t, values = resample(logs[k], rows, 1 / self.rate)
             if len(t) < 2 * self.length:
@@ -69,7 +79,7 @@ class Spectra:
             used += len(t)
             total += len(t)
             for j in range(self.n):
-                # Differences keep the strong slow motion from leaking over the spectrum.
+                # Differences keep the strong slow motion from leaking into high frequencies.
                 bend = np.diff(values["q"][:, j], 2)
                 self.q[:, j] += len(t) * self._welch(bend, 4)
                 self.tau[:, j] += len(t) * self._welch(np.diff(values["tau"][:, j]), 2)
@@ -91,7 +101,7 @@ class Spectra:
         self.grain[~np.isfinite(self.grain)] = 0.0
 
     def choose(self, notes: list[str]) -> float:
-        """Cutoff, Hz, for a low-pass that leaves signal and takes noise."""
+        """Cutoff, Hz, for a low-pass that keeps the signal and removes noise."""
         s = self.settings
         highest = s.highest * self.rate
         if self.empty:
@@ -100,13 +110,13 @@ class Spectra:
         f_q = float(np.median([self.knee_q[j] for j in self.movers]))
         f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
-        lowest = max(s.lowest_hz, min(s.periods / self.longest, highest))
+        lowest = max(s.lowest_hz, min(PERIODS / self.longest, highest))
         cutoff = min(max(f_q, f_ddq), max(f_tau, s.harmonics * self.motion_hz))
         cutoff = float(np.clip(cutoff, lowest, highest))
         notes.append(
             f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
             f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {s.motion_share:.0%} of the motion is below "
+            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
             f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
         )
         return cutoff
@@ -114,8 +124,8 @@ class Spectra:
     def noise(self, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Noise of the torques after and before the filter, standard deviations, (n,) each, N·m.
 
-        The spectrum just above the filter's band, and above where it stops falling, is taken to go
-        on within the band.
+        The spectrum just above the filter's band, and above where it stops falling, is taken to
+        continue within the band.
         """
         sos = butter(ORDER, min(cutoff / self.rate, 0.49), fs=1.0, output="sos")
         gain = np.abs(sosfreqz(sos, 8192)[1]) ** 2
@@ -124,7 +134,7 @@ class Spectra:
         nyquist = self.rate / 2
         inside, raw = np.zeros(self.n), np.zeros(self.n)
         for j, knee in enumerate(self.knee_tau if not self.empty else ()):
-            # A spectrum that falls to the end hides its noise; what is next to the band bounds it.
+            # A spectrum that falls to the end hides its noise; the part next to the band bounds it.
             start = max(cutoff, knee) if knee < nyquist else cutoff
             low = min(1.5 * start, 0.6 * nyquist)
             above = (self.f >= low) & (self.f <= min(2 * low, 0.9 * nyquist))
@@ -136,9 +146,9 @@ class Spectra:
     def low_passed(self, cutoff: float, drop: float) -> NDArray[np.bool_]:
         """Return (n,) whether torques passed a low-pass before they were logged.
 
-        White noise goes on at one level past the band. What passed a low-pass falls on, by more
-        than ``drop`` over an octave, or is at its rounding already; so are jumps of friction whose
-        noise cannot be seen.
+        White noise continues at one level above the band. A low-passed spectrum continues to fall,
+        by more than ``drop`` over an octave, or is at its rounding already; so do jumps of friction
+        whose noise is not visible.
         """
         low = 1.5 * cutoff
         near = (self.f >= low) & (self.f < 2 * low)
@@ -149,11 +159,11 @@ class Spectra:
         return np.asarray(falls | self._rounded())
 
     def filtered(self) -> bool:
-        """Whether nothing but rounding is left of the torques at high frequencies."""
+        """Whether torques contain only rounding at high frequencies."""
         return bool(self._rounded().all())
 
     def _rounded(self) -> NDArray[np.bool_]:
-        """Return (n,) the same of each torque."""
+        """Return (n,) whether each torque contains only rounding at high frequencies."""
         if self.empty:
             return np.zeros(self.n, dtype=bool)
         top = (self.f > 0.6 * self.f[-1]) & (self.f < 0.95 * self.f[-1])
@@ -169,7 +179,7 @@ class Spectra:
         return np.asarray(spectrum / gain**power)
 
     def _accurate(self, joint: int, acceleration: float) -> float:
-        """Cutoff at which the acceleration of ``joint`` has the noise that does no harm, Hz.
+        """Cutoff at which the acceleration of ``joint`` has the allowed noise, Hz.
 
         Args:
             joint: from 0.
@@ -177,16 +187,16 @@ class Spectra:
         """
         above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
         noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
-        most = max(self.settings.accurate * acceleration, self.settings.accurate_absolute)
+        most = max(self.settings.accurate * acceleration, ACCURATE_ABSOLUTE)
         if noise <= 0:
             return float(self.f[-1])
         return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
 
     def _knee(self, spectrum: NDArray[np.float64], start: float) -> float:
-        """Frequency from ``start``, Hz, from which the spectrum falls no more, Hz."""
+        """Frequency, at least ``start``, Hz, above which the spectrum does not fall, Hz."""
         edges = np.searchsorted(self.f, self.f[1] * 2 ** (np.arange(60) / 3) * (1 - 1e-9))
         edges = np.unique(edges[edges < 0.95 * len(self.f)])
-        # By thirds of octaves, so that the highest octave does not outvote the others.
+        # By thirds of octaves, so that the highest octave does not dominate the median.
         level = np.array([np.median(spectrum[a:b]) for a, b in pairwise(edges)])
         for i in range(len(level) - 3):
             low = float(self.f[edges[i]])
@@ -198,17 +208,17 @@ class Spectra:
 
 
 def _samples_of(rows: slice, s: SpectraSettings) -> list[slice]:
-    """The rows, or stretches spread over them if there are very many."""
+    """The rows, or stretches spread over them if there are too many."""
     length = rows.stop - rows.start
-    if length <= s.most_rows:
+    if length <= MOST_ROWS:
         return [rows]
-    part = s.most_rows // s.stretches
-    starts = np.linspace(rows.start, rows.stop - part, s.stretches).astype(int)
+    part = MOST_ROWS // STRETCHES
+    starts = np.linspace(rows.start, rows.stop - part, STRETCHES).astype(int)
     return [slice(int(a), int(a) + part) for a in starts]
 
 
 def nominal_step(step: float) -> float:
-    """The step without the last digits, which are rounding of the times."""
+    """The step without its last digits, which are rounding of the times."""
     return float(f"{step:.6g}")
 
 
@@ -223,7 +233,7 @@ def resample(
     even = t[0] + step * np.arange(count)
     if count == len(t) and np.abs(t - even).max() < 0.01 * step:
         return even, values
-    # A spline through rows that nearly coincide would swing out.
+    # A spline through rows that nearly coincide would overshoot.
     smooth = np.diff(t).min() > 0.5 * step
     out = {name: np.empty((count, log.n)) for name in values}
     for name, array in values.items():
@@ -260,6 +270,6 @@ def _motion(
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
     movers = np.flatnonzero(each >= thresholds.mover_ratio**2 * each.max())
-    end = float(f[order][np.searchsorted(total, s.motion_share * total[-1])])
+    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

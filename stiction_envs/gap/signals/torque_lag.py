@@ -1,16 +1,16 @@
-"""Torque lag: a channel of a log behind the angles, and low-passed by its driver.
+"""Torque lag: a log's torques come after its angles, or were low-passed by the driver.
 
     correct_torques(logs, arm, prepare) -> logs, signals
 
-An actuator acts after its command; nothing that acts comes before it is measured. Where measured
-torque follows rigid-body torque n of the logged motion by some δ, and smoothed by a first-order
-low-pass T, the log's channels are out of step:
+An actuator acts after its command, and a measurement never comes before the action. Where measured
+torque follows the rigid-body torque n of the logged motion by a delay δ, smoothed by a first-order
+low-pass T, the log's channels are not synchronous:
 
     τ(t) = a·ñ(t − δ) + offset + friction(direction, speed),   T·dñ/dt + ñ = n
 
-Only n is shifted, since friction may lag its reversals truly (bristles); where no joint carries a
-load, friction is shifted, and only reversals at several speeds can say that it lags by a time and
-not by a distance. Undone by τ(t + δ) + T·dτ/dt(t + δ).
+Only n is shifted, since friction may really lag its reversals (bristles). Where no joint carries a
+load, friction is shifted instead, and only reversals at several speeds can show that it lags by a
+time and not by a distance. The correction is τ(t + δ) + T·dτ/dt(t + δ).
 """
 
 from __future__ import annotations
@@ -32,6 +32,33 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+LONGEST_DELAY = 0.15
+"""Longest delay that is tried [s]."""
+DELAY_STEP = 0.01
+"""Step between delays that are tried [s]."""
+LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
+"""Time constants that are tried [s]."""
+FINER_REACH = 0.0075
+"""Range of finer delays on either side of the best one [s]."""
+FINER_STEP = 0.0025
+"""Step between finer delays [s]."""
+FINER_LOWPASSES = (-0.01, -0.005, 0.0, 0.005, 0.01)
+"""Steps of the time constant about the best one [s]."""
+HINT_LEFT = 0.85
+"""Largest remaining part of the residual at a first delay for a closer search [-]."""
+FIRST_DELAYS = (0.03, 0.06, 0.1)
+"""Delays of the first search [s]."""
+LEAST_RUNS = 4
+"""Least number of runs that distinguish a time from a distance."""
+SPEED_RATIO = 3.0
+"""Least ratio of the fastest to the slowest run [-]."""
+LAG_RATIO = 1.3
+"""Largest ratio of these runs' lags for a time [-]; for a distance it would be `SPEED_RATIO` or
+more."""
+FIRST_ROWS = 4000
+"""Most rows of a log in the first search."""
+MOST_ROWS = 20000
+"""Most rows of a log in the closer search."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,21 +66,21 @@ class TorqueLag:
     """One log whose torques lag its angles."""
 
     log: int
-    """From 0."""
+    """Number of the log, from 0."""
     delay: float
     """δ [s]."""
     lowpass: float
     """T [s]."""
     joint: int
-    """Whose residual falls most, from 1."""
+    """Joint whose residual falls most, from 1."""
     before: float
-    """Its residual given what is fitted, as logged [N·m]."""
+    """Residual of the joint after the fit, as logged [N·m]."""
     after: float
-    """With δ and T [N·m]."""
+    """The same with δ and T [N·m]."""
     loaded: bool
-    """Whether a load says so; else reversals at several speeds."""
+    """Whether a load shows it; else reversals at several speeds show it."""
     certain: bool
-    """Whether it is beyond doubt."""
+    """Whether the lag is certain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +89,13 @@ class _Run:
 
     t: Array
     moved: Array
-    """Columns that are shifted."""
+    """Columns that are shifted in time."""
     fixed: Array
     torque: Array
 
 
 def torque_lags(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[TorqueLag]:
-    """Return the logs whose torques lag, or may do so."""
+    """Return the logs whose torques lag, or may lag."""
     own = settings or gap_settings()
     s, least_load = own.torque_lag, own.torque_sign.least_load
     slow = own.measured.motion.reversal_speed
@@ -77,14 +104,14 @@ def torque_lags(signals: Signals, arm: Arm, settings: GapSettings | None = None)
         parts = [x for x in parts if not x.static and len(x.t) > 32]
         if not parts:
             continue
-        rigid = _rigid(arm, parts, s.most_rows)
+        rigid = _rigid(arm, parts, MOST_ROWS)
         loaded = np.flatnonzero(np.concatenate(rigid).std(axis=0) > least_load)
         speed = np.sqrt(np.mean(np.square(np.concatenate([x.dq for x in parts])), axis=0))
         found, certain = None, True
         if len(loaded):
             runs_of_each = [_runs(parts, rigid, int(j), True, slow) for j in loaded]
             found = _search(runs_of_each, signals.dt, s)
-        elif len(parts) >= s.least_runs:
+        elif len(parts) >= LEAST_RUNS:
             loaded = np.array([int(np.argmax(speed))])
             runs = _runs(parts, rigid, int(loaded[0]), False, slow)
             found = _search([runs], signals.dt, s)
@@ -116,27 +143,29 @@ def correct_torques(
     arm: Arm,
     make: Callable[[Sequence[JointLog]], Signals],
     settings: GapSettings | None = None,
+    known_sign: int = 0,
 ) -> tuple[list[JointLog], Signals]:
-    """Turn torques of the opposite sign, and undo the lag of those that have one.
+    """Invert torques of the opposite sign, and correct the torques that lag.
 
     Args:
         logs: of one robot.
         arm: the nominal rigid arm.
         make: makes signals of logs.
         settings: constants of the method; None for those of ``settings.toml``.
+        known_sign: as in `correct_sign`.
 
     Returns:
-        Logs and signals made of them; what changed has a correction that says so.
+        Logs and their signals; each change is recorded as a correction.
 
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
     """
-    read, signals = correct_sign(logs, make(logs), arm, settings)
+    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign)
     changed = False
     for i, log in enumerate(read):
         if log.static:
             continue
-        # several logs together may be thinned out so far that a delay is lost
+        # several logs together may be thinned out so far that a delay is no longer visible
         alone = signals if len(read) == 1 else make([log])
         found = next(iter(torque_lags(alone, arm, settings)), None)
         if found is None:
@@ -162,7 +191,7 @@ def correct_torques(
 
 
 def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
-    """Return a log with torques brought forward; the end of each segment has none and goes."""
+    """Return a log with torques moved forward in time; each segment loses its end."""
     tau = np.array(log.tau)
     keep = np.zeros(len(log.t), bool)
     for rows in log.segments:
@@ -187,7 +216,7 @@ def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
 
 
 def _rigid(arm: Arm, parts: Sequence[Segment], most: int) -> list[Array]:
-    """Return (T, n) rigid-body torque of each segment, between rows that are looked at."""
+    """Return (T, n) rigid-body torque of each segment, interpolated between selected rows."""
     model = arm.pinocchio()
     out = []
     step = max(1, sum(len(s.t) for s in parts) // most)
@@ -201,7 +230,7 @@ def _rigid(arm: Arm, parts: Sequence[Segment], most: int) -> list[Array]:
 def _runs(
     parts: Sequence[Segment], rigid: Sequence[Array], j: int, loaded: bool, slow: float
 ) -> list[_Run]:
-    """Return the columns of one joint; without a load its friction is what is shifted."""
+    """Return the columns of one joint; without a load, friction is the shifted column."""
     out = []
     for s, n in zip(parts, rigid, strict=True):
         v, one = s.dq[:, j], np.ones(len(s.t))
@@ -232,7 +261,7 @@ def _residual(
     x, y = np.concatenate(columns), np.concatenate(torques)
     if len(y) <= x.shape[1]:
         return np.inf
-    # solved on the normal equations: many fits of few columns
+    # normal equations: many fits of few columns
     xx = x.T @ x
     c = np.linalg.lstsq(xx, x.T @ y, rcond=None)[0]
     return float(np.sqrt(np.mean(np.square(y - x @ c))))
@@ -240,27 +269,27 @@ def _residual(
 
 def _delays(s: TorqueLagSettings) -> Array:
     """Return the delays that are tried [s]."""
-    return np.arange(0.0, s.longest_delay + 0.01 * s.delay_step, s.delay_step)
+    return np.arange(0.0, LONGEST_DELAY + 0.01 * DELAY_STEP, DELAY_STEP)
 
 
 def _search(
     joints: Sequence[Sequence[_Run]], dt: float, s: TorqueLagSettings
 ) -> tuple[float, float, Array, Array] | None:
-    """Return δ, T and the residuals of the joints without and with them; None without a hint."""
+    """Return δ, T and the joints' residuals without and with them; None without a hint."""
     rows = sum(len(r.t) for r in joints[0])
     delays = _delays(s)
     longest = float(delays[-1])
-    step = max(1, rows // s.first_rows)
+    step = max(1, rows // FIRST_ROWS)
     now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
     if not np.all(np.isfinite(now)) or np.any(now <= 0):
         return None
-    first = [[_residual(j, d, 0.0, dt, step, longest) for j in joints] for d in s.first_delays]
-    if np.min(np.array(first) / now) > s.hint_left:
+    first = [[_residual(j, d, 0.0, dt, step, longest) for j in joints] for d in FIRST_DELAYS]
+    if np.min(np.array(first) / now) > HINT_LEFT:
         return None
-    step = max(1, rows // s.most_rows)
+    step = max(1, rows // MOST_ROWS)
     now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
-    tried = [(float(d), t) for t in s.lowpasses for d in delays]
-    finer = np.arange(-s.finer_reach, s.finer_reach + 0.04 * s.finer_step, s.finer_step)
+    tried = [(float(d), t) for t in LOWPASSES for d in delays]
+    finer = np.arange(-FINER_REACH, FINER_REACH + 0.04 * FINER_STEP, FINER_STEP)
     best = (0.0, 0.0)
     for _ in range(2):
         left = np.array([[_residual(j, d, t, dt, step, longest) for j in joints] for d, t in tried])
@@ -268,7 +297,7 @@ def _search(
         best = tried[k]
         tried = [
             (float(np.clip(best[0] + d, 0.0, longest)), float(max(best[1] + t, 0.0)))
-            for t in s.finer_lowpasses
+            for t in FINER_LOWPASSES
             for d in finer
         ]
     return *best, now, left[k]
@@ -285,8 +314,8 @@ def _is_time(runs: Sequence[_Run], dt: float, s: TorqueLagSettings, slow: float)
         left = [_residual([run], d, 0.0, dt, 1, float(delays[-1])) for d in delays]
         speeds.append(float(np.median(v)))
         times.append(float(delays[int(np.argmin(left))]))
-    if len(speeds) < s.least_runs or max(speeds) < s.speed_ratio * min(speeds):
+    if len(speeds) < LEAST_RUNS or max(speeds) < SPEED_RATIO * min(speeds):
         return False
     # one run may be disturbed
     usual = np.sort(times)[1:-1]
-    return bool(usual[0] > s.least_friction_lag and usual[-1] <= s.lag_ratio * usual[0])
+    return bool(usual[0] > s.least_friction_lag and usual[-1] <= LAG_RATIO * usual[0])

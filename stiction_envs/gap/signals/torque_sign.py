@@ -1,11 +1,15 @@
-"""Whether torques of a log are counted as the model has them; if not, they are turned.
+"""Whether torques of a log have the model's sign convention; if not, they are inverted.
 
     correct_sign(logs, signals, arm) -> logs, signals
 
-A log whose ``tau`` is counted the other way round looks like an arm that gravity lifts. Where a
-joint carries a load that changes, that cannot be mistaken: measured and rigid-body torque, both
-without what an offset and friction explain (1, direction, speed), are then as good as opposite.
-Where no joint does, friction that would drive the joint all the way there and back says the same.
+Three things show the sign, the most reliable first:
+
+1. A load that changes: measured and rigid-body torque, after offset and friction (1, direction,
+   speed) are removed, are nearly opposite.
+2. A load that joints hold: their mean torques are close to the model's, or to its opposite.
+3. Friction: with the opposite sign it would drive the joint in both directions.
+
+The sign from an earlier diagnosis of the same robot ranks after the first.
 """
 
 from __future__ import annotations
@@ -28,98 +32,120 @@ from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+CHANGING, HELD, FRICTION = "a changing load", "a held load", "friction"
+"""What shows a sign, the most reliable first: somebody may push friction, but not a load."""
+LEAST_HELD = 5.0
+"""Least load of all holding joints together for a sign [N·m]: friction holds less."""
+RESIDUAL_LEFT = 0.5
+"""Largest remaining part of the residual after inversion [-]."""
+CLEAR_DIRECTION = 0.5
+"""Smoothed direction, in [-1, 1], above which a joint counts as moving that way [-]."""
+MOST_ROWS = 4000
+"""Rows of a log that are used, evenly spaced."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sign:
-    """What one log says of the sign of one joint's torque."""
+    """What one log shows about the sign of one joint's torque."""
 
     log: int
-    """From 0."""
+    """Number of the log, from 0."""
     joint: int
-    """From 1."""
+    """Joint from 1; for loads that several joints hold, the one with the largest load."""
+    shown_by: str
+    """`CHANGING`, `HELD` or `FRICTION`."""
     correlation: float
-    """Of measured and rigid-body torque, without offset and friction [-]; without a load of
-    measured torque and direction."""
+    """Correlation of measured and expected torque [-]."""
     upright: float
-    """Residual as logged, standard deviation [N·m]."""
+    """Residual as logged [N·m]."""
     turned: float
-    """Residual with the sign turned [N·m]."""
-    loaded: bool
-    """Whether the joint carries a load."""
+    """Residual with the sign inverted [N·m]."""
     vote: int
-    """-1: opposite, 1: as it should be, 0: not certain."""
+    """-1: opposite, 1: correct, 0: not certain."""
 
 
 def signs(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[Sign]:
-    """Return what joints with a load say, log by log."""
+    """Return what loads and friction show, log by log."""
     own = settings or gap_settings()
     s, motion = own.torque_sign, own.measured.motion
     out = []
     for number, parts in by_log(signals).items():
-        q, dq, ddq, tau = _rows(parts, s.most_rows)
+        q, dq, ddq, tau = _rows(parts, MOST_ROWS)
         rigid = inverse_dynamics(arm.pinocchio(), q, dq, ddq)
+        held = []
         for j in range(arm.n):
             one, side = np.ones(len(q)), np.tanh(dq[:, j] / motion.reversal_speed)
             if rigid[:, j].std() > s.least_load:
                 other = np.stack([one, side, dq[:, j]], axis=1)
                 load, torque = without(rigid[:, j], other), without(tau[:, j], other)
                 if load.std() > s.least_load:
-                    out.append(_sign(number, j, load, torque, True, s))
+                    out.append(_sign(number, j, CHANGING, load, torque, s))
                 continue
-            there, back = (side > s.clear_direction), (side < -s.clear_direction)
+            held.append(j)
+            there, back = (side > CLEAR_DIRECTION), (side < -CLEAR_DIRECTION)
             if min(there.mean(), back.mean()) > motion.moving_share:
                 other = np.stack([one, rigid[:, j], ddq[:, j]], axis=1)
                 side, torque = without(side, other), without(tau[:, j], other)
                 size = abs(float(side @ torque)) / float(side @ side)
-                out.append(_sign(number, j, size * side, torque, False, s))
+                out.append(_sign(number, j, FRICTION, size * side, torque, s))
+        load, torque = rigid[:, held].mean(axis=0), tau[:, held].mean(axis=0)
+        if np.linalg.norm(load) > LEAST_HELD:
+            largest = held[int(np.argmax(np.abs(load)))]
+            out.append(_sign(number, largest, HELD, load, torque, s))
     return out
 
 
 def _sign(
-    log: int, joint: int, expected: Array, torque: Array, loaded: bool, s: TorqueSignSettings
+    log: int, joint: int, shown_by: str, expected: Array, torque: Array, s: TorqueSignSettings
 ) -> Sign:
     below = np.sqrt(float(expected @ expected) * float(torque @ torque))
     correlation = float(expected @ torque) / max(below, 1e-300)
-    upright, turned = float((torque - expected).std()), float((torque + expected).std())
-    opposite = correlation < -s.opposite and turned < s.residual_left * upright
-    right = correlation > s.opposite and upright < s.residual_left * turned
+    upright, turned = (float(np.sqrt(np.mean((torque - x) ** 2))) for x in (expected, -expected))
+    opposite = correlation < -s.opposite and turned < RESIDUAL_LEFT * upright
+    right = correlation > s.opposite and upright < RESIDUAL_LEFT * turned
     return Sign(
         log=log,
         joint=joint + 1,
+        shown_by=shown_by,
         correlation=correlation,
         upright=upright,
         turned=turned,
-        loaded=loaded,
         vote=-1 if opposite else int(right),
     )
 
 
 def correct_sign(
-    logs: Sequence[JointLog], signals: Signals, arm: Arm, settings: GapSettings | None = None
+    logs: Sequence[JointLog],
+    signals: Signals,
+    arm: Arm,
+    settings: GapSettings | None = None,
+    known: int = 0,
 ) -> tuple[list[JointLog], Signals]:
-    """Turn the sign of all torques if they are counted the other way round.
+    """Invert all torques if they have the opposite sign.
 
     Args:
         logs: of one robot, with one convention.
         signals: made of them.
         arm: the nominal rigid arm.
         settings: constants of the method; None for those of ``settings.toml``.
+        known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
+            that changes overrides it.
 
     Returns:
-        Logs, with a correction that says so, and signals; the same where the sign is right.
+        Logs, with a note on the correction, and signals; unchanged where the sign is right.
 
     Raises:
         StictionError: some joints or logs are opposite and others are not.
     """
-    found = signs(signals, arm, settings)
-    # friction can be pushed by somebody, a load cannot
-    if any(s.loaded and s.vote for s in found):
-        found = [s for s in found if s.loaded]
+    sure = [s for s in signs(signals, arm, settings) if s.vote]
+    kinds = [kind for kind in (CHANGING, HELD, FRICTION) if any(s.shown_by == kind for s in sure)]
+    if known and CHANGING not in kinds:
+        usual = "torques have the opposite sign of the usual one, as those of the nominal model's "
+        text = f"{usual}logs: all inverted, so that tau drives the joint"
+        return inverted(logs, signals, text) if known < 0 else (list(logs), signals)
+    found = [s for s in sure if s.shown_by == kinds[0]] if kinds else []
     wrong, right = ([s for s in found if s.vote == v] for v in (-1, 1))
-    if not wrong:
-        return list(logs), signals
-    if right and not wrong[0].loaded:
+    if not wrong or (right and kinds[0] == FRICTION):
         return list(logs), signals
     if right:
         a, b = wrong[0], right[0]
@@ -131,7 +157,7 @@ def correct_sign(
         )
     strongest = max(wrong, key=lambda s: s.upright)
     which = joint_list(sorted({s.joint for s in wrong}))
-    against = "rigid-body torque" if strongest.loaded else "direction (friction would push)"
+    against = "direction (friction would push)" if kinds[0] == FRICTION else "rigid-body torque"
     text = (
         "torques have the opposite sign of the usual one: all inverted, so that tau drives the "
         f"joint (correlation with {against} {min(s.correlation for s in wrong):.3f} to "
@@ -144,7 +170,7 @@ def correct_sign(
 def inverted(
     logs: Sequence[JointLog], signals: Signals, text: str
 ) -> tuple[list[JointLog], Signals]:
-    """Return logs and signals with all torques inverted, and the correction that says so."""
+    """Return logs and signals with all torques inverted, and the correction's note."""
     turned = [
         dataclasses.replace(
             log,
@@ -177,7 +203,7 @@ def by_log(signals: Signals) -> dict[int, list[Segment]]:
 
 
 def _rows(parts: Sequence[Segment], most: int) -> tuple[Array, Array, Array, Array]:
-    """Return angles, speeds, accelerations and torques of rows that are evenly picked."""
+    """Return angles, speeds, accelerations and torques of evenly spaced rows."""
     step = max(1, -(-sum(len(s.t) for s in parts) // most))
     q, dq, ddq, tau = (
         np.concatenate([getattr(s, name)[::step] for s in parts])
@@ -187,5 +213,5 @@ def _rows(parts: Sequence[Segment], most: int) -> tuple[Array, Array, Array, Arr
 
 
 def without(y: Array, x: Array) -> Array:
-    """Return y (T,) without what the columns x (T, k) explain."""
+    """Return y (T,) without the part that the columns x (T, k) explain."""
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])

@@ -1,31 +1,18 @@
-"""What a simulation gets wrong, told from tables of breakaway torques.
+"""What a simulation gets wrong, found in tables of breakaway torques.
 
 diagnosis = diagnose_tables(base, cells, load_arm("panda"), load_friction("panda"))
 print(diagnosis.verdict)
 for cause in diagnosis.causes:
     print(cause.name, cause.joints, cause.parameters, cause.evidence, cause.confused_with)
 
-| name | what is wrong in the simulation | how the tables show it |
-|---|---|---|
-| `low_pass` | cut-off of the robot's command filter | one cut-off for the dither of all joints |
-| `rotor_inertia` | apparent rotor inertia of a joint | dithered torques, most near resonance |
-| `presliding` | bristle stiffness of a joint | where dither is near √(σ0/J)/2π (physics.md 4.3) |
-| `torque_offset` | constant torque | + and − torques shifted, dither does not shrink it |
-| `gravity_error` | gravity model | the same, in proportion to the load of the pose |
-| `direction_asymmetry` | dry friction by direction | + and − torques shifted, dither shrinks it |
-| `friction_level` | dry friction | base and dithered torques off by one factor |
-| `base_drift` | friction moved between two measuring days | dithered torques off by one factor |
-| `corrupted_cell` | one reading | far off what model, neighbours and repeats say |
-
-Statements are taken on one by one, the one that predicts held-out blocks best first, as long as
-that gain stands against the noise. Single cells are never held out. Whatever would have predicted
-the held-out blocks as well is named in `confused_with`.
+Hypotheses of the causes (`gap.tables.causes`) are taken on one by one, the one that predicts
+held-out blocks best first, as long as that gain is significant. Whatever would have predicted the
+held-out blocks as well is named in `confused_with`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +22,38 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.tables.cells import Cell
-from stiction_envs.gap.tables.evidence import DYNAMIC, Readings, WholeArm
-from stiction_envs.gap.tables.hypotheses import Fit, Hypothesis, Model
-from stiction_envs.gap.tables.noise import losses
-from stiction_envs.gap.tables.sentences import (
-    ELSE,
-    TOLD_APART,
+from stiction_envs.gap.tables.causes import (
+    Hypothesis,
     TableCause,
-    TableDiagnosis,
-    bad_reading,
-    evidence_of,
-    parameters_of,
+    registered,
+    what_tells_apart,
 )
+from stiction_envs.gap.tables.causes.base import BASE_AGAIN
+from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
+from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis, parameters_of
+from stiction_envs.gap.tables.model import Fit, Model
+from stiction_envs.gap.tables.noise import losses
+from stiction_envs.gap.tables.readings import Cell, Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
+from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+MOST_CAUSES = 12
+"""Hypotheses that are taken on at most."""
+RIVAL = 0.6
+"""Share of the best gain from which a rival is simulated with the whole arm too [-]."""
+ALIKE = 0.1
+"""Share of a gain within which another is as good [-]: how well the lone joint follows the arm."""
+MOST_CORRUPTED = 0.05
+"""Share of corrupted readings above which the model is bad, not the readings [-]."""
+MODEL_SD = 0.005
+"""What a level shift of the lone joint differs from the whole arm's, over friction [-]; measured by
+simulation: 0.003 to 0.008 for the Panda's joints 5 and 7."""
+DOUBTFUL = 0.8
+"""Share of ``unexplained`` from which a joint is simulated more closely [-]."""
 
 
 def diagnose_tables(
@@ -65,9 +65,10 @@ def diagnose_tables(
     interface: TorqueInterface | None = None,
     protocol: Protocol | None = None,
     whole: WholeArm | None = None,
-    nthread: int = 0,
+    threads: int = 0,
     progress: Callable[[str], None] | None = None,
     settings: TableSettings | Changes | None = None,
+    causes: Sequence[TableCause] | None = None,
 ) -> TableDiagnosis:
     """Say what a simulation gets wrong about measured breakaway torques.
 
@@ -80,9 +81,10 @@ def diagnose_tables(
         protocol: of the measurement; None for the robot's.
         whole: of an earlier diagnosis, in place of the four before: what it has simulated is not
             simulated again. The result is the same.
-        nthread: threads of the simulation, 0 for all processors.
+        threads: threads of the simulation, 0 for all processors.
         progress: called with a line on what is being done.
         settings: constants of the method that differ from ``[tables]`` of ``settings.toml``.
+        causes: that are tried; None for all that are registered.
 
     Raises:
         StictionError: tables of another arm, or settings that are none.
@@ -93,33 +95,33 @@ def diagnose_tables(
     if wrong:
         raise StictionError(f"dithered torque of joint {wrong[0]}, but {arm.name} has {arm.n}")
     if whole is None:
-        nominal_friction = load_friction(arm.name, arm.n) if friction is None else friction
-        whole = WholeArm(
-            arm, nominal_friction, interface=interface, protocol=protocol, nthread=nthread
-        )
-    own = override(table_settings(), settings)
-    tell = progress or (lambda _: None)
+        if friction is None:
+            friction = load_friction(arm.registered_name, arm.n)
+        whole = WholeArm(arm, friction, interface=interface, protocol=protocol, threads=threads)
+    chosen = override(table_settings(), settings)
+    say = progress or (lambda _: None)
     readings = Readings(base, cells)
     joints = tuple(readings.joints)
-    if len(readings.blocks) - 1 < own.verdict.least_blocks:
+    if len(readings.blocks) - 1 < chosen.verdict.least_blocks:
         return _cannot_tell(
             arm.name, joints, f"{max(0, len(readings.blocks) - 1)} frequencies and scales of "
-            f"dithered torques: at least {own.verdict.least_blocks} are needed to hold one out"
+            f"dithered torques: at least {chosen.verdict.least_blocks} are needed to hold one out"
         )  # fmt: skip
-    tell("simulating the nominal arm")
-    nominal = Model(readings, whole, base, own)
+    say("simulating the nominal arm")
+    tried = registered() if causes is None else causes
+    nominal = Model(readings, whole, base, tried, chosen)
     if not np.isfinite(nominal.noise).all():
         bad = sorted({int(j) for j in readings.joint[~np.isfinite(nominal.noise)]})
         return _cannot_tell(arm.name, joints, f"too few dithered torques of joints {bad}")
-    model = _select(nominal, tell)
+    model = _select(nominal, say)
     bad_readings = _corrupted(model)
-    poor = _unexplained(model, bad_readings, own.verdict.doubtful)
+    poor = _unexplained(model, bad_readings, DOUBTFUL)
     if poor:
-        tell(f"simulating joints {', '.join(map(str, poor))} at more values")
-        _anchor(nominal, poor)
-        model = _select(nominal, tell)
+        say(f"simulating joints {', '.join(map(str, poor))} at more values")
+        nominal.anchor(poor)
+        model = _select(nominal, say)
         bad_readings = _corrupted(model)
-    tell("looking for what else could have been it")
+    say("looking for what else could have been it")
     return _report(arm.name, nominal, model, bad_readings)
 
 
@@ -138,17 +140,17 @@ def _cannot_tell(robot: str, joints: tuple[int, ...], reason: str) -> TableDiagn
     )
 
 
-def _select(model: Model, tell: Callable[[str], None]) -> Model:
-    """Take statements on while the best one's held-out gain stands against noise."""
+def _select(model: Model, say: Callable[[str], None]) -> Model:
+    """Take hypotheses on while the best one's held-out gain is significant."""
     refused: set[Hypothesis] = set()
     s = model.settings.verdict
-    for _ in range(s.most_causes):
+    for _ in range(MOST_CAUSES):
         null = {j: model.held_now((j,)) for j in model.readings.joints}
         fits = _fits(model, null, refused, s.least_gain)
         if not fits or fits[0][0] < s.least_gain:
             break
         best = fits[0]
-        tell(f"trying {best[1].hypothesis.name} on joints {best[1].hypothesis.joints}")
+        say(f"trying {best[1].hypothesis.name} on joints {best[1].hypothesis.joints}")
         gain, chosen = _arbitrate(model, null, fits)
         if gain < s.least_gain:
             refused.add(best[1].hypothesis)
@@ -178,14 +180,14 @@ def _fits(
 def _arbitrate(
     model: Model, null: Mapping[int, float], fits: list[tuple[float, Fit]]
 ) -> tuple[float, Model]:
-    """Return the gain [nats] and model of the best statement, rivals simulated too."""
+    """Return the gain [nats] and model of the best hypothesis, rivals simulated too."""
     best_gain, best = fits[0]
     rivals = [best] + [
         f
         for g, f in fits[1:]
-        if g > model.settings.verdict.rival * best_gain
+        if g > RIVAL * best_gain
         and set(f.hypothesis.joints) & set(best.hypothesis.joints)
-        and (f.hypothesis.name in DYNAMIC or best.hypothesis.name in DYNAMIC)
+        and (f.hypothesis.cause.quantity or best.hypothesis.cause.quantity)
     ]
     tried = []
     for fit in rivals[:3]:
@@ -197,7 +199,7 @@ def _arbitrate(
 
 
 def _lost(model: Model, some: tuple[Hypothesis, ...]) -> float:
-    """Return the held-out gain that is lost without some statements [nats]."""
+    """Return the held-out gain that is lost without some hypotheses [nats]."""
     joints = tuple(sorted({j for h in some for j in h.joints}))
     return _without(model, some).held(joints) - model.held(joints)
 
@@ -221,11 +223,11 @@ def _corrupted(model: Model) -> list[int]:
             others = group.copy()
             others[i] = False
             if others.any():
-                # what its configuration or its block does as a whole is no bad reading
+                # an error of the whole configuration or block is no bad reading
                 rest = min(rest, error[i] - np.median(error[others]), key=abs)
         if abs(rest) > max(s.corrupted, s.corrupted_sd * model.noise[i]):
             found.append(int(i))
-    if len(found) > max(1, s.corrupted_share * len(z)):
+    if len(found) > max(1, MOST_CORRUPTED * len(z)):
         return []
     return sorted(found, key=lambda i: -abs(z[i]))
 
@@ -242,30 +244,31 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
         without = _without(model, tuple(some))
         fits = [model.fit(h) for h in some]
         lost = _lost(model, tuple(some))
+        values = [model.values[h] for h in some]
+        cause = some[0].cause
         causes.append(
-            TableCause(
+            FoundTableCause(
                 name=name,
                 joints=joints,
-                parameters=parameters_of(fits, model),
+                parameters=parameters_of(fits, model.data),
+                units=cause.units,
                 gain_percent=full - _percent(before, _errors(without, bad)),
                 gain_nats=lost,
-                evidence=evidence_of(name, some, model, without),
+                evidence=cause.evidence(some, values, model.comparison(without)),
                 confused_with=_confused(name, joints, some, lost, without),
             )
         )
     for i in bad:
         others = [k for k in bad if k != i]
         causes.append(
-            TableCause(
-                name="corrupted_cell",
+            FoundTableCause(
+                name=CorruptedCell.name,
                 joints=(int(r.joint[i]),),
                 parameters={},
                 gain_percent=full - _percent(before, _errors(model, others)),
                 gain_nats=float(losses(model.left_over(), r.base, model.settings.noise)[i]),
-                evidence=bad_reading(i, model),
-                confused_with={"base_drift": TOLD_APART["base_drift"]["corrupted_cell"]}
-                if r.base[i]
-                else {},
+                evidence=CorruptedCell().describe(i, model.comparison(model)),
+                confused_with={"base_drift": BASE_AGAIN} if r.base[i] else {},
                 cell=r.all[i].cell,
             )
         )
@@ -306,8 +309,8 @@ def _confused(
     """Return what would have predicted the held-out blocks as well, and what would tell."""
     null = {j: without.held_now((j,)) for j in without.readings.joints}
     s = without.settings.verdict
-    least = gain - max(s.alike_nats, s.alike_share * gain)
-    # of several joints, what little each gains may add up
+    least = gain - max(s.alike_nats, ALIKE * gain)
+    # small gains on several joints may add up
     enough = 1.0 if len(joints) > 1 else max(least, 1.0)
     best: dict[str, dict[tuple[int, ...], float]] = {}
     for g, fit in _fits(without, null, set(some), enough):
@@ -317,20 +320,18 @@ def _confused(
         known = best.setdefault(h.name, {})
         if h.joints in known:
             continue
-        if h.name in DYNAMIC and g > s.rival * gain and len(joints) == len(h.joints):
+        if h.cause.quantity and g > RIVAL * gain and len(joints) == len(h.joints):
             trial = without.copy()
             g = sum(null[j] for j in h.joints) - trial.take(h, fit.x).held
         known[h.joints] = g
     out = {}
     for other, gains in best.items():
-        # what speaks of all joints at once is matched by one statement per joint
+        # a hypothesis about all joints is matched by one per joint
         each = [max(g, 0.0) for g in gains.values()]
         total = sum(each) if len(joints) > 1 else max(each)
         if total >= least:
-            out[other] = TOLD_APART.get(name, {}).get(other, ELSE)
-    if name == "base_drift" and len(some) == 1 and len(some[0].where) == 1:
-        out["corrupted_cell"] = TOLD_APART["base_drift"]["corrupted_cell"]
-    return out
+            out[other] = what_tells_apart(name, other)
+    return out | {x: what_tells_apart(name, x) for x in some[0].cause.indistinguishable_from(some)}
 
 
 def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
@@ -339,8 +340,8 @@ def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
     if not poor:
         return ("explained" if any_cause else "no discrepancy"), ""
     reason = "; ".join(
-        f"joint {j}: what is left over is {np.sqrt(size):.1f} times the noise, and no statement "
-        "that is known here predicts it"
+        f"joint {j}: the remaining error is {np.sqrt(size):.1f} times the noise, and no known "
+        "cause predicts it"
         for j, size in poor.items()
     )
     return ("partly explained" if any_cause else "cannot tell"), reason
@@ -349,31 +350,18 @@ def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
 def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, float]:
     """Return the joints of which too much is left over: its mean square over noise."""
     r, s = model.readings, model.settings.verdict
-    # what lone joint and whole arm differ by is not for a cause to explain
-    z = model.left_over() * model.noise / np.hypot(model.noise, s.model_sd)
+    # the difference of lone joint and whole arm is no cause
+    z = model.left_over() * model.noise / np.hypot(model.noise, MODEL_SD)
     good = np.ones(len(z), dtype=bool)
     good[bad] = False
     out = {}
     for j in r.joints:
         mine = good & (r.joint == j)
         size = float(np.minimum(z[mine] ** 2, 9.0).mean())
-        # a block whose readings are all off has a cause, though none that is known here
+        # a block whose readings are all off has a cause that is not known here
         blocks = [z[mine & (r.block == b)] for b in np.unique(r.block[mine])]
         common = float(np.mean([b.mean() ** 2 * len(b) for b in blocks]))
         by_chance = float(chi2.ppf(0.999, len(blocks))) / len(blocks)
         if size > share * s.unexplained or common > share * max(s.unexplained, by_chance):
             out[j] = max(size, common)
     return out
-
-
-def _anchor(model: Model, joints: Iterable[int]) -> None:
-    """Simulate joints with the whole arm at more values of what the lone joint predicts."""
-    for name, factors in dataclasses.asdict(model.settings.anchors).items():
-        for factor in factors:
-            states = {}
-            for j in joints:
-                knots = model.lone(j).knots[name]
-                value = getattr(model.states[j], name) * factor
-                if knots[0] < np.log(value) < knots[-1]:
-                    states[j] = dataclasses.replace(model.states[j], **{name: value})
-            model.simulate(states)

@@ -12,9 +12,9 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, Configuration
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.tables.cells import Cell
+from stiction_envs.gap.report.table_result import TableResult
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.save import TableResult
+from stiction_envs.gap.tables.readings import Cell
 from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
 from stiction_envs.measured.logs.sources import LogSources
@@ -118,7 +118,7 @@ def diagnose_files(
     nominal_name: str,
     sources: LogSources,
     provenance: dict[str, Any],
-    nthread: int = 0,
+    threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
     settings: TableSettings | None = None,
 ) -> TableResult:
@@ -131,7 +131,7 @@ def diagnose_files(
         nominal_name: what the report calls it.
         sources: of the tables.
         provenance: of the run.
-        nthread: threads, 0 for all processors.
+        threads: threads, 0 for all processors.
         progress: called with a stage and 0.
         settings: constants of the method; None for those of ``settings.toml``.
 
@@ -152,7 +152,7 @@ def diagnose_files(
         cells,
         arm,
         friction,
-        nthread=nthread,
+        threads=threads,
         progress=lambda text: say(text, 0.0),
         settings=settings,
     )

@@ -1,231 +1,402 @@
-"""Predicts one joint's dithered breakaway torques, with any set of effects, thousands at once."""
+"""Hypotheses about an arm, one unknown each, fitted to torque tables and tried on held-out blocks.
+
+A block is all readings of one dither frequency and scale, or all base torques. Single readings are
+never held out, since their neighbours predict them.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
-from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.experiments.sje.poses import find_poses
-from stiction_envs.experiments.sje.protocol import Configuration, Protocol, load_protocol
-from stiction_envs.friction.lone_joint import LoneJoints, breakaway
-from stiction_envs.friction.model import link_inertia
-from stiction_envs.friction.parameters import FrictionParameters, bristle_damping
-from stiction_envs.gap.tables.cells import Cell
+from stiction_envs.gap.tables.causes.base import Hypothesis, TableCause
+from stiction_envs.gap.tables.lone_joint import Bench, LoneJoint
+from stiction_envs.gap.tables.noise import levelled, losses, noise_of
+from stiction_envs.gap.tables.readings import Comparison, Readings, TableData
+from stiction_envs.gap.tables.settings import TableSettings
+from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, Quantity, State, WholeArm
 from stiction_envs.measured import BaseTable
-from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-STIFF_BRISTLE = 1e4
-"""What stands for no presliding [N·m/rad]: at 1 N·m it yields 0.1 mrad; the bound of 3.4."""
-DUPONT_RATIO = 0.7169
-"""Breakaway over steady deflection of the elasto-plastic example (Dupont et al. 2002, Table I)."""
-STUCK = 3.0
-"""Ramps end at this multiple of the largest friction [-]."""
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+COARSE = 61
+"""Values of the unknown that are tried over its range."""
+FINE = 41
+"""The same about the best."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effects:
-    """Which physical statements a model makes."""
+class Fit:
+    """What the tables say about a hypothesis, other hypotheses as they are."""
 
-    presliding: bool = True
-    """Bristles and Stribeck; without, a stiff band of one level."""
-    path: bool = True
-    """Low-pass, rate limit and hold of the robot's torque interface."""
-    elasticity: bool = True
-    """Springs where the nominal model has them."""
-    load: bool = True
-    """Friction of its own in each pose; without, the mean of both."""
-    offset: bool = True
-    """Half-sum of the base torques kept apart from friction; without, each direction's base
-    torque is its friction."""
-    drift: bool = True
-    """One factor per configuration on its base between measuring days."""
-    elasto_plastic: bool = False
-    """No drift inside the band (Dupont et al. 2002), instead of LuGre."""
-
-    def free(self, elastic: bool) -> tuple[str, ...]:
-        """Return the parameters of a joint that these effects leave to be fitted."""
-        names = ["rotor_inertia"]
-        if self.presliding:
-            names += ["bristle_stiffness", "coulomb_ratio", "stribeck_velocity"]
-        if self.elasticity and elastic:
-            names.append("joint_stiffness")
-        return tuple(names)
+    hypothesis: Hypothesis
+    x: float
+    low: float
+    high: float
+    """95 % interval of x: of the likelihood, or of the jackknife over blocks if that is wider."""
+    on_bound: bool
+    loss: float
+    """Over its joints, all readings used [nats]."""
+    held: float
+    """Over its joints, each block predicted from the others [nats]; inf if not tried."""
+    left_out: dict[int, float]
+    """x without each block."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bench:
-    """All that a table was measured with, and the nominal model."""
-
-    base: BaseTable
-    friction: FrictionParameters
-    """Nominal, of one arm; its levels are those that reproduce the base table."""
-    level: Array
-    """(n, 2) stiction in the load and the no-load pose [N·m]."""
-    link: Array
-    """(n, 2) link inertia in both poses [kg·m²]."""
-    interface: TorqueInterface
-    protocol: Protocol
-
-    @classmethod
-    def of(cls, arm: Arm, base: BaseTable, friction: FrictionParameters) -> Bench:
-        """Return the bench of an arm with the poses of the experiment."""
-        poses = find_poses(arm)
-        n = arm.n
-        level = [friction.stiction_at(poses.load[:, k]).mean(axis=1) for k in range(2)]
-        link = [link_inertia(arm, poses.q[:, k])[np.arange(n), np.arange(n)] for k in range(2)]
-        return cls(
-            base=base,
-            friction=friction,
-            level=np.stack(level, axis=1),
-            link=np.stack(link, axis=1),
-            interface=TorqueInterface.of(arm),
-            protocol=load_protocol(arm.name),
-        )
-
-    def replace(self, **changes: object) -> Bench:
-        """Return a copy with some of it changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
-
-
-class JointTables:
-    """The cells of one joint, and how parameters predict their change of torque."""
+class Model:
+    """Nominal arm, the hypotheses taken on so far, and the readings."""
 
     def __init__(
-        self, joint: int, cells: Sequence[Cell], bench: Bench, effects: Effects | None = None
+        self,
+        readings: Readings,
+        whole: WholeArm,
+        base: BaseTable,
+        causes: Sequence[TableCause],
+        settings: TableSettings,
     ) -> None:
-        """Set up; ``cells`` must be of ``joint`` (from 1)."""
-        self.joint, self.cells, self.bench = joint, list(cells), bench
-        self.effects = Effects() if effects is None else effects
-        self.elastic = bool(bench.friction.elastic[joint - 1])
-        self.names = self.effects.free(self.elastic)
-        wheres = list(dict.fromkeys(c.configuration for c in self.cells))
-        self._level = {w: self._of(w) for w in wheres}
-        keys = {(*self._level[w], 0.0, 0.0) for w in wheres}
-        keys |= {self._key(c) for c in self.cells}
-        # joints that differ in nothing are simulated once
-        self._columns = sorted(keys)
-        self._at = {key: i for i, key in enumerate(self._columns)}
-
-    def _of(self, where: Configuration) -> tuple[float, float]:
-        """Return (stiction [N·m], link inertia [kg·m²]) of a configuration."""
-        j, k, d = where.index
-        b, e = self.bench, self.effects
-        poses = slice(k, k + 1) if e.load else slice(None)
-        level = float(b.level[j, poses].mean())
-        if not e.offset:
-            table = np.abs(b.base.tau[j, poses, d]).mean()
-            level *= float(table / b.base.friction[j, poses].mean())
-        return level, float(b.link[j, k])
-
-    def _key(self, c: Cell) -> tuple[float, float, float, float]:
-        return (*self._level[c.configuration], c.row.frequency_hz, c.row.amplitude_nm)
-
-    def nominal(self, name: str) -> float:
-        """Return the nominal value of a parameter."""
-        b, j = self.bench, self.joint - 1
-        if name == "ramp_rate":
-            return b.protocol.ramp_rate
-        if name == "lowpass_hz":
-            return b.interface.lowpass_hz or np.inf
-        return float(np.mean(getattr(b.friction, name)[j]))
-
-    def torques(self, population: Sequence[Mapping[str, float]]) -> Array:
-        """Return (population, columns) breakaway torque without offset [N·m].
+        """Simulate the nominal arm.
 
         Args:
-            population: parameters by name; what is not named is nominal.
+            readings: N of them.
+            whole: the arm.
+            base: base torques.
+            causes: that are tried.
+            settings: constants of the method.
         """
-        b, e, j = self.bench, self.effects, self.joint - 1
-        m = len(self._columns)
-        level, link, frequency, amplitude = (
-            np.tile(x, len(population)) for x in np.array(self._columns).T
+        self.readings, self.whole = readings, whole
+        self.causes, self.settings = tuple(causes), settings
+        bench = Bench.of(whole.arm, base, whole.friction)
+        self.bench = bench.replace(interface=whole.interface, protocol=whole.protocol)
+        self.states = dict.fromkeys(readings.joints, whole.nominal)
+        self.values: dict[Hypothesis, float] = {}
+        # what this diagnosis has looked at: another's simulations must not change its result
+        self._seen: dict[int, dict[State, None]] = {j: {} for j in readings.joints}
+        self._lone: dict[tuple[int, State], LoneJoint] = {}
+        self._anchored: dict[tuple[int, State, int], LoneJoint] = {}
+        self.simulated = np.empty(len(readings.all))
+        self.simulate(self.states)
+        self.data = TableData(
+            readings=readings,
+            unit=self._unit(),
+            loads=whole.poses.signed,
+            friction=whole.friction,
         )
+        self.noise = np.full(len(readings.all), np.nan)
+        self.set_noise()
 
-        def of(name: str) -> Array:
-            return np.repeat([p.get(name, self.nominal(name)) for p in population], m)
+    def simulate(self, states: Mapping[int, State]) -> None:
+        """Simulate the whole arm with some joints in some states, and look at it."""
+        self.whole.simulate([(s, self.readings.jobs(j)) for j, s in states.items()])
+        for j, s in states.items():
+            self._seen[j][s] = None
+        for j, s in self.states.items():
+            rows = self.readings.of_joints([j])
+            self.simulated[rows] = self.whole.torques(s, self.readings.jobs(j))
 
-        one = np.ones(len(level))
-        rotor, bristle = of("rotor_inertia"), of("bristle_stiffness")
-        ratio, spring = of("coulomb_ratio"), of("joint_stiffness")
-        if not e.presliding:
-            bristle, ratio = STIFF_BRISTLE * one, one
-        if not e.elasticity:
-            spring = np.inf * one
-        elastic = np.isfinite(spring)
-        carried = np.where(elastic, rotor, rotor + link)
-        zeta = float(b.friction.bristle_damping_ratio[j])
-        damped = np.where(elastic, spring, 0.0) * rotor
-        lone = LoneJoints(
-            stiction=level,
-            coulomb_ratio=ratio,
-            stribeck_velocity=of("stribeck_velocity"),
-            bristle_stiffness=bristle,
-            bristle_damping=bristle_damping(bristle, zeta * one, carried, 1e-3),
-            viscous=of("viscous"),
-            rotor_inertia=rotor,
-            joint_stiffness=spring,
-            joint_damping=2 * b.friction.joint_damping_ratio[j] * np.sqrt(damped),
-            link_inertia=link,
-            amplitude=amplitude,
-            frequency=frequency,
-            ramp_rate=of("ramp_rate"),
-            lowpass_hz=of("lowpass_hz") if e.path else np.inf * one,
-            torque_rate=(b.interface.torque_rate[j] if e.path else np.inf) * one,
-            breakaway_ratio=(DUPONT_RATIO if e.elasto_plastic else 0.0) * one,
-        )
-        tau = breakaway(
-            lone,
-            threshold=b.protocol.threshold,
-            longest=STUCK * float(level.max()) / float(lone.ramp_rate.min()),
-            hold=b.interface.hold_steps if e.path else 1,
-        )
-        return tau.reshape(len(population), m)
-
-    def predict(self, population: Sequence[Mapping[str, float]]) -> Array:
-        """Return (population, cells) predicted change |τ_SJE|/|τ_base| − 1 [-]; NaN: stuck."""
-        tau = self.torques(population)
-        out = np.empty((len(population), len(self.cells)))
-        for i, c in enumerate(self.cells):
-            j, k, d = c.configuration.index
-            dithered, base = tau[:, self._at[self._key(c)]], None
-            undithered = tau[:, self._at[(*self._level[c.configuration], 0.0, 0.0)]]
-            if self.effects.offset:
-                base = abs(self.bench.base.tau[j, k, d])
-                out[:, i] = (dithered - undithered) / base
-            else:
-                out[:, i] = dithered / undithered - 1.0
+    def _unit(self) -> Array:
+        """Return (N,) friction of the nominal arm in the pose of each reading [N·m]."""
+        r = self.readings
+        out = np.ones(len(r.all))
+        for level in set(r.level.tolist()):
+            some = r.level == level
+            out[some] = self.simulated[some & r.base].mean()
         return out
 
+    def set_noise(self) -> None:
+        """Find the noise again, from the residual of the present state."""
+        self.noise = noise_of(self.readings, self.residual(), self.settings.noise)
 
-def drift_factors(
-    cells: Sequence[Cell], predicted: Array, used: Sequence[bool]
-) -> dict[Configuration, float]:
-    """Return one factor per configuration on its base between measuring days.
+    def copy(self) -> Model:
+        """Return a model that can be changed on its own; simulations are shared."""
+        new = object.__new__(Model)
+        changes = ("states", "values", "simulated")
+        new.__dict__ = {**self.__dict__, **{k: copy.copy(getattr(self, k)) for k in changes}}
+        return new
 
-    The median over its cells of measured over predicted torque: a base that has moved shifts all
-    its dithered torques alike, a single bad reading does not.
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What joints can be simulated with other values of."""
+        return tuple(c.quantity for c in self.causes if c.quantity is not None)
 
-    Args:
-        cells: measured.
-        predicted: (cells,) change [-].
-        used: which cells may be looked at.
-    """
-    ratio: dict[Configuration, list[float]] = {}
-    for c, p, u in zip(cells, predicted, used, strict=True):
-        if u:
-            ratio.setdefault(c.configuration, []).append((1.0 + c.change) / (1.0 + p))
-    return {k: float(np.median(v)) for k, v in ratio.items()}
+    def lone(self, joint: int) -> LoneJoint:
+        """Return the lone joint about the present state."""
+        state, seen, jobs = self.states[joint], self._seen[joint], self.readings.jobs(joint)
+        key = joint, state, len(seen)
+        if key not in self._anchored:
+            if key[:2] not in self._lone:
+                lone = LoneJoint(jobs, self.bench, self.whole, state, self.quantities)
+                self._lone[key[:2]] = lone
+            known = {s: self.whole.torques(s, jobs) for s in seen}
+            self._anchored[key] = self._lone[key[:2]].anchored(known)
+        return self._anchored[key]
 
+    def anchor(self, joints: Iterable[int]) -> None:
+        """Simulate joints with the whole arm at more values of what the lone joint predicts."""
+        for q in (*self.quantities, FRICTION_LEVEL):
+            for factor in q.anchors:
+                states = {}
+                for j in joints:
+                    knots = self.lone(j).knots[q]
+                    value = self.whole.value(self.states[j], q) * factor
+                    if knots[0] < np.log(value) < knots[-1]:
+                        states[j] = self.whole.changed(self.states[j], q, value)
+                self.simulate(states)
 
-def with_drift(cells: Sequence[Cell], predicted: Array) -> Array:
-    """Return predictions (cells,) with the drift that the fitted cells show."""
-    factor = drift_factors(cells, predicted, [not c.held_out for c in cells])
-    return np.array(
-        [factor[c.configuration] * (1 + p) - 1 for c, p in zip(cells, predicted, strict=True)]
-    )
+    def hypotheses(self) -> Iterator[Hypothesis]:
+        """Yield all hypotheses that are not taken on yet."""
+        r = self.readings
+        wheres = {j: tuple(sorted({x.where for x in r.all if x.where.joint == j}))
+                  for j in r.joints}  # fmt: skip
+        taken = {(h.name, h.joints) for h in self.values if not h.cause.repeatable}
+        for cause in self.causes:
+            for h in cause.statements(wheres):
+                if h not in self.values and (h.name, h.joints) not in taken:
+                    yield h
+
+    def neutral(self, h: Hypothesis) -> float:
+        """Return the x at which a hypothesis changes nothing."""
+        q = h.cause.quantity
+        if q is None:
+            return 0.0
+        value = self.whole.value(self.states[h.joints[0]], q)
+        return float(np.log(np.clip(value, q.low, q.high)))
+
+    def span(self, h: Hypothesis) -> tuple[float, float]:
+        """Return the range of x."""
+        q = h.cause.quantity
+        if q is None:
+            return h.cause.span(self.data, h.where)
+        knots = [self.lone(j).knots[q] for j in h.joints]
+        return max(float(k[0]) for k in knots), min(float(k[-1]) for k in knots)
+
+    def predict(
+        self,
+        rows: Index,
+        values: Mapping[Hypothesis, float],
+        h: Hypothesis | None = None,
+        x: Array | None = None,
+    ) -> Array:
+        """Return (m, rows) readings [N·m] with some values taken on, and h at each of x (m,).
+
+        Args:
+            rows: all readings of some joints.
+            values: what is taken on.
+            h: a hypothesis whose value is varied, taken on or not.
+            x: its values.
+        """
+        x = np.zeros(1) if x is None else x
+        out = np.tile(self.simulated[rows], (len(x), 1))
+        log_level = np.zeros((len(x), len(rows)))
+        terms = [(k, np.full(len(x), v)) for k, v in values.items() if k != h]
+        for k, v in terms if h is None else [*terms, (h, x)]:
+            if k.cause.quantity is not None:
+                for j, some in self._by_joint(rows):
+                    if j in k.joints:
+                        out[:, some] += self.lone(j).shift(k.cause.quantity, v)
+                continue
+            concerned = self.readings.of(k.where)[rows]
+            if (torque := k.cause.added(self.data, rows)) is not None:
+                out += v[:, None] * np.where(concerned, torque, 0.0)
+            if (level := k.cause.level(self.data, rows, v)) is not None:
+                log_level += np.where(concerned, level, 0.0)
+        if log_level.any():
+            for j, some in self._by_joint(rows):
+                out[:, some] += self.lone(j).level_shift(log_level[:, some])
+        return out
+
+    def _by_joint(self, rows: Index) -> list[tuple[int, Mask]]:
+        joint = self.readings.joint[rows]
+        return [(j, joint == j) for j in self.readings.joints if (joint == j).any()]
+
+    def predicted(self, values: Mapping[Hypothesis, float]) -> Array:
+        """Return (N,) readings [N·m] with some values taken on."""
+        return np.asarray(self.predict(np.arange(len(self.readings.all)), values)[0])
+
+    def comparison(self, without: Model) -> Comparison:
+        """Return predictions of this model and of one without some of its causes."""
+        old = without.predicted(without.values)
+        return Comparison(data=self.data, with_it=self.predicted(self.values), without=old)
+
+    def residual(self, values: Mapping[Hypothesis, float] | None = None) -> Array:
+        """Return (N,) measured less predicted over friction, with the values taken on [-]."""
+        predicted = self.predicted(self.values if values is None else values)
+        return np.asarray((self.readings.torque - predicted) / self.data.unit)
+
+    def scaled(
+        self, rows: Index, values: Mapping[Hypothesis, float], h: Hypothesis | None, x: Array
+    ) -> tuple[Array, Array]:
+        """Return residuals over noise (m, rows), and what the friction level does to them."""
+        sd = self.noise[rows] * self.data.unit[rows]
+        z = (self.readings.torque[rows] - self.predict(rows, values, h, x)) / sd
+        step = np.array([[-0.1], [0.1]])
+        slope = np.empty(len(rows))
+        for j, some in self._by_joint(rows):
+            change = self.lone(j).level_shift(step * np.ones(int(some.sum())))
+            slope[some] = (change[1] - change[0]) / 0.2
+        return z, slope / sd
+
+    def _profile(
+        self, rows: Index, z: Array, slope: Array, used: Mask
+    ) -> tuple[Array, Array, Array]:
+        """Return losses of the used readings, of the levels alone, both (m,), and of each reading.
+
+        The first contains the second; the last is (m, rows).
+        """
+        r = self.readings
+        _, level = np.unique(r.level[rows], return_inverse=True)
+        shift = r.sign[rows] / self.noise[rows]
+        left, cost = levelled(z, slope, shift, level, r.base[rows], used, self.settings.noise)
+        each = losses(left, r.base[rows], self.settings.noise)
+        return each @ used.astype(float) + cost, cost, each
+
+    def left_over(self) -> Array:
+        """Return (N,) residuals over noise, friction levels and offsets adjusted."""
+        r = self.readings
+        rows, every = np.arange(len(r.all)), np.ones(len(r.all), dtype=bool)
+        z, slope = self.scaled(rows, self.values, None, np.zeros(1))
+        noise = self.settings.noise
+        return levelled(z, slope, r.sign / self.noise, r.level, r.base, every, noise)[0][0]
+
+    def held_now(self, joints: tuple[int, ...]) -> float:
+        """Return the held-out loss of some joints, only friction levels held out [nats]."""
+        return self._held(joints, {})
+
+    def held(self, joints: tuple[int, ...]) -> float:
+        """Return the held-out loss of some joints, all values fitted without the block [nats]."""
+        return self._held(joints, self.left_out(joints))
+
+    def left_out(self, joints: tuple[int, ...]) -> dict[Hypothesis, dict[int, float]]:
+        """Return the values of what concerns some joints, without each block."""
+        mine = [h for h in self.values if set(h.joints) & set(joints)]
+        return {h: self.fit(h).left_out for h in mine}
+
+    def _held(
+        self, joints: tuple[int, ...], left_out: Mapping[Hypothesis, Mapping[int, float]]
+    ) -> float:
+        rows = self.readings.of_joints(joints)
+        total, none = 0.0, np.zeros(1)
+        z, slope = self.scaled(rows, self.values, None, none)
+        # errors of the levels come from how well they were calibrated, not from held-out blocks
+        total += float(self._profile(rows, z, slope, np.ones(len(rows), dtype=bool))[1][0])
+        for block, used in self._folds(rows):
+            if left_out:
+                z, slope = self.scaled(rows, self.without(block, left_out), None, none)
+            total += float(self._profile(rows, z, slope, used)[2][0, ~used].sum())
+        return total
+
+    def without(
+        self, block: int, left_out: Mapping[Hypothesis, Mapping[int, float]]
+    ) -> dict[Hypothesis, float]:
+        """Return the values, those of some hypotheses fitted without a block."""
+        return {h: left_out.get(h, {}).get(block, x) for h, x in self.values.items()}
+
+    def left_out_residual(self) -> Array:
+        """Return (N,) measured less predicted over friction, each block from the others [-]."""
+        left_out = self.left_out(tuple(self.readings.joints))
+        out = np.empty(len(self.readings.all))
+        for block in range(len(self.readings.blocks)):
+            some = self.readings.block == block
+            out[some] = self.residual(self.without(block, left_out))[some]
+        return out
+
+    def _folds(self, rows: Index) -> Iterator[tuple[int, Mask]]:
+        block = self.readings.block[rows]
+        yield from ((int(b), block != b) for b in np.unique(block))
+
+    def fit(self, h: Hypothesis, *, enough: float = -np.inf) -> Fit:
+        """Fit a hypothesis with the others as they are, and try it on each block left out.
+
+        Args:
+            h: taken on already or not.
+            enough: held-out trials are skipped if even with all readings used less is gained than
+                this against saying nothing [nats].
+        """
+        rows = self.readings.of_joints(h.joints)
+        low, high = self.span(h)
+        coarse = np.linspace(low, high, COARSE)
+        # the neutral value is always among those tried
+        coarse = np.unique(np.append(coarse, np.clip(self.neutral(h), low, high)))
+        every = np.ones(len(rows), dtype=bool)
+        z, slope = self.scaled(rows, self.values, h, coarse)
+        total, _, _ = self._profile(rows, z, slope, every)
+        best = int(total.argmin())
+        nothing = int(np.abs(coarse - self.neutral(h)).argmin())
+        if total[nothing] - total[best] < enough:
+            return Fit(hypothesis=h, x=float(coarse[best]), low=low, high=high, on_bound=False,
+                       loss=float(total[best]), held=np.inf, left_out={})  # fmt: skip
+        step = (high - low) / (COARSE - 1)
+        near = coarse[best] + np.linspace(-2 * step, 2 * step, FINE)
+        x = np.unique(np.concatenate([coarse, near[(near >= low) & (near <= high)]]))
+        z, slope = self.scaled(rows, self.values, h, x)
+        total, cost, _ = self._profile(rows, z, slope, every)
+        best = int(total.argmin())
+        held, left_out = float(cost[best]), {}
+        for block, used in self._folds(rows):
+            train, _, each = self._profile(rows, z, slope, used)
+            k = int(train.argmin())
+            left_out[block] = float(x[k])
+            held += float(each[k, ~used].sum())
+        inside = x[total < total[best] + 1.92]
+        # without the base torques nothing tells a level from a drift
+        values = np.array([v for b, v in left_out.items() if any(self.readings.blocks[b])])
+        m = len(values)
+        spread = np.sqrt((m - 1) / m * ((values - values.mean()) ** 2).sum())
+        reach = float(student_t.ppf(0.975, max(m - 1, 1)) * spread)
+        return Fit(
+            hypothesis=h,
+            x=float(x[best]),
+            low=max(low, min(float(inside[0]), float(x[best]) - reach)),
+            high=min(high, max(float(inside[-1]), float(x[best]) + reach)),
+            on_bound=bool(min(x[best] - low, high - x[best]) < step / 2),
+            loss=float(total[best]),
+            held=held,
+            left_out=left_out,
+        )
+
+    def refit(self, sweeps: int = 2) -> None:
+        """Adjust the values to each other."""
+        for _ in range(sweeps if len(self.values) > 1 else 1):
+            for h in list(self.values):
+                self.values[h] = self.fit(h).x
+
+    def take(self, h: Hypothesis, x: float) -> Fit:
+        """Take a hypothesis on, simulate the whole arm with it, and adjust all values."""
+        self.values[h] = x
+        for _ in range(3):
+            moved = self._simulate()
+            self.refit()
+            if not moved:
+                break
+        return self.fit(h)
+
+    def drop(self, some: tuple[Hypothesis, ...]) -> None:
+        """Take hypotheses back, and adjust the others."""
+        for h in some:
+            del self.values[h]
+        self._simulate()
+        self.refit()
+
+    def _simulate(self) -> bool:
+        """Simulate where the values have moved by more than 8 %; say whether any has."""
+        states = dict.fromkeys(self.states, self.whole.nominal)
+        for h, x in self.values.items():
+            if h.cause.quantity is not None:
+                for j in h.joints:
+                    value = float(np.exp(x))
+                    states[j] = self.whole.changed(states[j], h.cause.quantity, value)
+
+        def far(a: State, b: State) -> bool:
+            pairs = [(self.whole.value(a, q), self.whole.value(b, q)) for q in self.quantities]
+            return any(p != q and abs(np.log(p / q)) > 0.08 for p, q in pairs)
+
+        moved = {j for j in states if far(states[j], self.states[j])}
+        if moved:
+            self.states = {j: s if j in moved else self.states[j] for j, s in states.items()}
+            self.simulate({j: self.states[j] for j in moved})
+        return bool(moved)

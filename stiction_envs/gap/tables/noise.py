@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.tables.evidence import Readings
+from stiction_envs.gap.tables.readings import Readings
 from stiction_envs.gap.tables.settings import ReadingNoiseSettings, table_settings
 
 Array = NDArray[np.float64]

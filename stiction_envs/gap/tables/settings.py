@@ -6,125 +6,57 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from stiction_envs.method_settings import check_numbers, load_settings
+from stiction_envs.method_settings import Count, Positive, load_settings
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingNoiseSettings:
-    """How far readings may be off."""
+    """The errors of readings."""
 
-    freedom: float
+    freedom: Positive
     """Degrees of freedom of Student's t for dithered torques [-]."""
-    huber: float
-    """Where the loss of a base torque turns linear [sd]."""
-    level_sd: float
-    """How far a calibrated friction level may be off [-]."""
-    offset_sd: float
-    """How far a calibrated offset may be off, over friction [-]."""
-    base_sd: float
-    """Least noise of a base torque over friction [-]: a single one has no neighbours to tell its
-    noise from."""
-    least_sd: float
-    """Least noise of a reading over friction [-]: what one ramp per cell without scatter differs
-    from the mean over dither phases and poses."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StatementSettings:
-    """Ranges of statements, and values that are tried."""
-
-    low_pass: tuple[float, ...]
-    """Lowest and highest cut-off [Hz]."""
-    rotor_inertia: tuple[float, ...]
-    """Lowest and highest factor [-]."""
-    presliding: tuple[float, ...]
-    """The same [-]."""
-    friction_level: tuple[float, ...]
-    """The same [-]."""
-    most_added: float
-    """Largest added torque and asymmetry over friction [-]."""
-    most_gravity_error: float
-    """Largest error of the gravity model [-]: beyond it is another arm."""
-    knots: int
-    """Values at which the lone joint is simulated, where only a simulation can follow."""
-    level_knots: int
-    """The same of the friction level."""
-    coarse: int
-    """Values of the unknown that are tried over its range."""
-    fine: int
-    """The same about the best."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnchorSettings:
-    """Factors at which joints are simulated that the lone joint does not explain."""
-
-    low_pass: tuple[float, ...]
-    """[-]."""
-    rotor_inertia: tuple[float, ...]
-    """[-]."""
-    presliding: tuple[float, ...]
-    """[-]."""
-    friction_level: tuple[float, ...]
-    """[-]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    huber: Positive
+    """Size from which the loss of a base torque is linear [sd]."""
+    level_sd: Positive
+    """Relative standard deviation of a calibrated friction level [-]."""
+    offset_sd: Positive
+    """Standard deviation of a calibrated offset over friction [-]."""
+    base_sd: Positive
+    """Least noise of a base torque over friction [-]: a single one has no neighbours that show its
+    noise."""
+    least_sd: Positive
+    """Least noise of a reading over friction [-]: the difference between a single ramp per cell and
+    the mean over dither phases and poses."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableVerdictSettings:
-    """Which statements are taken on, and what is left over."""
+    """Which hypotheses are significant, and when a residual is unexplained."""
 
-    least_gain: float
-    """Held-out gain from which a statement is significant [nats]: 4 sd, for some hundred statements
-    that are tried."""
-    most_causes: int
-    """Statements taken on at most."""
-    rival: float
-    """Share of the best gain from which a rival is simulated with the whole arm too [-]."""
-    alike_nats: float
-    """Two causes are confused if the gain of one is within this of the other's [nats]: 400 to 1."""
-    alike_share: float
-    """The same as a share of the gain [-]: how well the lone joint follows the arm."""
-    corrupted_sd: float
-    """A reading is corrupted if it is this many sd off [-]."""
-    corrupted: float
-    """And this share of the friction [-]."""
-    corrupted_share: float
-    """More corrupted readings than this are no bad readings but a bad model [-]."""
-    least_blocks: int
-    """Blocks of (frequency, scale) from which anything can be told."""
-    model_sd: float
-    """What a level shift of the lone joint differs from the whole arm's, over friction [-]."""
-    unexplained: float
-    """Mean square of what is left over noise from which a joint counts as not explained [-]:
-    readings are normal, but their noise is only known to a fifth."""
-    doubtful: float
-    """Share of that from which a joint is simulated more closely."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, shares=("rival", "alike_share", "corrupted_share", "doubtful"))
+    least_gain: Positive
+    """Least held-out gain of a significant hypothesis [nats]: 4 sd, for about a hundred
+    hypotheses."""
+    alike_nats: Positive
+    """Two causes are confused if their gains differ by less than this [nats]: 400 to 1."""
+    corrupted_sd: Positive
+    """Least error of a corrupted reading in standard deviations [-]."""
+    corrupted: Positive
+    """Least error of a corrupted reading over the friction [-]."""
+    least_blocks: Count
+    """Least number of blocks of (frequency, scale) for a diagnosis."""
+    unexplained: Positive
+    """Mean square of the residual over the noise above which a joint is not explained [-]:
+    readings are normal, but their noise is known only to a fifth."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableSettings:
-    """All of torque tables."""
+    """All settings of torque tables; the causes' own files hold the causes' ranges."""
 
     noise: ReadingNoiseSettings
-    """How far readings may be off."""
-    statements: StatementSettings
-    """What is tried."""
-    anchors: AnchorSettings
-    """Where the whole arm is simulated too."""
+    """The errors of readings."""
     verdict: TableVerdictSettings
-    """What is taken on."""
+    """The significance of hypotheses."""
 
 
 @cache

@@ -11,16 +11,38 @@ from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import Rows, longest_run
-from stiction_envs.measured.settings import LogCheckSettings, MotionThresholds
+from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
+LARGEST_ANGLE = 1e3
+"""No joint of an arm comes near it [rad]."""
+LARGEST_SPEED = 1e3
+"""The same [rad/s]."""
+LARGEST_TORQUE = 1e5
+"""The same, measured or commanded [N·m]."""
+FREE_ANGLE = 20.0
+"""Angle that passes for radians where the robot's limits are not known [rad]."""
+ANY_ARM = 10.0
+"""Torques up to so many times a limit that is only assumed pass for N·m [-]."""
+SLOWEST_STEP = 0.1
+"""Time between rows above which nothing can be said of friction [s]."""
+SATURATED_ROWS = 5
+"""This many rows in a row at a channel's largest value are a limit."""
+COMPARED_SECONDS = 60.0
+"""Length of the stretch in which speed and angle are compared [s]."""
+COMPARED_ROWS = 64
+"""With fewer rows nothing is said of speeds."""
+COMPARED_HZ = 2.0
+"""Below this frequency arms move, and speeds are compared [Hz]."""
+TOO_FAST = 3.0
+"""Times the joint's largest speed that no arm moves at [-]."""
 _DEGREE = np.pi / 180
 Place = Callable[[int], str]
 
 
-def check_finite(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
+def check_finite(rows: Rows, place: Place) -> None:
     """No value is infinite or larger than any joint's, and every row has a time.
 
     Raises:
@@ -30,10 +52,10 @@ def check_finite(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
         i = int(np.argmin(np.isfinite(rows.t)))
         raise StictionError(f"{place(i)}: t is {rows.t[i]}: expected finite numbers in s")
     largest = {
-        "q": (settings.largest_angle, "rad"),
-        "dq": (settings.largest_speed, "rad/s"),
-        "tau": (settings.largest_torque, "N·m"),
-        "tau_cmd": (settings.largest_torque, "N·m"),
+        "q": (LARGEST_ANGLE, "rad"),
+        "dq": (LARGEST_SPEED, "rad/s"),
+        "tau": (LARGEST_TORQUE, "N·m"),
+        "tau_cmd": (LARGEST_TORQUE, "N·m"),
     }
     for name, array in rows.data.items():
         most, unit = largest.get(name, (np.finfo(float).max, ""))
@@ -46,7 +68,7 @@ def check_finite(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
             raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: expected {may}")
 
 
-def check_time(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
+def check_time(rows: Rows, place: Place) -> None:
     """Time never falls within a recording, and is in seconds.
 
     Raises:
@@ -64,20 +86,17 @@ def check_time(rows: Rows, place: Place, settings: LogCheckSettings) -> None:
     if not len(rising):
         raise StictionError(f"{place(0)}: t never rises: expected time in s")
     usual = float(np.median(rising))
-    slowest = settings.slowest_step
-    if usual > slowest:
+    if usual > SLOWEST_STEP:
         units = ("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
-        likely = [u for u, scale in units if usual / scale < slowest]
+        likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
         hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
         raise StictionError(
             f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s, "
-            f"{1 / slowest:g} rows a second or more"
+            f"{1 / SLOWEST_STEP:g} rows a second or more"
         )
 
 
-def check_units(
-    rows: Rows, place: Place, limits: Limits | None, settings: LogCheckSettings
-) -> list[str]:
+def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     """Angles are in radians and torques in N·m, as far as the joint ``limits`` tell.
 
     Returns:
@@ -91,7 +110,7 @@ def check_units(
     for j in range(q.shape[1]):
         i = int(np.argmax(np.abs(q[:, j])))
         low, high = (-np.inf, np.inf) if limits is None else limits.position[j]
-        most = settings.free_angle if limits is None else max(abs(low), abs(high))
+        most = FREE_ANGLE if limits is None else max(abs(low), abs(high))
         value = q[i, j]
         if abs(value) > (2 if limits is not None else 1) * most:
             raise StictionError(
@@ -111,7 +130,7 @@ def check_units(
         usual = float(np.percentile(size, 90))
         assumed = limits is not None and bool(limits.torque_assumed[j])
         # a limit that is only assumed refuses no torque that an arm could have
-        far = settings.any_arm if assumed else 1.0
+        far = ANY_ARM if assumed else 1.0
         if usual > far * most or np.max(size) > 3 * far * most:
             i = int(np.argmax(size))
             # mN·m are a thousand times too large, per cent at most some hundreds.
@@ -126,9 +145,7 @@ def check_units(
     return warnings
 
 
-def check_channels(
-    rows: Rows, place: Place, settings: LogCheckSettings, motion: MotionThresholds
-) -> list[str]:
+def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
     """Something moves; channels that never change or stay at a limit are warned of.
 
     Raises:
@@ -151,7 +168,7 @@ def check_channels(
             if flat[j] and name != "q" and span["q"][j] > motion.stir_span:
                 warnings.append(f"{value} although the joint moves")
     for j in range(n):
-        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j], settings.saturated_rows)
+        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j], SATURATED_ROWS)
     return warnings
 
 
@@ -169,42 +186,38 @@ def _saturation(column: str, x: NDArray[np.float64], least: int) -> list[str]:
     ]
 
 
-def check_pace(rows: Rows, step: float, limits: Limits | None, settings: LogCheckSettings) -> None:
+def check_pace(rows: Rows, step: float, limits: Limits | None) -> None:
     """No joint moves several times faster than it can, as small angles in degrees would.
 
     Args:
         rows: a log without repeats and gaps.
         step: time between rows, s.
         limits: limits of the robot, or None.
-        settings: how speeds are compared.
 
     Raises:
         StictionError: naming the joint.
     """
     t = np.arange(rows.t[0], rows.t[-1], step)
-    if limits is None or len(t) < settings.compared_rows:
+    if limits is None or len(t) < COMPARED_ROWS:
         return
-    sos = butter(4, min(settings.compared_hz, 0.2 / step), fs=1 / step, output="sos")
+    sos = butter(4, min(COMPARED_HZ, 0.2 / step), fs=1 / step, output="sos")
     for j, x in enumerate(rows.data["q"].T):
         speed = np.abs(np.gradient(sosfiltfilt(sos, np.interp(t, rows.t, x)), step)).max()
-        if speed > settings.too_fast * limits.velocity[j]:
+        if speed > TOO_FAST * limits.velocity[j]:
             raise StictionError(
                 f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do {limits.velocity[j]:g}: "
                 "expected angles in rad, not degrees, and time in s"
             )
 
 
-def check_speeds(
-    rows: Rows, step: float, settings: LogCheckSettings, motion: MotionThresholds
-) -> list[str]:
+def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]:
     """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
 
-    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below ``compared_hz``.
+    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
 
     Args:
         rows: a log without repeats and gaps.
         step: time between rows, s.
-        settings: how they are compared.
         motion: which joints move.
 
     Returns:
@@ -213,10 +226,10 @@ def check_speeds(
     Raises:
         StictionError: dq is in degrees per second.
     """
-    if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / settings.compared_hz:
+    if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / COMPARED_HZ:
         return []
-    grid, rate = _even(rows, step, settings.compared_seconds), 1 / step
-    if len(grid["q"]) < settings.compared_rows:
+    grid, rate = _even(rows, step, COMPARED_SECONDS), 1 / step
+    if len(grid["q"]) < COMPARED_ROWS:
         return []
     speeds = np.gradient(grid["q"], step, axis=0)
     size = speeds.std(axis=0)
@@ -224,7 +237,7 @@ def check_speeds(
     movers = np.flatnonzero(
         (size > motion.mover_ratio * size.max()) & (size > motion.reversal_speed)
     )
-    sos = butter(4, min(settings.compared_hz, 0.2 * rate), fs=rate, output="sos")
+    sos = butter(4, min(COMPARED_HZ, 0.2 * rate), fs=rate, output="sos")
     found = []
     for j in movers:
         v, dq = sosfiltfilt(sos, speeds[:, j]), sosfiltfilt(sos, grid["dq"][:, j])

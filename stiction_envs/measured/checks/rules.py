@@ -16,17 +16,26 @@ from statistics import median
 from typing import Any
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.settings import TableCheckSettings, measured_settings
 from stiction_envs.measured.thesis_robots import our_name
 
 Row = Mapping[str, Any]
 Bases = Mapping[tuple[str, int, str, str], str]
 """Printed base torque, N·m, by :func:`setting_key`."""
+SAME_STD = 5.0
+"""Combined standard deviations by which two runs of one SJE setting contradict [-]."""
+SAME_SHARE = 0.25
+"""Share of the torque that takes their place where no deviation is known [-]: five times the 4.7
+points by which the thesis's own runs repeat."""
+REPEAT_SIGMAS = 10.0
+"""Robust standard deviations by which a repetition contradicts [-].
 
-_LENGTHS = ("m", "cm", "mm", "m·samples", "mm·samples", "m·s", "mm·s")
-_ANGLES = ("rad", "deg", "°", "rad·samples", "deg·samples", "rad·s", "deg·s")
-AXIS_UNITS = dict.fromkeys("xyz", _LENGTHS) | dict.fromkeys(("roll", "pitch", "yaw"), _ANGLES)
-"""Units an error along or about an axis can have, or its sum over samples or time."""
+The spread differs between joints (thesis: 5 points at joints 1–4, 1 at joints 5–7), so that the
+pooled median deviation is half the standard deviation: 10 robust ones are 5 ordinary ones, 25
+points in the thesis. Its worst credible pair is 19 points apart, its one bad reading 96."""
+LEAST_SPREAD = 1.0
+"""Repetitions closer than this times `REPEAT_SIGMAS` never contradict [percentage points]."""
+LEAST_REPEATS = 5
+"""Repeated settings from which a spread can be told."""
 
 
 @dataclass(frozen=True)
@@ -235,18 +244,15 @@ def check_repeats(
     return found
 
 
-def check_measurements(
-    rows: Iterable[Row], *, settings: TableCheckSettings | None = None
-) -> list[Defect]:
-    """Repetitions of one setting agree within ``repeat_sigmas`` of all repetitions' spread.
+def check_measurements(rows: Iterable[Row]) -> list[Defect]:
+    """Repetitions of one setting agree within `REPEAT_SIGMAS` of all repetitions' spread.
 
     Rows have ``table``, the key columns, ``frequency_Hz``, ``scale``, ``tau_sje_Nm`` (N·m) and
     ``change_pct``. The spread is 1.4826 × the median distance of a reading from the others of its
     setting. Of a pair that contradicts, the reading further from what the same joint, pose and
-    direction gave at its other settings is the bad one. With fewer than five repeated settings
-    nothing can be told.
+    direction gave at its other settings is the bad one. Fewer than
+    `LEAST_REPEATS` repeated settings tell nothing.
     """
-    s = settings or measured_settings().table_checks
     rows = list(rows)
     repeated = [
         g
@@ -255,10 +261,10 @@ def check_measurements(
         )
         if len(g) > 1
     ]
-    if len(repeated) < s.least_repeats:
+    if len(repeated) < LEAST_REPEATS:
         return []
     gaps = [abs(gap) for group in repeated for gap in _gaps(group)]
-    most = s.repeat_sigmas * max(s.least_spread, 1.4826 * median(gaps))
+    most = REPEAT_SIGMAS * max(LEAST_SPREAD, 1.4826 * median(gaps))
     found = []
     for group in repeated:
         usual = median(
@@ -279,65 +285,42 @@ def check_measurements(
     return found
 
 
-def check_differences(rows: Iterable[Row], table: str = "") -> list[Defect]:
-    """``diff`` is ``mean_error_dither`` − ``mean_error_no_dither``, all in the unit of the axis.
+def check_sje(rows: Iterable[Row], table: str = "") -> list[Defect]:
+    """A table in the form of :func:`~stiction_envs.measured.read_sje`.
 
-    Off by no more than the three numbers' rounding it is a remark, by more a defect.
+    ``tau_nm`` (N·m) has the sign of ``direction``; ``reduction`` is 1 − abs(tau_nm)/abs(base) with
+    a base row (no dither) of the same robot, joint, pose and direction, up to the printed digits;
+    rows of the same setting do not contradict. ``nan`` and rows without a base row pass.
     """
-    found = []
-    for row in rows:
-        one, two = number(row, "mean_error_dither"), number(row, "mean_error_no_dither")
-        diff = number(row, "diff")
-        off = diff - (one - two)
-        if off:
-            within = abs(off) <= rounding(one) + rounding(two) + rounding(diff)
-            kind, note = ("remark", ", rounding") if within else ("difference", "")
-            message = f"diff is off by {abs(off)}{note}"
-            expected = f"{one - two:+}"
-            found.append(Defect(table, axis(row), str(row["diff"]), expected, kind, message))
-    return found
-
-
-def check_growth(rows: Iterable[Row], table: str = "") -> list[Defect]:
-    """Errors that dither made larger: data, hence remarks."""
-    message = "dither made the error larger"
-    return [
-        Defect(table, axis(r), str(r["diff"]), "< 0", "remark", message)
-        for r in rows
-        if number(r, "mean_error_dither") > number(r, "mean_error_no_dither")
-    ]
-
-
-def check_units(rows: Iterable[Row], table: str = "") -> list[Defect]:
-    """``unit_printed`` is a length for axes x, y, z and an angle for roll, pitch, yaw."""
     rows = list(rows)
-    found = []
+    found = check_signs(rows, ["tau_nm"], table)
+    bases: dict[tuple[str, int, str, str], list[Decimal]] = {}
     for row in rows:
-        units = AXIS_UNITS.get(str(row["axis"]))
-        if units is None:
-            names = ", ".join(AXIS_UNITS)
-            raise StictionError(f"unknown axis {row['axis']!r}: expected one of {names}")
-        if row["unit_printed"] not in units:
-            name = "a length" if row["axis"] in "xyz" else "an angle"
-            message = f"an error of this axis is {name}, summed over samples or not"
-            printed = str(row["unit_printed"])
-            found.append(Defect(table, axis(row), printed, units[0], "unit", message))
-    message = "x, y, z are lengths and roll, pitch, yaw angles, summed over samples or not"
-    return collapse(found, len(rows), "m and rad", message)
-
-
-def axis(row: Row) -> str:
-    """Where a row of Cartesian errors is, such as ``b roll``."""
-    return " ".join(str(row[c]) for c in ("subtable", "axis") if c in row)
-
-
-def collapse(found: list[Defect], n: int, expected: str, message: str) -> list[Defect]:
-    """One defect for ``all`` where each of ``n`` > 1 rows has it."""
-    if n < 2 or len(found) < n:
-        return found
-    different = list(dict.fromkeys(d.printed for d in found))
-    printed = different[0] if len(different) == 1 else f"{len(found)} values"
-    return [Defect(found[0].table, "all", printed, expected, found[0].kind, message)]
+        tau = number(row, "tau_nm")
+        if number(row, "frequency_hz") == number(row, "amplitude_nm") == 0 and tau != 0:
+            bases.setdefault(setting_key(row), []).append(tau)
+    first: dict[tuple[object, ...], Row] = {}
+    for row in rows:
+        drive = number(row, "frequency_hz"), number(row, "amplitude_nm")
+        where = f"{place(row)}, {drive[0].normalize():f} Hz, {drive[1].normalize():f} N·m"
+        choice = bases.get(setting_key(row), [])
+        if choice and not math.isnan(float(row["reduction"])):
+            best, slack = _nearest_reduction(row, choice)
+            printed = number(row, "reduction")
+            if abs(printed - best) > rounding(printed) + slack:
+                text, expected = str(row["reduction"]), f"{best:.4f}"
+                message = "reduction is not 1 - |tau|/|base| of this file's base row"
+                found.append(Defect(table, where, text, expected, "percentage", message))
+        key = (*setting_key(row), *drive)
+        if key in first:
+            one, two = number(first[key], "tau_nm"), number(row, "tau_nm")
+            most = _most_apart(first[key], row)
+            if abs(one - two) > Decimal(most) + rounding(one) + rounding(two):
+                message = f"the same setting is there twice, at most {most:.3g} N·m apart"
+                text = f"{row['tau_nm']} N·m"
+                found.append(Defect(table, where, text, f"near {one}", "repeat", message))
+        first.setdefault(key, row)
+    return found
 
 
 def _grouped(items: Iterable[Any], key: Callable[[Any], Any]) -> list[list[Any]]:
@@ -374,3 +357,20 @@ def _gaps(group: Sequence[Row]) -> list[float]:
     values = [float(number(r, "change_pct")) for r in group]
     gaps = [v - median(values[:i] + values[i + 1 :]) for i, v in enumerate(values)]
     return [g for g in gaps if math.isfinite(g)]
+
+
+def _nearest_reduction(row: Row, bases: Sequence[Decimal]) -> tuple[Decimal, Decimal]:
+    """Reduction by the base row that suits the printed one best, and its rounding."""
+    tau, printed = number(row, "tau_nm"), number(row, "reduction")
+    base = min(bases, key=lambda b: abs(1 - abs(tau / b) - printed))
+    # The last term: reductions computed in double precision.
+    slack = rounding(tau) / abs(base) + abs(tau) * rounding(base) / base**2 + Decimal("1e-12")
+    return 1 - abs(tau / base), slack
+
+
+def _most_apart(one: Row, two: Row) -> float:
+    """Difference two runs of one setting may have, N·m."""
+    std = [float(r["std_nm"]) for r in (one, two)]
+    if any(math.isnan(x) for x in std):
+        return SAME_SHARE * max(abs(float(r["tau_nm"])) for r in (one, two))
+    return SAME_STD * math.hypot(*std)

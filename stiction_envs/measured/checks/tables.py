@@ -4,31 +4,33 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.resources import as_file, files
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.plausible import check_fits, check_parameters, check_sje
 from stiction_envs.measured.checks.rules import (
     Defect,
     Row,
     check_amplitudes,
-    check_differences,
-    check_growth,
     check_measurements,
     check_percentages,
     check_repeats,
     check_signs,
-    check_units,
+    check_sje,
     joint_scale,
     number,
     place,
     setting_key,
 )
-from stiction_envs.measured.csv_text import read_header, read_lines
-from stiction_envs.measured.settings import TableCheckSettings, measured_settings
+from stiction_envs.measured.checks.thesis_forms import (
+    check_differences,
+    check_fits,
+    check_growth,
+    check_parameters,
+    check_units,
+)
+from stiction_envs.measured.csv_text import header_of, read_lines
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS
 from stiction_envs.measured.thesis_robots import thesis_robots
-from stiction_envs.measured.thesis_tables import THESIS_TABLES
+from stiction_envs.measured.thesis_tables import THESIS_TABLES, thesis_file
 
 _KEY = ("robot", "joint", "load", "direction")
 FORMS: dict[str, tuple[str, ...]] = {
@@ -49,36 +51,36 @@ FORMS: dict[str, tuple[str, ...]] = {
     "4.3, 4.4": (*_KEY, "tau_base_Nm"),
 }
 """Columns by which a table is recognised, first match first; others may be there too."""
-
 _NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
 _TEXT = {"robot", "subtable", "axis", "unit_printed", "quantity", "unit", "amplitude_set"}
+_REPEATED = {
+    "tau_base_Nm": "",
+    "intercept_Nm": ", intercept",
+    "lsm_intercept_Nm": ", intercept",
+    "slope_Nms_per_rad": ", slope",
+    "r2": ", r2",
+}
+"""Columns of numbers that several tables print, and what they are called."""
 
 
 def check_thesis() -> list[Defect]:
     """Everything wrong in print in the thesis's tables, misprints and remarks."""
-    tables = {}
-    for name in THESIS_TABLES:
-        file = files("stiction_envs.measured").joinpath(
-            "thesis", f"table_{name.replace('.', '_')}.csv"
-        )
-        with as_file(file) as path:
-            tables[name] = read_rows(path)
     robots = thesis_robots()
-    total = {name: r.weight_kg for name, r in robots.items() if r.weight_kg is not None}
-    start = {name: r.start_kg for name, r in robots.items() if r.start_kg}
-    return check_tables(tables, total_kg=total, start_kg=start)
+    return check_tables(
+        {name: read_rows(thesis_file(name)) for name in THESIS_TABLES},
+        total_kg={name: r.weight_kg for name, r in robots.items() if r.weight_kg is not None},
+        start_kg={name: r.start_kg for name, r in robots.items() if r.start_kg},
+    )
 
 
-def check_files(
-    paths: Iterable[str | os.PathLike[str]], *, settings: TableCheckSettings | None = None
-) -> list[Defect]:
+def check_files(paths: Iterable[str | os.PathLike[str]]) -> list[Defect]:
     """Everything wrong in CSV files, each by itself and all against each other."""
-    return check_tables({str(path): read_rows(path) for path in paths}, settings=settings)
+    return check_tables({str(path): read_rows(path) for path in paths})
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     """Rows of a table as printed; its form is known and each number in it is one."""
-    header = read_header(path)
+    header = header_of(path)
     form = form_of(header)
     if header and form is None:
         shown = "; ".join(f"{','.join(c)} ({name})" for name, c in FORMS.items())
@@ -107,43 +109,41 @@ def check_tables(
     *,
     total_kg: Mapping[str, float] | None = None,
     start_kg: Mapping[str, Mapping[int, float]] | None = None,
-    settings: TableCheckSettings | None = None,
 ) -> list[Defect]:
     """Apply each rule to the tables it fits; ``tables`` are rows as printed by table name.
 
     Base torques of any table serve those that print none, the first one with the most decimals.
     For ``total_kg`` and ``start_kg`` see :func:`check_parameters`.
     """
-    s = settings or measured_settings().table_checks
     forms = {name: form_of(list(rows[0])) for name, rows in tables.items() if rows}
-    bases = _bases(tables)
+    bases = _base_torques(tables)
     found = []
     for name, form in forms.items():
         rows = tables[name]
+        columns = [c for c in ("tau_base_Nm", "tau_intermediate_Nm", "tau_sje_Nm") if c in rows[0]]
+        if form in ("4.3, 4.4", "4.5-4.8", "4.9", "4.10"):
+            found += check_signs(rows, columns, name)
         if form == "SJE table":
-            found += check_sje(rows, name, settings=s)
+            found += check_sje(rows, name)
         elif form in ("4.5-4.8", "4.10"):
-            columns = [c for c in ("tau_base_Nm", "tau_sje_Nm") if c in rows[0]]
-            found += check_signs(rows, columns, name) + check_percentages(rows, name, bases)
+            found += check_percentages(rows, name, bases)
         elif form == "4.9":
-            columns = ["tau_base_Nm", "tau_intermediate_Nm"]
-            found += check_signs(rows, columns, name) + check_amplitudes(rows, name)
+            found += check_amplitudes(rows, name)
         elif form == "4.11":
             found += check_units(rows, name) + check_differences(rows, name)
             found += check_growth(rows, name)
         elif form == "4.1":
-            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg, settings=s)
+            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg)
         elif form == "A.1":
-            found += check_fits(rows, name, _mean_bases(bases), settings=s)
-        elif form == "4.3, 4.4":
-            found += check_signs(rows, ["tau_base_Nm"], name)
-    found += check_measurements(_measurements(tables, forms), settings=s)
-    found += check_repeats(_quantities(tables))
+            found += check_fits(rows, name, bases)
+    found += check_measurements(_measurements(tables, forms))
+    printed = _printed_quantities(tables)
+    found += check_repeats(x for x in printed if not x[1].endswith(", r2"))
     # R² has no resolution of its own: three digits of it are all one prints.
-    return found + check_repeats(_quantities(tables, r2=True), enough_digits=3)
+    return found + check_repeats((x for x in printed if x[1].endswith(", r2")), enough_digits=3)
 
 
-def _bases(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, str, str], str]:
+def _base_torques(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, str, str], str]:
     """Printed base torques, N·m, of dithered tables before others (4.7 refers to 4.6, not 4.3)."""
     bases: dict[tuple[str, int, str, str], str] = {}
     for dithered in (True, False):
@@ -152,16 +152,6 @@ def _bases(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, str, str
                 if "tau_base_Nm" in row and ("change_pct" in row) is dithered:
                     bases.setdefault(setting_key(row), str(row["tau_base_Nm"]))
     return bases
-
-
-def _mean_bases(
-    bases: Mapping[tuple[str, int, str, str], str],
-) -> dict[tuple[str, int, str], float]:
-    """Mean abs(base torque) over the poses, N·m, by robot, joint, direction."""
-    sums: dict[tuple[str, int, str], list[float]] = {}
-    for (robot, joint, _, direction), raw in bases.items():
-        sums.setdefault((robot, joint, direction), []).append(abs(float(raw)))
-    return {key: sum(values) / len(values) for key, values in sums.items()}
 
 
 def _measurements(
@@ -189,28 +179,20 @@ def _measurements(
     return found
 
 
-def _quantities(
-    tables: Mapping[str, Sequence[Row]], *, r2: bool = False
-) -> list[tuple[str, str, str]]:
+def _printed_quantities(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, str, str]]:
     """(table, quantity, number) for whatever tables print more than once."""
-    columns = {"tau_base_Nm": "", "intercept_Nm": ", intercept", "lsm_intercept_Nm": ", intercept"}
-    columns |= {"slope_Nms_per_rad": ", slope"}
-    if r2:
-        columns = {"r2": ", r2"}
     found = []
     for name, rows in tables.items():
         for row in rows:
-            for column, what in columns.items():
+            for column, what in _REPEATED.items():
                 if column in row:
                     # The line of a joint and direction is one for both poses.
-                    keys = _KEY if not what else ("robot", "joint", "direction")
+                    keys = ("robot", "joint", "direction") if what else _KEY
                     where = place({key: row[key] for key in keys}) + what
                     found.append((name, where, str(row[column])))
-            if "quantity" in row and (row["quantity"] == "r2") is r2:
-                if "direction" in row:
-                    where = f"{place(row)}, {row['quantity']}"
-                    found.append((name, where, str(row["value"])))
-                elif row["quantity"] == "mass":
-                    where = f"{row['robot']} link {number(row, 'joint')}, mass"
-                    found.append((name, where, str(row["value"])))
+            if "quantity" in row and "direction" in row:
+                found.append((name, f"{place(row)}, {row['quantity']}", str(row["value"])))
+            elif row.get("quantity") == "mass":
+                where = f"{row['robot']} link {number(row, 'joint')}, mass"
+                found.append((name, where, str(row["value"])))
     return found

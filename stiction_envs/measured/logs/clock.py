@@ -26,8 +26,33 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
 from stiction_envs.measured.logs.corrections import Correction, Rows
-from stiction_envs.measured.settings import ClockSettings, measured_settings
 
+REGULAR = 0.001
+"""Stamps whose steps are whole ones but for this share are a clock already [-]."""
+ON_CLOCK = 0.15
+"""Root mean square distance from whole steps [steps]; 0.29 is chance."""
+BETTER = 0.7
+"""The new clock's misfit to the motion must be below this share of the stamps' [-]."""
+COARSE = 0.1
+"""Share of rows with the time of the row before from which on the clock is coarse [-]."""
+CURVE_ORDER = 3
+"""Order of the polynomials for slopes: a line is 2 % off at 3 Hz, a cubic 0.02 %."""
+MOST_ROUNDS = 5
+"""In which the clock's step is refined."""
+SETTLED = 1e-07
+"""Change of the clock's step that ends the rounds, as a share of it [-]."""
+CRYSTAL = 0.0003
+"""Two clocks with quartz crystals agree to this share [-]."""
+SEEN_DRIFT = 1e-05
+"""Drift of the logger's clock against the robot's from which on it is told [-]."""
+DRIFT_ROWS = 5001
+"""Rows over which the two clocks do not drift against each other."""
+LEAST_ROWS = 200
+"""Shorter stretches keep their stamps."""
+GAP_STEPS = 5.0
+"""A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap."""
+GAP_SECONDS = 0.025
+"""See `GAP_STEPS` [s]."""
 Passed = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
 
@@ -39,33 +64,28 @@ def usual_step(rows: Rows) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def find_gaps(
-    t: NDArray[np.float64], step: float, settings: ClockSettings | None = None
-) -> NDArray[np.int64]:
+def find_gaps(t: NDArray[np.float64], step: float) -> NDArray[np.int64]:
     """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
-    return np.flatnonzero(np.diff(t) > _gap(step, settings or measured_settings().clock)) + 1
+    return np.flatnonzero(np.diff(t) > _gap(step)) + 1
 
 
-def _gap(step: float, s: ClockSettings) -> float:
+def _gap(step: float) -> float:
     """Longest time between rows that is no gap, s."""
-    return max(s.gap_steps * step, s.gap_seconds)
+    return max(GAP_STEPS * step, GAP_SECONDS)
 
 
-def correct_clock(
-    rows: Rows, settings: ClockSettings | None = None
-) -> tuple[list[Correction], list[str]]:
+def correct_clock(rows: Rows) -> tuple[list[Correction], list[str]]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
 
     Returns:
         What was corrected, and warnings.
     """
-    s = settings or measured_settings().clock
     corrections: list[Correction] = []
     warnings: list[str] = []
     same_run = rows.run[1:] == rows.run[:-1]
     equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
-    if equal.mean() > s.coarse:
-        corrections.append(_spread_equal(rows, s))
+    if equal.mean() > COARSE:
+        corrections.append(_spread_equal(rows))
         equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
     if equal.any():
         count = int(equal.sum())
@@ -73,11 +93,11 @@ def correct_clock(
         corrections.append(Correction(kind="stamp", rows=count, text=text))
         # The clock may stop for several rows: keep the first of each time.
         rows.keep(~equal)
-    _rebuild(rows, corrections, warnings, s)
+    _rebuild(rows, corrections, warnings)
     return corrections, warnings
 
 
-def _spread_equal(rows: Rows, s: ClockSettings) -> Correction:
+def _spread_equal(rows: Rows) -> Correction:
     """A clock coarser than the samples: rows with one stamp spaced evenly up to the next stamp."""
     new = np.r_[True, (np.diff(rows.t) > 0) | (np.diff(rows.run) != 0)]
     first = np.flatnonzero(new)
@@ -88,7 +108,7 @@ def _spread_equal(rows: Rows, s: ClockSettings) -> Correction:
     # A step over a gap, or none at the end, is as wide as its rows usually need.
     pace = width / count
     usual = float(np.median(pace[pace > 0])) if (pace > 0).any() else 1.0
-    wide = (width <= 0) | (pace > _gap(usual, s))
+    wide = (width <= 0) | (pace > _gap(usual))
     width[wide] = usual * count[wide]
     group = np.cumsum(new) - 1
     within = np.arange(len(rows.t)) - first[group]
@@ -100,29 +120,27 @@ def _spread_equal(rows: Rows, s: ClockSettings) -> Correction:
     return Correction(kind="stamp", rows=int(len(rows.t) - len(first)), text=text)
 
 
-def _rebuild(
-    rows: Rows, corrections: list[Correction], warnings: list[str], s: ClockSettings
-) -> None:
+def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> None:
     step = usual_step(rows)
     if not step > 0:
         return
     cut = np.flatnonzero(rows.run[1:] != rows.run[:-1]) + 1
-    cut = np.union1d(cut, find_gaps(rows.t, step, s))
+    cut = np.union1d(cut, find_gaps(rows.t, step))
     bounds = np.r_[0, cut, len(rows.t)].astype(int)
     parts = [slice(a, b) for a, b in pairwise(bounds) if b - a > 1]
     steps = [np.diff(rows.t[p]) / step for p in parts]
-    if all(np.abs(x - np.round(x)).max() < s.regular for x in steps):
+    if all(np.abs(x - np.round(x)).max() < REGULAR for x in steps):
         return
-    parts = [p for p in parts if p.stop - p.start >= s.least_rows]
-    evidence = [_motion_time(rows.t[p], rows.data["q"][p], step, s) for p in parts]
+    parts = [p for p in parts if p.stop - p.start >= LEAST_ROWS]
+    evidence = [_motion_time(rows.t[p], rows.data["q"][p], step) for p in parts]
     moving = [np.sqrt(var) < 0.1 * step for _, var in evidence]
-    if sum(m.sum() for m in moving) < s.least_rows:
+    if sum(m.sum() for m in moving) < LEAST_ROWS:
         return
-    parts, evidence, moving = _long_enough(parts, evidence, moving, s)
+    parts, evidence, moving = _long_enough(parts, evidence, moving)
     if not parts:
         return
     tau = np.concatenate([e[m] for (e, _), m in zip(evidence, moving, strict=True)])
-    clock, pace, ticks = _clock([rows.t[p] for p in parts], evidence, _mode(tau, step), s)
+    clock, pace, ticks = _clock([rows.t[p] for p in parts], evidence, _mode(tau, step))
     stray, changed, misfit = 0.0, 0, np.zeros(3)
     renewed: list[tuple[slice, NDArray[np.float64]]] = []
     for part, (passed, _), moves, tick in zip(parts, evidence, moving, ticks, strict=True):
@@ -139,13 +157,13 @@ def _rebuild(
         )
         renewed.append((part, regular))
         # The two clocks may drift apart by seconds in half an hour.
-        near = uniform_filter1d(off - tick * (pace - clock), min(len(off), s.drift_rows))
+        near = uniform_filter1d(off - tick * (pace - clock), min(len(off), DRIFT_ROWS))
         off = off - tick * (pace - clock) - near
         stray = max(stray, float(np.percentile(np.abs(off), 99)))
         changed += len(logged)
     count = sum(m.sum() for m in moving)
     by_stamp, by_clock, off_clock = np.sqrt(misfit / count)
-    if by_clock < s.better * by_stamp and off_clock < s.on_clock and stray < 2 * clock:
+    if by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock:
         for part, regular in renewed:
             rows.t[part] = regular
         _order(rows)
@@ -155,7 +173,7 @@ def _rebuild(
             f"(to {1e3 * by_clock * clock:.2g} ms); 99 % of the logged stamps are within "
             f"{1e3 * stray:.2g} ms of it"
         )
-        if abs(gained) > s.seen_drift:
+        if abs(gained) > SEEN_DRIFT:
             text += f", and gain {1e6 * gained:.0f} millionths on it"
         corrections.append(Correction(kind="clock", rows=changed, text=text))
     elif by_stamp > 0.1 and off_clock < by_stamp:
@@ -169,15 +187,14 @@ def _long_enough(
     parts: list[slice],
     evidence: list[Passed],
     moving: list[NDArray[np.bool_]],
-    s: ClockSettings,
 ) -> tuple[list[slice], list[Passed], list[NDArray[np.bool_]]]:
     """Stretches with enough motion to say something of their clock."""
-    good = [k for k, m in enumerate(moving) if m.sum() >= s.least_rows / 2]
+    good = [k for k, m in enumerate(moving) if m.sum() >= LEAST_ROWS / 2]
     return [parts[k] for k in good], [evidence[k] for k in good], [moving[k] for k in good]
 
 
 def _clock(
-    stamps: list[NDArray[np.float64]], evidence: list[Passed], guess: float, s: ClockSettings
+    stamps: list[NDArray[np.float64]], evidence: list[Passed], guess: float
 ) -> tuple[float, float, list[NDArray[np.int64]]]:
     """Step of the robot's clock, that of its ticks in logged time, s, and ticks of each row.
 
@@ -185,7 +202,6 @@ def _clock(
         stamps: logged times of each stretch, (T,), s.
         evidence: time passed by the motion and its variance, (T-1,) each, s and s².
         guess: step, good to some per cent, s.
-        s: settings.
     """
 
     def slope(ticks: list[NDArray[np.int64]]) -> float:
@@ -201,28 +217,26 @@ def _clock(
     counted = [np.r_[0, np.cumsum(np.round(np.diff(x) / guess))].astype(np.int64) for x in times]
     clock = slope(counted) if sum(k[-1] for k in counted) > 0 else guess
     ticks = counted
-    for _ in range(s.most_rounds):
+    for _ in range(MOST_ROUNDS):
         ticks = [_ticks(x, clock) for x in times]
         before, clock = clock, slope(ticks)
-        if abs(clock / before - 1) < s.settled:
+        if abs(clock / before - 1) < SETTLED:
             break
-    return _nice(clock, s.crystal), clock, ticks
+    return _nice(clock, CRYSTAL), clock, ticks
 
 
-def _motion_time(
-    t: NDArray[np.float64], q: NDArray[np.float64], step: float, s: ClockSettings
-) -> Passed:
+def _motion_time(t: NDArray[np.float64], q: NDArray[np.float64], step: float) -> Passed:
     """Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
-    half = int(np.clip(s.gap_seconds / step, 5, 25))
+    half = int(np.clip(GAP_SECONDS / step, 5, 25))
     width = 2 * half + 1
     # Curves over the row number, not over the jittery stamps: the slopes' ratio is not biased.
-    pace = savgol_filter(t - t[0], width, s.curve_order, deriv=1, mode="nearest")
+    pace = savgol_filter(t - t[0], width, CURVE_ORDER, deriv=1, mode="nearest")
     top = np.zeros(len(t) - 1)
     bottom = np.zeros(len(t) - 1)
     fastest = np.zeros(len(t) - 1)
     logged = np.diff(t)
     for x in q.T:
-        slope = savgol_filter(x - x[0], width, s.curve_order, deriv=1, mode="nearest") / pace
+        slope = savgol_filter(x - x[0], width, CURVE_ORDER, deriv=1, mode="nearest") / pace
         v = 0.5 * (slope[1:] + slope[:-1])
         change = np.diff(x)
         moved = np.abs(change)

@@ -15,8 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.settings import CorrectionSettings, measured_settings
 
+CHANCE_ROWS = 1e4
+"""A repeat that happens by chance once in this many rows is none."""
+NEAR_CHANGES = 4
+"""Changes on each side of a row that say how often it would repeat by chance."""
+MOST_REPEATS = 20
+"""More repeats in a row are a pause or a frozen log."""
+JUMP = 5.0
+"""After a frozen stretch the arm is this many steps further, and this much faster [-]."""
+MOST_MISSING_RUN = 5
+"""Missing values in a row that are interpolated."""
+MOST_MISSING = 0.01
+"""Share of missing values of a column that are interpolated [-]."""
+FEW_STALE = 0.2
+"""Up to this share of rows with an old position are dropped; more are interpolated [-]."""
 _CORE = ("q", "dq", "tau")
 
 
@@ -54,12 +67,10 @@ class Rows:
         return [name for name in _CORE if name in self.data]
 
 
-def fill_missing(
-    rows: Rows, place: Callable[[int], str], settings: CorrectionSettings | None = None
-) -> tuple[list[Correction], list[str]]:
+def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correction], list[str]]:
     """Interpolate isolated missing values (NaN) of ``rows``, in place.
 
-    Rows without any value of q, dq and tau are dropped; so are up to ``most_missing_run``
+    Rows without any value of q, dq and tau are dropped; so are up to `MOST_MISSING_RUN`
     incomplete rows at either end. Slow extra channels are interpolated over any length, and left
     out if they have fewer than two values; dq is left out where too much of it is missing.
 
@@ -69,7 +80,6 @@ def fill_missing(
     Raises:
         StictionError: too many values of a q or tau are missing.
     """
-    s = settings or measured_settings().corrections
     core, warnings, corrections = rows.core(), [], []
     index = np.arange(len(rows.t))
     empty = np.ones(len(index), bool)
@@ -89,12 +99,12 @@ def fill_missing(
                 continue
             column = f"{name}{j + 1}"
             longest = longest_run(missing)
-            many = longest > s.most_missing_run or missing.mean() > s.most_missing
+            many = longest > MOST_MISSING_RUN or missing.mean() > MOST_MISSING
             if many and name in ("q", "tau"):
                 raise StictionError(
                     f"{place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
                     f"{missing.sum()} of {len(alive)} rows, {longest} in a row: expected at "
-                    f"most {s.most_missing_run} in a row and {s.most_missing:.0%} in all"
+                    f"most {MOST_MISSING_RUN} in a row and {MOST_MISSING:.0%} in all"
                 )
             if missing.all() or (many and name == "dq"):
                 warnings.append(
@@ -127,17 +137,16 @@ def fill_missing(
     return corrections, warnings
 
 
-def drop_repeats(rows: Rows, settings: CorrectionSettings | None = None) -> list[Correction]:
+def drop_repeats(rows: Rows) -> list[Correction]:
     """Drop rows where only the clock moved although the arm did, in place."""
-    s = settings or measured_settings().corrections
-    fresh, active = _freshness(rows, s)
+    fresh, active = _freshness(rows)
     same = ~np.logical_or.reduce([fresh[name] for name in fresh])
     if not same.any():
         return []
     edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
     starts, ends = edges[::2], edges[1::2]
     drop, frozen = np.zeros(len(same), bool), np.zeros(len(same), bool)
-    short = ends - starts <= s.most_repeats
+    short = ends - starts <= MOST_REPEATS
     alive = np.r_[0, np.cumsum(same & np.logical_or.reduce(list(active.values())))]
     for start, end in zip(starts[short], ends[short], strict=True):
         if alive[end] > alive[start]:
@@ -149,7 +158,7 @@ def drop_repeats(rows: Rows, settings: CorrectionSettings | None = None) -> list
         if end == len(same):
             continue
         after = step[end + 1 : end + 4].max(initial=0.0)
-        if step[end] >= s.jump and step[end] > s.jump * after:
+        if step[end] >= JUMP and step[end] > JUMP * after:
             frozen[start:end] = True
     corrections = []
     if drop.any():
@@ -172,17 +181,16 @@ def drop_repeats(rows: Rows, settings: CorrectionSettings | None = None) -> list
     return corrections
 
 
-def correct_stale(rows: Rows, settings: CorrectionSettings | None = None) -> list[Correction]:
+def correct_stale(rows: Rows) -> list[Correction]:
     """Rows where q, dq or tau is still that of the row before, in place.
 
     Two neighbours that hold one sample between them become one row. What is left: a row with an
     old q is dropped, or, where these are many, its q interpolated; an old dq or tau is
     interpolated.
     """
-    s = settings or measured_settings().corrections
-    fresh, active = _freshness(rows, s)
+    fresh, active = _freshness(rows)
     names = list(fresh)
-    same = {name: _short(~fresh[name], s.most_repeats) for name in names}
+    same = {name: _short(~fresh[name], MOST_REPEATS) for name in names}
     stale = {name: same[name] & active[name] for name in names}
     corrections: list[Correction] = []
     any_stale = np.logical_or.reduce([stale[name] for name in names])
@@ -210,7 +218,7 @@ def correct_stale(rows: Rows, settings: CorrectionSettings | None = None) -> lis
             _correction("stale", second.sum(), "{} held the other half of a sample: put together")
         )
     old_q = stale["q"] & ~second
-    if old_q.mean() <= s.few_stale:
+    if old_q.mean() <= FEW_STALE:
         drop |= old_q
         if old_q.any():
             corrections.append(
@@ -262,9 +270,7 @@ def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     return short
 
 
-def _freshness(
-    rows: Rows, s: CorrectionSettings
-) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
     """For each channel: rows that differ from the one before; rows where a repeat is no chance.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
@@ -284,13 +290,13 @@ def _freshness(
         total = np.r_[0.0, np.cumsum(rarity[at])]
         count = np.arange(len(at) + 1)
         behind, ahead = (
-            np.maximum(count - s.near_changes, 0),
-            np.minimum(count + s.near_changes, len(at)),
+            np.maximum(count - NEAR_CHANGES, 0),
+            np.minimum(count + NEAR_CHANGES, len(at)),
         )
         before = (total - total[behind]) / np.maximum(count - behind, 1)
         after = (total[ahead] - total) / np.maximum(ahead - count, 1)
         before[0], after[-1] = after[0], before[-1]
-        active[name] = np.minimum(before, after)[np.cumsum(new)] >= np.log(s.chance_rows)
+        active[name] = np.minimum(before, after)[np.cumsum(new)] >= np.log(CHANCE_ROWS)
     return fresh, active
 
 

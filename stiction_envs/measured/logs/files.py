@@ -12,9 +12,8 @@ from pathlib import Path
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
-from stiction_envs.measured.logs.formats.registry import ENDS, format_of
+from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.settings import FileSettings, measured_settings
 
 
 def read_raw(
@@ -23,16 +22,14 @@ def read_raw(
     *,
     time: bool = True,
     naming: Naming | None = None,
-    settings: FileSettings | None = None,
 ) -> RawLog:
     """Read the numbers of a log file, whatever its kind.
 
     Args:
-        path: a file whose name ends in one of `ENDS`, or a folder that ROS 2 recorded into.
+        path: a file whose name ends in one of `log_ends`, or a folder that ROS 2 recorded into.
         n_joints: joints of the robot.
         time: whether there must be time.
         naming: names of the joints, for kinds of files that have them.
-        settings: sizes that are read; None for those of ``settings.toml``.
 
     Raises:
         StictionError: the file cannot be read, is too large, or is not a log of such a robot.
@@ -44,8 +41,7 @@ def read_raw(
             raise StictionError(
                 f"--{option}: the joints of {where} have numbers: expected ROS bags only"
             )
-    s = settings or measured_settings().files
-    raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, settings=s))
+    raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
     return raw
@@ -61,8 +57,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     Raises:
         StictionError: a log without angles, or that cannot be read.
     """
-    files = measured_settings().files
-    found = _kind(path).count(os.fspath(path), naming or Naming(), files)
+    found = _kind(path).count(os.fspath(path), naming or Naming())
     if not found:
         raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
     return found
@@ -79,7 +74,7 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
     Raises:
         StictionError: nothing is, or something that is no log.
     """
-    where = os.fspath(path)
+    where, ends = os.fspath(path), ", ".join(log_ends())
     kind = format_of(Path(path))
     # Asked before opening: a pipe or a device would never end.
     try:
@@ -87,10 +82,10 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise StictionError(f"{where}: {reason.lower()}: expected a log file") from None
-    if stat.S_ISDIR(mode) and kind is None:
-        raise StictionError(f"{where}: a directory: expected a log file ({', '.join(ENDS)})")
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise StictionError(f"{where}: no regular file: expected a log file ({', '.join(ENDS)})")
+        raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
     if kind is None:
-        raise StictionError(f"{where}: unknown kind of file: expected one of {', '.join(ENDS)}")
+        what = "a directory: expected a log file:"
+        what = what if stat.S_ISDIR(mode) else "unknown kind of file: expected one of"
+        raise StictionError(f"{where}: {what} {ends}")
     return kind

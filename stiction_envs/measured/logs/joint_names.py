@@ -58,7 +58,7 @@ def find_joints(
     wanted = f"names that are numbered 1 to {n_joints or 'n'}"
     if naming.robot:
         wanted += f", or the robot's ({_short(naming.robot)})"
-    raise StictionError(f"{where}: its joints are {what}: expected {wanted}; --joints NAME … says")
+    raise StictionError(f"{where}: its joints are {what}: expected {wanted}; name the joints")
 
 
 def _given(
@@ -66,12 +66,12 @@ def _given(
 ) -> tuple[str, ...]:
     if len(set(joints)) != len(joints) or len(joints) != (n_joints or len(joints)):
         raise StictionError(
-            f"--joints: {len(set(joints))} names: expected {n_joints or 'different ones'}, those "
+            f"joints: {len(set(joints))} names: expected {n_joints or 'different ones'}, those "
             "of all the robot's joints from its base"
         )
     for name in joints:
         if name not in names:
-            raise StictionError(f"{where}: {unknown('joint (--joints)', name, names)}")
+            raise StictionError(f"{where}: {unknown('joint', name, names)}")
     return joints
 
 

@@ -36,18 +36,19 @@ from stiction_envs.measured.logs.corrections import (
 from stiction_envs.measured.logs.files import read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.settings import (
-    ClockSettings,
-    MeasuredSettings,
-    ReaderSettings,
-    measured_settings,
-)
+from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
 __all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
 
+LEAST_SECONDS = 1.0
+"""Shorter logs are refused [s]."""
+RUN_PAUSE = 1.0
+"""Time put between recordings whose clocks start anew [s]."""
+EPOCH = 1e6
+"""Times above this are dates, and counted from the first row instead [s]."""
 IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 
@@ -111,7 +112,7 @@ def read_logs(
     *,
     limits: Limits | None = None,
     naming: Naming | None = None,
-    settings: MeasuredSettings | None = None,
+    motion: MotionThresholds | None = None,
 ) -> list[JointLog]:
     """Read, check and correct the logs of one robot.
 
@@ -122,7 +123,7 @@ def read_logs(
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
         naming: names of its joints, for bags.
-        settings: constants of reading; None for those of ``settings.toml``.
+        motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
 
     Raises:
         StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
@@ -130,11 +131,11 @@ def read_logs(
     """
     if not paths:
         raise StictionError("no log given: expected one or more files")
-    s = settings or measured_settings()
+    motion = motion or measured_settings().motion
     logs: list[JointLog] = []
     for path in paths:
-        raw = read_raw(path, n_joints, naming=naming, settings=s.files)
-        log = _corrected(raw, limits, s)
+        raw = read_raw(path, n_joints, naming=naming)
+        log = _corrected(raw, limits, motion)
         for other in logs:
             if np.array_equal(other.q, log.q) and np.array_equal(other.tau, log.tau):
                 raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
@@ -148,22 +149,20 @@ def read_poses(
     *,
     limits: Limits | None = None,
     naming: Naming | None = None,
-    settings: MeasuredSettings | None = None,
 ) -> JointLog:
     """Read poses at rest without time: ``q1..qn,tau1..taun``, one pose in a row.
 
     Raises:
         StictionError: as :func:`read_logs`; also for fewer than two poses.
     """
-    s = settings or measured_settings()
-    raw = read_raw(path, n_joints, time=False, naming=naming, settings=s.files)
+    raw = read_raw(path, n_joints, time=False, naming=naming)
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
-    check_finite(rows, raw.place, s.log_checks)
-    corrections, warnings = fill_missing(rows, raw.place, s.corrections)
+    check_finite(rows, raw.place)
+    corrections, warnings = fill_missing(rows, raw.place)
     corrections = raw.notes + corrections
     if len(rows.t) < 2:
         raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
-    found = check_units(rows, raw.place, limits, s.log_checks)
+    found = check_units(rows, raw.place, limits)
     warnings = [*_ignored(raw), *warnings, *found]
     return JointLog(
         source=raw.source,
@@ -179,31 +178,30 @@ def read_poses(
     )
 
 
-def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> JointLog:
+def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> JointLog:
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
     # Arrays live on in rows only, so that those corrected away are freed.
     raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
-    check_finite(rows, raw.place, s.log_checks)
-    check_time(rows, raw.place, s.log_checks)
+    check_finite(rows, raw.place)
+    check_time(rows, raw.place)
     warnings = _ignored(raw)
     start = float(raw.origin + rows.t[0])
-    date = start if abs(start) > s.reader.epoch else None
-    corrections = raw.notes + _join_runs(rows, date, s.reader)
-    more, missing = fill_missing(rows, raw.place, s.corrections)
+    date = start if abs(start) > EPOCH else None
+    corrections = raw.notes + _join_runs(rows, date)
+    more, missing = fill_missing(rows, raw.place)
     corrections, warnings = corrections + more, warnings + missing
-    warnings += check_units(rows, raw.place, limits, s.log_checks)
-    warnings += check_channels(rows, raw.place, s.log_checks, s.motion)
-    corrections += drop_repeats(rows, s.corrections) + correct_stale(rows, s.corrections)
-    more, jitter = correct_clock(rows, s.clock)
+    warnings += check_units(rows, raw.place, limits)
+    warnings += check_channels(rows, raw.place, motion)
+    corrections += drop_repeats(rows) + correct_stale(rows)
+    more, jitter = correct_clock(rows)
     corrections, warnings = corrections + more, warnings + jitter
     step = usual_step(rows)
-    breaks = _segments(rows, step, corrections, s.clock)
+    breaks = _segments(rows, step, corrections)
     bounds = (0, *breaks, len(rows.t))
     seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in pairwise(bounds))
-    least = s.reader.least_seconds
-    if not seconds >= least - 1.5 * step:
+    if not seconds >= LEAST_SECONDS - 1.5 * step:
         raise StictionError(
-            f"{raw.source}: {seconds:.3g} s of samples: expected {least:g} s or more"
+            f"{raw.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
         )
     longest = max(pairwise(bounds), key=lambda ab: ab[1] - ab[0])
     part = slice(*longest)
@@ -211,8 +209,8 @@ def _corrected(raw: RawLog, limits: Limits | None, s: MeasuredSettings) -> Joint
         t=rows.t[part], data={k: v[part] for k, v in rows.data.items()}, run=rows.run[part]
     )
     try:
-        check_pace(stretch, step, limits, s.log_checks)
-        warnings += check_speeds(stretch, step, s.log_checks, s.motion)
+        check_pace(stretch, step, limits)
+        warnings += check_speeds(stretch, step, motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None
     return JointLog(
@@ -238,7 +236,7 @@ def _ignored(raw: RawLog) -> list[str]:
     return [*raw.warnings, f"{IGNORED}: {shown}{more}"]
 
 
-def _join_runs(rows: Rows, date: float | None, s: ReaderSettings) -> list[Correction]:
+def _join_runs(rows: Rows, date: float | None) -> list[Correction]:
     """One rising time for all recordings of a file, and small numbers for dates."""
     corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
@@ -250,23 +248,21 @@ def _join_runs(rows: Rows, date: float | None, s: ReaderSettings) -> list[Correc
     shifted = rows.t.copy()
     for i in starts:
         if shifted[i] <= shifted[i - 1]:
-            shifted[i:] += shifted[i - 1] + s.run_pause - shifted[i]
+            shifted[i:] += shifted[i - 1] + RUN_PAUSE - shifted[i]
             restarts += 1
     if restarts:
         rows.t = shifted
         text = (
             f"{len(starts) + 1} recordings in one file, the clock starts anew in {restarts} of "
-            f"them: put one after another, {s.run_pause:g} s apart"
+            f"them: put one after another, {RUN_PAUSE:g} s apart"
         )
         corrections.append(Correction(kind="run", rows=restarts, text=text))
     return corrections
 
 
-def _segments(
-    rows: Rows, step: float, corrections: list[Correction], s: ClockSettings
-) -> tuple[int, ...]:
+def _segments(rows: Rows, step: float, corrections: list[Correction]) -> tuple[int, ...]:
     runs = np.flatnonzero(np.diff(rows.run)) + 1
-    gaps = np.setdiff1d(find_gaps(rows.t, step, s), runs)
+    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
     if len(gaps):
         longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
         text = (

@@ -77,7 +77,7 @@ def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:
     said = {log.side: log.source for log in logs}
     if asked == "motor" and "link" in said:
         warnings.warn(
-            f"torque: that of {said['link']} was measured behind the gear: expected --torque link",
+            f"torque: that of {said['link']} was measured behind the gear: expected torque link",
             stacklevel=2,
         )
     if asked is not None:
@@ -85,7 +85,7 @@ def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:
     if "link" in said and len(said) > 1:
         raise StictionError(
             f"torque: that of {said['link']} was measured behind the gear (link), "
-            f"{said.get(None, said.get('motor'))} does not say: expected --torque link or motor"
+            f"{said.get(None, said.get('motor'))} does not say: expected torque link or motor"
         )
     return "link" if "link" in said else "motor"
 

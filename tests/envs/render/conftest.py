@@ -2,12 +2,12 @@
 
 import pytest
 
-from stiction_envs.envs.render.push_controls import PushControls
+from stiction_envs.envs.render.push_view import PushView
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import AmplitudeRow
 
 
 @pytest.fixture
-def controls():
-    return PushControls(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))
+def view():
+    return PushView(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))

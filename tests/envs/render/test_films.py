@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.envs.render import screen
+from stiction_envs.envs.render import offscreen
+from stiction_envs.envs.render.arm_scene import ArmScene
 from stiction_envs.envs.render.dial import Dial
-from stiction_envs.envs.render.mp4 import check_film, write_film, write_frames
-from stiction_envs.envs.render.path_video import PathVideo
-from stiction_envs.envs.render.ramp_video import HEADER, SCENE, WIDTH, Ramp, RampVideo, shown
-from stiction_envs.envs.render.scene import ArmScene
-from stiction_envs.envs.render.timing import Timing
+from stiction_envs.envs.render.film import (
+    HEADER,
+    WIDTH,
+    Timing,
+    check_film,
+    write_film,
+    write_frames,
+)
+from stiction_envs.envs.render.path_film import PathFilm
+from stiction_envs.envs.render.ramp_film import Ramp, RampFilm, shown
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import Case
@@ -62,16 +68,16 @@ def orange(picture: np.ndarray) -> int:
 
 
 def test_a_short_film_is_in_real_time_and_a_long_one_fits():
-    short = Timing(9.6, fps=10, most=15)
+    short = Timing(9.6, fps=10, longest=15)
     times = list(short.times())
     assert short.speed == 1
-    assert not short.faster
+    assert not short.caption
     assert len(times) == short.count == 97 + 10
     assert times[1] == 0.1
     assert times[-1] == times[96] == 9.6
-    long = Timing(44.0, fps=10, most=15)
+    long = Timing(44.0, fps=10, longest=15)
     assert long.speed == 3
-    assert long.faster.strip() == "(shown ×3)"
+    assert long.caption.strip() == "(shown ×3)"
     assert max(long.times()) >= 44.0
     assert long.count <= 15 * 10 + 1 + 10
 
@@ -103,7 +109,7 @@ def test_what_is_shown_is_the_first_with_dither(measured):
 @pytest.mark.usefixtures("gl")
 def test_frames_of_a_ramp(measured, posed):
     experiment, both = measured
-    film = RampVideo(experiment, both, fps=0.3)
+    film = RampFilm(experiment, both, fps=0.3)
     frames = list(film.frames())
     for drawn, m in zip(posed[-2:], both, strict=True):
         moved = drawn - experiment.poses.q[6, 0]
@@ -112,7 +118,7 @@ def test_frames_of_a_ramp(measured, posed):
     assert len(frames) == film.timing.count
     assert film.size == (2 * WIDTH, frames[0].shape[0])
     assert all(f.shape == frames[0].shape and f.dtype == np.uint8 for f in frames)
-    scenes = [f[HEADER : HEADER + SCENE] for f in frames]
+    scenes = [f[HEADER : HEADER + film.SCENE] for f in frames]
     for column in (slice(0, WIDTH), slice(WIDTH, 2 * WIDTH)):
         assert orange(scenes[0][:, column]) > 100, "the pointer"
         assert orange(scenes[-1][:, column]) > 1.5 * orange(scenes[0][:, column]), "it has turned"
@@ -125,7 +131,7 @@ def test_a_film_of_two_configurations_is_refused(measured):
     experiment, (base, _) = measured
     other = next(experiment.run([Job(Configuration(7, "load", "-"))], iterations=1))
     with pytest.raises(StictionError, match="expected measurements of one"):
-        RampVideo(experiment, [base, other])
+        RampFilm(experiment, [base, other])
 
 
 @pytest.mark.parametrize("joint", range(7))
@@ -156,7 +162,7 @@ def path_film():
         trajectory="triangle", stiffness=case.stiffness, dither=(AmplitudeRow(7, 15.0, 0.8),)
     )
     cases = [case, dithered]
-    return experiment, cases, PathVideo(experiment, cases, fps=0.5)
+    return experiment, cases, PathFilm(experiment, cases, fps=0.5)
 
 
 def test_a_path_film_shows_the_first_iteration_bit_for_bit(path_film):
@@ -199,7 +205,7 @@ class Bars:
     """A film that needs no OpenGL."""
 
     size = (64, 48)
-    timing = Timing(1.0, fps=10, most=10)
+    timing = Timing(1.0, fps=10, longest=10)
 
     def frames(self):
         for k in range(self.timing.count):
@@ -251,6 +257,6 @@ def test_no_opengl_is_said_before_the_work(monkeypatch):
     def none(name):
         raise RuntimeError("no libEGL")
 
-    monkeypatch.setattr(screen, "_context_class", none)
+    monkeypatch.setattr(offscreen, "_context_class", none)
     with pytest.raises(StictionError, match="rendering needs OpenGL"):
         check_film()

@@ -21,8 +21,8 @@ pytest.importorskip("viser")
 
 
 @pytest.fixture
-def page(controls):
-    page = PushPage(controls, 0)
+def page(view):
+    page = PushPage(view, 0)
     yield page
     page.close()
 
@@ -49,7 +49,7 @@ def test_it_serves_its_client_itself_to_this_machine_alone(page):
 
 
 def test_every_geom_of_the_arm_is_where_mujoco_has_it(page):
-    scene, found = page._scene, nodes(page)
+    scene, found = page.view, nodes(page)
     model, data = scene.model, scene.data
     shown = [g for g in range(1, model.ngeom) if model.geom_group[g] < 3]
     assert len(shown) > 30
@@ -72,7 +72,7 @@ def test_lines_have_the_colours_of_the_window(page):
     assert len(sent) >= 3
 
 
-def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, controls):
+def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, view):
     click(page, "joint", "7")
     for _ in range(15):
         click(page, "push", "+ 10 %")
@@ -82,20 +82,20 @@ def test_buttons_push_a_joint_and_the_arm_on_the_page_moves(page, controls):
     said = []
     threading.Timer(1.5, lambda: setattr(page, "_open", False)).start()
     page.run(said.append)
-    push = controls.push
+    push = view.push
     assert push.joint == 7
     # friction at the rest pose, which the arm has left a little
     assert push.target == pytest.approx(1.4 * push.holds_up_to(1.0), rel=1e-3)
     assert push.dithered
     assert said[:2] == [f"{page.url} shows the arm, until Ctrl-C", "Panda  joint 7, holds"]
-    controls.advance(30.0)  # pushed by 140 % of what holds
+    view.advance(30.0)  # pushed by 140 % of what holds
     page._draw()
     assert np.abs(nodes(page)["/8"].wxyz - before).max() > 1e-3
 
 
-def test_it_ends_with_its_threads(controls):
+def test_it_ends_with_its_threads(view):
     before = {t.name for t in threading.enumerate()}
-    page = PushPage(controls, 0)
+    page = PushPage(view, 0)
     url = page.url
     page.close()
     with pytest.raises(OSError):
@@ -104,41 +104,41 @@ def test_it_ends_with_its_threads(controls):
     assert all(t.name.startswith("ThreadPoolExecutor") for t in left)
 
 
-def test_a_port_that_is_taken_is_one_line(controls):
+def test_a_port_that_is_taken_is_one_line(view):
     with socket.socket() as taken:
         taken.bind((HOST, 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(StictionError, match=rf"view: port {port}: .*in use.*--browser"):
-            PushPage(controls, port)
+        with pytest.raises(StictionError, match=rf"view: port {port}: .*in use.*such as 8081"):
+            PushPage(view, port)
     with pytest.raises(StictionError, match="port 70000: no such port"):
-        PushPage(controls, 70000)
+        PushPage(view, 70000)
 
 
-def test_without_viser_one_line_says_what_to_install(controls, monkeypatch):
+def test_without_viser_one_line_says_what_to_install(view, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(StictionError, match=r"stiction-envs\[web\]"):
-        PushPage(controls, 0)
+        PushPage(view, 0)
 
 
 @pytest.mark.slow
-def test_a_click_in_a_browser_switches_dither_on(page, controls, chromium):
+def test_a_click_in_a_browser_switches_dither_on(page, view, chromium):
     """Nothing but this page is asked for, and an arm is drawn."""
-    view = chromium.new_page(viewport={"width": 1280, "height": 844})
+    tab = chromium.new_page(viewport={"width": 1280, "height": 844})
     asked, errors = [], []
-    view.on("request", lambda request: asked.append(request.url))
-    view.on("pageerror", lambda error: errors.append(error))
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.on("pageerror", lambda error: errors.append(error))
     threading.Thread(target=page.run, args=(lambda line: None,), daemon=True).start()
-    view.goto(page.url)
-    view.get_by_text("Dither on or off").click()
+    tab.goto(page.url)
+    tab.get_by_text("Dither on or off").click()
     for _ in range(200):
-        if controls.push.dithered:
+        if view.push.dithered:
             break
-        view.wait_for_timeout(100)
-    shown = Image.open(io.BytesIO(view.screenshot())).convert("RGB").crop((320, 0, 860, 844))
+        tab.wait_for_timeout(100)
+    shown = Image.open(io.BytesIO(tab.screenshot())).convert("RGB").crop((320, 0, 860, 844))
     page._open = False
-    view.close()
-    assert controls.push.dithered
+    tab.close()
+    assert view.push.dithered
     red, green, blue = np.moveaxis(np.array(shown, int), 2, 0)
     lever = (red > 230) & (green < 200) & (blue < 150)
     assert lever.sum() > 200

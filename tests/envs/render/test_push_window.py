@@ -8,31 +8,31 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.render import window
-from stiction_envs.envs.render.push_controls import HEIGHT, UP, WIDTH
+from stiction_envs.envs.render.push_view import HEIGHT, UP, WIDTH
 from stiction_envs.envs.render.push_window import PushWindow
 from stiction_envs.errors import StictionError
 
 
-def test_without_a_display_one_line_names_what_needs_none(controls, monkeypatch):
+def test_without_a_display_one_line_names_what_needs_none(view, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: False)
     with pytest.raises(StictionError, match=r"view: no display found: `stiction sje panda .*--vid"):
-        PushWindow(controls)
+        PushWindow(view)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="DISPLAY is of X11")
-def test_a_display_that_is_not_there_is_one_line_too(controls, monkeypatch):
+def test_a_display_that_is_not_there_is_one_line_too(view, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(StictionError, match="view: the display cannot be opened: `stiction sje"):
-        PushWindow(controls)
+        PushWindow(view)
 
 
-def test_on_a_mac_one_line_says_mjpython(controls, monkeypatch):
+def test_on_a_mac_one_line_says_mjpython(view, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: True)
     monkeypatch.setattr(window, "_opens", lambda: True)
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(StictionError, match="mjpython"):
-        PushWindow(controls)
+        PushWindow(view)
 
 
 class Viewer:
@@ -70,7 +70,7 @@ class Viewer:
         self.drawn = self.user_scn.ngeom
 
 
-def test_the_window_runs_keys_and_draws(controls, monkeypatch):
+def test_the_window_runs_keys_and_draws(view, monkeypatch):
     viewers = []
 
     def open_viewer(what, model, data, key_callback):
@@ -82,17 +82,17 @@ def test_the_window_runs_keys_and_draws(controls, monkeypatch):
     monkeypatch.setattr(window, "_opens", lambda: True)
     monkeypatch.setattr(window, "open_viewer", open_viewer)
     said: list[str] = []
-    face = PushWindow(controls)
+    face = PushWindow(view)
     face.run(said.append)
     viewer = viewers[0]
-    assert controls.push.joint == 2
-    assert controls.push.target > 0
-    assert controls.time > 0
+    assert view.push.joint == 2
+    assert view.push.target > 0
+    assert view.time > 0
     assert said[-1] == "Panda  joint 2, holds"
     assert viewer.image.shape == (HEIGHT, WIDTH, 3)
     assert viewer.drawn > 5, "the dial"
     q = viewer.data.qpos[:7]
-    assert np.allclose(q, controls.push.plant.position[0])
+    assert np.allclose(q, view.push.plant.position[0])
     face._draw()
     viewer.sync = lambda: None
     face._draw()

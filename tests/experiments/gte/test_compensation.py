@@ -37,7 +37,7 @@ def test_gain_zero_is_exactly_none(kind, case):
 
 
 def test_cases_do_not_depend_on_each_other():
-    b = bench(nthread=2)
+    b = bench(threads=2)
     cases = [
         PLAIN,
         with_(PLAIN, b.compensation("push")),
@@ -45,7 +45,7 @@ def test_cases_do_not_depend_on_each_other():
         SHAKEN,
     ]
     for case, run in zip(cases, b.run(cases, iterations=2), strict=True):
-        assert_same(one(bench(nthread=1), case, 2), run)
+        assert_same(one(bench(threads=1), case, 2), run)
 
 
 def test_compensation_reduces_what_friction_leaves():

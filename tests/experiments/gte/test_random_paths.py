@@ -18,6 +18,7 @@ from stiction_envs.experiments.gte.random_paths import (
     random_path_settings,
     random_paths,
 )
+from stiction_envs.method_settings import override
 from stiction_envs.precomputed import store
 
 STRAIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -92,14 +93,14 @@ def test_an_arm_that_can_follow_none_is_told_so(nothing_known):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"shortest_side": 3.0}, "shortest_side is 3.0: .* up to 1"),  # no two goals are so far
+        ({"shortest_side": 3.0}, "shortest_side is 3.0: .* <= 1"),  # no two goals are so far
         ({"most_goals": 2}, "3 to 2 goals .* expected the least first"),
-        ({"slowest": 1.5}, "slowest is 1.5: .* up to 1"),
+        ({"slowest": 1.5}, "slowest is 1.5: .* <= 1"),
     ],
 )
 def test_settings_with_which_no_path_can_be_drawn(changes, words):
     with pytest.raises(StictionError, match=words):
-        dataclasses.replace(random_path_settings(), **changes)
+        override(random_path_settings(), changes)
 
 
 def test_numbers_are_from_zero():

@@ -3,7 +3,7 @@
 import pytest
 
 from stiction_envs.experiments.gte.protocol import AXES
-from stiction_envs.experiments.gte.report import WORDS, write_report
+from stiction_envs.experiments.gte.results import WORDS, write_report
 from stiction_envs.experiments.gte.rows import CASES, ErrorRow, RunRow
 from stiction_envs.reporting.png import save_full
 

@@ -9,7 +9,7 @@ import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.experiments.gte.protocol import FLAGS, Run, load_gte_protocol
-from stiction_envs.experiments.gte.run_log import RunLog
+from stiction_envs.experiments.gte.sampling import RunLog
 from tests.experiments.gte.made_up import RATE, made_up
 
 START = np.array([0.0, 1.0, 0.0, 0.0])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
 from stiction_envs.control.trajectory import Path
-from stiction_envs.experiments.gte.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case, pose_error
+from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.experiments.gte.short_paths import PATHS, SOFT, STIFF, bench, one
@@ -33,7 +34,9 @@ def test_orientation_is_read_in_the_hands_frame():
     data = mujoco.MjData(model)
     data.qpos[:] = arm.rest
     mujoco.mj_kinematics(model, data)
-    flange = rotation.from_matrix(data.site(arm.end_effector).xmat.reshape(3, 3))
+    flange = Rotation.from_matrix(data.site(arm.end_effector).xmat.reshape(3, 3)).as_quat(
+        canonical=True, scalar_first=True
+    )
     assert rotation.to_rpy(flange)[2] == pytest.approx(-np.pi / 4)
     for robot in ("iiwa7", "iiwa14"):
         assert load_arm(robot).hand_yaw == 0.0

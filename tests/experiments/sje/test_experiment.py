@@ -320,7 +320,7 @@ def test_progress_counts_simulated_seconds():
 
 
 def test_dither_lowers_the_wrist_and_low_frequency_most():
-    """Joint 7: 15 Hz frees far more than 80 Hz (physics.md 4.3)."""
+    """Joint 7: 15 Hz frees far more than 80 Hz (sources.md 4.3)."""
     b = bench(scatter=False)
     none, slow, fast = (one(b, Job(LIGHT, f, a), 2).mean for f, a in ((0, 0), (15, 0.6), (80, 0.6)))
     assert slow < 0.85 * none
@@ -346,7 +346,7 @@ def slow_iiwa(rate: int) -> SingleJointExperiment:
 
 
 def test_100_hz_dither_at_200_hz_and_phase_zero_does_nothing():
-    """At Nyquist the samples are ±A sin φ; without scatter φ = 0 (physics.md 2.6)."""
+    """At Nyquist the samples are ±A sin φ; without scatter φ = 0 (sources.md 2.6)."""
     job = Configuration(7, "load", "+")
     plain, aliased = (one(slow_iiwa(200), Job(job, f, a)).mean for f, a in ((0, 0), (100.0, 3.0)))
     assert aliased == plain
@@ -395,9 +395,9 @@ def test_arm_that_cannot_be_held_is_an_error():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"ramp_rate": 0.0}, "ramp_rate: 0.0 must be positive"),
-        ({"threshold": -1.0}, "threshold: -1.0 must be finite and not negative"),
-        ({"iterations": 0}, "iterations: 0 must be positive"),
+        ({"ramp_rate": 0.0}, "ramp_rate is 0.0: expected .* > 0"),
+        ({"threshold": -1.0}, "threshold is -1.0: expected .* > 0"),
+        ({"iterations": 0}, "iterations is 0: expected .* > 0"),
         ({"pose_scatter": float("nan")}, "pose_scatter"),
         ({"settle_time": float("inf")}, "settle_time"),
     ],

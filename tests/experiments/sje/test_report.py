@@ -5,7 +5,7 @@ import math
 import pytest
 
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.experiments.sje.report import write_report
+from stiction_envs.experiments.sje.results import write_report
 from stiction_envs.measured import SJERow
 
 

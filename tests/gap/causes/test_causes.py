@@ -10,14 +10,8 @@ import pytest
 
 from stiction_envs.gap.candidates import certain
 from stiction_envs.gap.causes import CAUSES, Part, parameter_units
-from stiction_envs.gap.causes.backlash import (
-    DRAGGED,
-    LOST,
-    crossings,
-    dragged,
-    lost,
-)
-from stiction_envs.gap.causes.bodies import (
+from stiction_envs.gap.causes.body import payload
+from stiction_envs.gap.causes.body.bodies import (
     body_columns,
     changed_link,
     link_directions,
@@ -26,19 +20,26 @@ from stiction_envs.gap.causes.bodies import (
     sphere,
     with_link,
 )
-from stiction_envs.gap.causes.deflection import _masses, mass_matrix, own_torque_of, seen_by
-from stiction_envs.gap.causes.joint_elasticity import deflection
+from stiction_envs.gap.causes.gear.backlash import (
+    DRAGGED,
+    LOST,
+    crossings,
+    dragged,
+    lost,
+)
+from stiction_envs.gap.causes.gear.deflection import _masses, mass_matrix, own_torque_of, seen_by
+from stiction_envs.gap.causes.gear.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden.hidden_effects import EFFECTS
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, pseudo_inertia
-from stiction_envs.testing.hidden_effects import EFFECTS
-from stiction_envs.testing.hidden_logs import make_case
 
 BY_NAME = {c.name: c for c in CAUSES}
-LEAST = BY_NAME["payload"].settings.least_inertia
+LEAST = payload.LEAST_INERTIA
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,9 @@ def test_columns_are_finite_and_as_many_as_the_bounds(cause, data: Data) -> None
     low, high = cause.bounds(data, 3)
     assert len(columns) == len(data.t)
     # a lower order of a smooth torque has fewer
-    assert columns.shape[1] == len(low) or (cause.judged_by_angle and columns.shape[1] < len(low))
+    assert columns.shape[1] == len(low) or (
+        cause.simpler_over_angle and columns.shape[1] < len(low)
+    )
     assert len(low) == len(high)
     assert np.all(low < high)
     assert np.isfinite(columns).all()
@@ -119,7 +122,7 @@ def test_an_inertia_that_no_motion_shows_stays_possible(data: Data) -> None:
     """Bounds of its size hold it; to be on them says nothing against the payload itself."""
     cause = BY_NAME["payload"]
     low, high = cause.bounds(data, -1)
-    most = cause.settings.most_inertia
+    most = payload.MOST_INERTIA
     assert np.all(high[4:] == most)
     assert np.all(low[4:] == -most)
     assert not cause.on_bound(np.array([1.0, 0.0, 0.0, 0.1, *[most] * 6]), data, -1)
@@ -326,6 +329,17 @@ def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
     assert "does not move" in inertia.why_not_identifiable(holds, 2)
     assert offset.indistinguishable_from(data, 2) == ()
     assert offset.indistinguishable_from(holds, 2) == ("coulomb_friction",)
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "stribeck_friction", "warm_up_drift"])
+def test_a_joint_that_hardly_moves_shows_no_friction(name: str, data: Data) -> None:
+    """0.01 rad to and fro, fast enough to count as moving in both directions."""
+    q, dq = data.q.copy(), data.dq.copy()
+    q[:, 2], dq[:, 2] = 5e-3 * np.sin(9 * data.t), 45e-3 * np.cos(9 * data.t)
+    times = {"since_session": np.linspace(0, 12, len(data.t))}
+    shakes = replace(data, recording=replace(data.recording, q=q, dq=dq, **times))
+    assert not BY_NAME[name].why_not_identifiable(shakes, 1)
+    assert "turns by 0.010 rad only" in BY_NAME[name].why_not_identifiable(shakes, 2)
 
 
 def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> None:

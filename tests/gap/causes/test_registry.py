@@ -6,8 +6,8 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import CAUSES, cause_named, register, registered, unregister
-from stiction_envs.gap.causes.torque_offset import TorqueOffset
-from stiction_envs.gap.diagnosis import diagnose
+from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
+from stiction_envs.gap.diagnosis import diagnose_logs
 from tests.gap.small_logs import hidden, panda
 
 
@@ -48,4 +48,4 @@ def test_what_is_not_whole_is_not_registered(field: str, value: object, says: st
 
 def test_a_cause_that_is_not_registered_is_refused_at_once() -> None:
     with pytest.raises(StictionError, match="unknown cause 'other_offset'"):
-        diagnose([hidden(panda(), seconds=5.0)], "panda", causes=[*CAUSES, Other()])
+        diagnose_logs([hidden(panda(), seconds=5.0)], "panda", causes=[*CAUSES, Other()])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import Part, cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.measured.logs.reader import JointLog
@@ -44,7 +44,7 @@ def logs(begin: list[float], pause: float, drift: float, *, dates: bool = False)
 
 def found(some: list[JointLog]) -> tuple[Diagnosis, list[float], list[float], str]:
     """Drift of joint 4 [N·m/s] and friction when it starts [N·m], each as an interval."""
-    d = diagnose(some, ARM, causes=CAUSES)
+    d = diagnose_logs(some, ARM, causes=CAUSES)
     named = {c.name: c for c in d.causes}
     assert named["warm_up_drift"].joints == (JOINT + 1,)
     drift = named["warm_up_drift"].parameters[JOINT + 1]["drift_nm_per_s"]

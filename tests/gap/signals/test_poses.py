@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import diagnose
+from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.poses import scatter, segment_numbers
 from stiction_envs.gap.signals.prepare import prepare
@@ -61,7 +61,7 @@ def test_scatter_is_that_of_poses_taken_twice() -> None:
 
 def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:
     """Half a kilogram, 5 cm before the flange, and a sensor that is off by 0.8 N·m."""
-    found = diagnose([poses(panda(payload=(0.5, 0.0, 0.0, 0.05)), offset=0.8)], "panda")
+    found = diagnose_logs([poses(panda(payload=(0.5, 0.0, 0.0, 0.05)), offset=0.8)], "panda")
     by = {c.name: c for c in found.causes}
     assert all(cause_named(name).shown_at_rest for name in by)
     mass = by["payload"].parameters[0]["mass_kg"]
@@ -76,14 +76,14 @@ def test_a_heavy_wrist_is_a_payload_though_the_last_joint_does_not_feel_it() -> 
     log = poses(panda(payload=(1.0, 0.05, 0.0, 0.0)))
     tau = np.array(log.tau)
     tau[:, 6] = poses().tau[:, 6]
-    found = diagnose([dataclasses.replace(log, tau=tau)], "panda")
+    found = diagnose_logs([dataclasses.replace(log, tau=tau)], "panda")
     assert found.causes[0].name == "payload"
     assert found.causes[0].parameters[0]["mass_kg"].value == pytest.approx(1.0, abs=0.15)
     assert "torque_scale" not in [c.name for c in found.causes]
 
 
 def test_nothing_is_found_in_good_poses() -> None:
-    found = diagnose([poses()], "panda")
+    found = diagnose_logs([poses()], "panda")
     assert found.causes == ()
     assert found.verdict == "no discrepancy"
 
@@ -120,5 +120,5 @@ def test_poses_beside_a_log() -> None:
     """The log shows friction, the poses the payload; one call takes both."""
     true = panda(payload=(1.0, 0.0, 0.0, 0.05))
     log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.tanh(dq / 0.002), true=true, noise=0.02)
-    found = diagnose([log, dataclasses.replace(poses(true))], "panda")
+    found = diagnose_logs([log, dataclasses.replace(poses(true))], "panda")
     assert {"payload", "coulomb_friction"} <= {c.name for c in found.causes}

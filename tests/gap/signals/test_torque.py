@@ -107,9 +107,44 @@ def test_one_loaded_log_tells_the_sign_of_those_beside_it(good: JointLog) -> Non
 
 def test_friction_that_would_push_tells_the_sign_too() -> None:
     log = sweeps([0.2, 0.4], sign=-1.0)
+    log = with_torque(log, log.tau * np.eye(7)[6])  # no joint seems to hold a load
     (corrected,), _ = correct_sign([log], prepare([log]), ARM)
     assert kinds(corrected) == ["sign"]
     assert "friction would push" in corrected.corrections[0].text
+
+
+def wrist_only(sign: float = 1.0, noise: float = 0.02) -> JointLog:
+    """Joint 7 turns about its own axis, without friction: all loads are held."""
+    good = hidden(ARM, noise=0.0)
+    q = np.tile(ARM.rest, (len(good.t), 1))
+    q[:, 6] = good.q[:, 6]
+    rest = inverse_dynamics(ARM.pinocchio(), q, 0 * q, 0 * q)
+    rng = np.random.default_rng(0)
+    return dataclasses.replace(good, q=q, tau=sign * (rest + noise * rng.normal(size=q.shape)))
+
+
+def test_a_load_that_joints_hold_tells_the_sign() -> None:
+    """−22 N·m on joint 2 where the model says 22 is no cause of any kind."""
+    for sign, found in ((1.0, []), (-1.0, ["sign"])):
+        log = wrist_only(sign)
+        (corrected,), _ = correct_sign([log], prepare([log]), ARM)
+        assert kinds(corrected) == found
+        np.testing.assert_array_equal(corrected.tau, sign * log.tau)
+
+
+def test_torques_without_gravity_have_no_sign_of_a_held_load() -> None:
+    log = wrist_only()
+    log = with_torque(log, log.tau - log.tau.mean(axis=0))
+    assert correct_sign([log], prepare([log]), ARM)[0][0] is log
+
+
+@pytest.mark.parametrize("known", [-1, 1])
+def test_only_a_changing_load_contradicts_the_sign_that_is_known(good: JointLog, known) -> None:
+    still = wrist_only(-known)
+    (log,), _ = correct_sign([still], prepare([still]), ARM, known=known)
+    assert kinds(log) == (["sign"] if known < 0 else [])
+    (log,), _ = correct_sign([good], prepare([good]), ARM, known=known)
+    assert kinds(log) == []
 
 
 def test_logs_of_different_signs_are_refused(good: JointLog) -> None:

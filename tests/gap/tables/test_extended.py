@@ -10,20 +10,24 @@ import pytest
 
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
+from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.tables.extended import extended_friction
-from stiction_envs.gap.tables.sentences import Parameter, TableCause
+from stiction_envs.gap.tables.found import FoundTableCause
 from stiction_envs.robots import load_arm
-from stiction_envs.testing.hidden_tables import Truth, nominal
+from tests.gap.tables.hidden_tables import Truth, nominal
 
 ARM = load_arm("panda")
 JOINT = 5
 
 
-def cause(name: str, joint: int = JOINT, **values: float) -> TableCause:
-    return TableCause(
+def cause(name: str, joint: int = JOINT, **values: float) -> FoundTableCause:
+    return FoundTableCause(
         name=name,
         joints=(joint,),
-        parameters={k.replace("__", " "): Parameter(v, (v, v), False) for k, v in values.items()},
+        parameters={
+            k.replace("__", " "): Estimate(value=v, ci95=(v, v), on_bound=False)
+            for k, v in values.items()
+        },
         gain_percent=10.0,
         gain_nats=20.0,
         evidence="made up",

@@ -16,7 +16,7 @@ from stiction_envs.gap.extended_model import load_model
 from stiction_envs.gap.tables.from_files import read_tables
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.robots import load_arm
-from stiction_envs.testing.hidden_tables import SETTINGS
+from tests.gap.tables.hidden_tables import SETTINGS
 
 ARM = load_arm("panda")
 KEYS = [(load, d) for load in ("load", "no_load") for d in "+-"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sqlite3
 import sys
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,9 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.formats import base
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.measured.settings import measured_settings
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import good_values
 from tests.measured.logs.ros_bags import (
@@ -113,11 +112,11 @@ def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path, plain: Joint
     assert_same(read(path, joints=names), plain)
     turned = read_logs([path], 7, naming=Naming(joints=names[::-1]))[0]
     np.testing.assert_array_equal(turned.tau, plain.tau[:, ::-1])
-    with pytest.raises(StictionError, match=r"its joints are base, .*--joints NAME … says"):
+    with pytest.raises(StictionError, match=r"its joints are base, .*name the joints"):
         read(path)
-    with pytest.raises(StictionError, match="unknown joint \\(--joints\\) 'hip': expected one of"):
+    with pytest.raises(StictionError, match="unknown joint 'hip': expected one of"):
         read(path, joints=("hip", *names[1:]))
-    with pytest.raises(StictionError, match="--joints: 6 names: expected 7"):
+    with pytest.raises(StictionError, match="joints: 6 names: expected 7"):
         read(path, joints=names[:6])
 
 
@@ -227,7 +226,7 @@ def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
         tmp_path / "two", "mcap", merged(states, joint_states(wanted, topic="/desired"), gripper)
     )
     with pytest.raises(
-        StictionError, match=r"several topics .*: /franka/joint_states, /desired: .*--topic NAME"
+        StictionError, match=r"several topics .*: /franka/joint_states, /desired: .*name the topic"
     ):
         read(path)
     assert_same(read(path, topic="/franka/joint_states"), plain)
@@ -243,15 +242,14 @@ def test_a_topic_without_messages_asks_nothing(tmp_path: Path, plain: JointLog) 
         read(path, topic="/desired")
 
 
-def test_a_log_of_too_many_numbers(tmp_path: Path) -> None:
+def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused at the message that is too many, so that memory is bounded."""
-    settings = measured_settings()
-    few = replace(settings, files=replace(settings.files, most_values=50 * 22))
+    monkeypatch.setattr(base, "MOST_VALUES", 50 * 22)
     path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
     with pytest.raises(
         StictionError, match="/joint_states: 51 rows or more: expected at most 1100"
     ):
-        read_logs([path], 7, naming=NAMING, settings=few)
+        read_logs([path], 7, naming=NAMING)
 
 
 def franka_states(tau: str) -> list[Message]:
@@ -403,7 +401,7 @@ def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_names_mean_nothing_to_a_csv(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,q1\n0,0\n")
-    with pytest.raises(StictionError, match=r"--topic: .*log\.csv have numbers"):
+    with pytest.raises(StictionError, match=r"topic: .*log\.csv have numbers"):
         read(path, topic="/joint_states")
 
 

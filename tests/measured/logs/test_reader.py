@@ -16,18 +16,16 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.formats import csv_file
+from stiction_envs.measured.logs.formats import base, csv_file
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
-from stiction_envs.measured.settings import MeasuredSettings, measured_settings
-from stiction_envs.method_settings import override
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import BAD_LOGS, HEADER, BadLog, good_values, text_of
 
 LIMITS = load_arm("panda").limits
 
 
-def read(path: Path, n: int = 7, settings: MeasuredSettings | None = None) -> JointLog:
-    return read_logs([path], n, limits=LIMITS if n == 7 else None, settings=settings)[0]
+def read(path: Path, n: int = 7) -> JointLog:
+    return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
 
 
 def put(path: Path, text: str | bytes) -> Path:
@@ -62,9 +60,9 @@ def test_no_log_at_all() -> None:
         read_logs([], 7)
 
 
-def test_a_packed_bomb_is_cut_off(tmp_path: Path) -> None:
+def test_a_packed_bomb_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A small file that unpacks to a lot: an error after the limit, and no memory for it."""
-    limited = override(measured_settings(), {"files.most_bytes": 2**24})
+    monkeypatch.setattr(csv_file, "MOST_BYTES", 2**24)
     row = (",".join(["0"] * 22) + "\n").encode()
     bomb = gzip.compress((HEADER + "\n").encode() + row * (2**26 // len(row)), 1)
     assert len(bomb) < 2**20
@@ -72,18 +70,18 @@ def test_a_packed_bomb_is_cut_off(tmp_path: Path) -> None:
     del bomb
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(StictionError, match="over 16 MiB of text"):
-        read(path, settings=limited)
+        read(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150_000  # KiB
 
 
-def test_too_many_rows(tmp_path: Path) -> None:
-    limited = override(measured_settings(), {"files.most_values": 1000})
+def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(base, "MOST_VALUES", 1000)
     with pytest.raises(StictionError, match="200 rows or more: expected at most 1000 numbers"):
-        read(put(tmp_path / "log.csv", text_of(good_values())), settings=limited)
+        read(put(tmp_path / "log.csv", text_of(good_values())))
     v = good_values()
     np.savez(tmp_path / "log.npz", t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
     with pytest.raises(StictionError, match="200 rows or more"):
-        read(tmp_path / "log.npz", settings=limited)
+        read(tmp_path / "log.npz")
 
 
 def test_errors_below_a_block_name_the_right_line(

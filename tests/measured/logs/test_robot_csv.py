@@ -81,7 +81,7 @@ def test_side_of_the_torque(tmp_path: Path) -> None:
     assert torque_side(None, [theirs]) == "link"
     assert torque_side(None, [ours]) == "motor"
     assert torque_side("link", [ours, theirs]) == "link"
-    with pytest.raises(StictionError, match=r"ours\.csv does not say: expected --torque"):
+    with pytest.raises(StictionError, match=r"ours\.csv does not say: expected torque"):
         torque_side(None, [ours, theirs])
     with pytest.raises(StictionError, match="unknown torque side 'gear': expected one of motor"):
         torque_side("gear", [ours])

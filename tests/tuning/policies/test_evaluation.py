@@ -86,9 +86,9 @@ def test_held_out_paths_are_evaluated_by_number(monkeypatch):
 
 
 def test_the_shipped_table_is_the_best_of_the_search(env):
-    """`benchmarks/search.md` has it; cut to what the environment can do."""
-    shipped = ROOT / "tuning" / "tables" / "panda_gated.csv"
-    source = ROOT / "benchmarks" / "search" / "panda_gte_gated_1600.csv"
+    """`benchmarks/learning/search.md` has it; cut to what the environment can do."""
+    shipped = ROOT / "stiction_envs" / "dither" / "tables" / "panda_gated.csv"
+    source = ROOT / "benchmarks" / "learning" / "search" / "panda_gte_gated_1600.csv"
     assert shipped.read_bytes() == source.read_bytes()
     agent = read_agent("gated", SPRINT, env)
     rows = read_amplitudes(shipped, n_joints=7)

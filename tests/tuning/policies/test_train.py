@@ -27,7 +27,7 @@ from tuning.policies import checkpoint
 from tuning.policies import train as training
 from tuning.policies.algorithms import export, make_env, make_model
 from tuning.policies.policy import Policy
-from tuning.policies.recorded import RecordedVecEnv
+from tuning.policies.resumable_env import ResumableVecEnv
 from tuning.policies.settings import PolicySettings
 from tuning.policies.task import Task
 from tuning.policies.train import train
@@ -287,7 +287,7 @@ PATHS = replace(
 )
 def test_arms_on_their_way_are_brought_back(task, seed):
     """Observations, rewards, ends and what comes after them, of arms at different times."""
-    env = RecordedVecEnv(task.make(3))
+    env = ResumableVecEnv(task.make(3))
     env.seed(seed)
     env.reset()
     rng = np.random.default_rng(0)
@@ -297,7 +297,7 @@ def test_arms_on_their_way_are_brought_back(task, seed):
     generators, since = env.snapshot()
     assert min(map(len, since)) < 30, "an episode has ended"
     assert len(set(map(len, since))) > 1, "the arms are at different times"
-    other = RecordedVecEnv(task.make(3))
+    other = ResumableVecEnv(task.make(3))
     seen = other.restore(generators, since)
     ended = 0
     for a in actions[30:]:

@@ -10,8 +10,8 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Measurement
-from tuning.explore.bounds import bounds_of
 from tuning.robot.prediction import allowed, grid, predict
+from tuning.search.bounds import bounds_of
 from tuning.settings import tuning_settings
 
 S = tuning_settings().robot

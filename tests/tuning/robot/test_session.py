@@ -10,13 +10,21 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from tests.tuning.conftest import small
-from tuning.record import Record
-from tuning.robot.memory import told_trials
-from tuning.robot.session import Session, ask, tell
+from tuning.robot.robot_study import measured_trials
+from tuning.robot.session import Session
+from tuning.study.record import Record
 
 SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
 COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
 BASE_NM = 0.8
+
+
+def ask(arm, count=1, **options):
+    return Session(arm, **options).ask(count)
+
+
+def tell(arm, table, **options):
+    return Session(arm, **options).tell(table)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +32,7 @@ def asked(tmp_path_factory):
     """A folder in which was asked once, and the options of its session."""
     folder = tmp_path_factory.mktemp("asked")
     arm, protocol = small(folder)
-    options = {"protocol": protocol, "settings": SETTINGS, "nthread": 1}
+    options = {"protocol": protocol, "settings": SETTINGS, "threads": 1}
     state = ask(arm, out=folder / "out", **options)
     return arm, folder / "out", options, state
 
@@ -63,7 +71,7 @@ def contents(out):
 def trials(arm, options):
     one = Session(arm, **options)
     with one.folder:
-        return told_trials(one.open()[0])
+        return measured_trials(one.open()[0])
 
 
 def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
@@ -219,6 +227,16 @@ def test_another_robots_study_is_refused(session, tmp_path):
     with pytest.raises(StictionError, match=r"study .*: is of robot small: expected panda"):
         ask("panda", out=tmp_path / "panda", storage=url, study="small-robot")
     assert not (tmp_path / "panda").exists()
+
+
+def test_other_settings_are_another_run(session, tmp_path):
+    arm, options, _ = session
+    other = {**options, "settings": {**SETTINGS, "robot.amplitudes": 3}}
+    with pytest.raises(StictionError, match="a run of stiction tune"):
+        ask(arm, **other)
+    url = f"sqlite:///{options['out'] / 'study.db'}"
+    with pytest.raises(StictionError, match="was made with other friction, bounds, settings"):
+        ask(arm, **{**other, "out": tmp_path / "new"}, storage=url)
 
 
 def test_force_does_not_wipe_what_was_told(session):

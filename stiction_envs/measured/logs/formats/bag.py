@@ -19,10 +19,9 @@ import numpy as np
 
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.logs.corrections import Correction
-from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, too_many
+from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.messages import BY_TYPE, Kind, Sample, side_of
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
-from stiction_envs.measured.settings import FileSettings
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -49,7 +48,7 @@ class RosBag(LogFormat):
             topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
             return _read(where, reader, topic, kind, wanted)
 
-    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+    def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
         with _open(where) as reader:
             topic, kind = _topic(where, reader, None, naming)
@@ -139,7 +138,7 @@ def _topic(where: str, reader: AnyReader, n_joints: int | None, naming: Naming) 
         return next(iter(full.items()))
     raise StictionError(
         f"{where}: several topics with states of joints: {', '.join(full or filled)}: expected "
-        "one; --topic NAME says"
+        "one; name the topic"
     )
 
 
@@ -169,8 +168,7 @@ def _read(where: str, reader: AnyReader, topic: str, kind: Kind, wanted: Wanted)
         stamps.append(sample.stamp)
         times.append(time)
         numbers.append(number)
-        if len(numbers) * (1 + 3 * n) > wanted.settings.most_values:
-            raise too_many(place, len(numbers), wanted.settings)
+        check_size(place, len(numbers), 1 + 3 * n)
     channels = {"q": q, "tau": tau, **({"dq": dq} if dq else {})}
     log = RawLog(
         source=where,

@@ -18,7 +18,13 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.settings import FileSettings
+
+MOST_BYTES = 2**31
+"""Of one file, unpacked."""
+MOST_VALUES = 70_000_000
+"""Numbers of one file that are used; 50 minutes at 1 kHz of t, q, dq and tau of 7 joints."""
+MOST_LINE_BYTES = 2**16
+"""Of one line of text."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +37,6 @@ class Wanted:
     """Whether the log must have time; without, rows are numbered."""
     naming: Naming
     """Names of the joints, where a log has names."""
-    settings: FileSettings
-    """Sizes that are read."""
 
 
 @dataclass(kw_only=True)
@@ -86,7 +90,7 @@ class LogFormat(ABC):
         """
 
     @abstractmethod
-    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+    def count(self, where: str, naming: Naming) -> int:
         """Return for how many joints there are angles; 0 where there are none.
 
         Raises:
@@ -98,24 +102,25 @@ class ColumnFile(LogFormat):
     """A kind of file that holds named columns."""
 
     @abstractmethod
-    def columns(self, where: str, settings: FileSettings) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> dict[str, NDArray[Any]]:
         """Read columns (T,), or matrices (T, n) by the name of their channel."""
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
-        return _from_columns(where, self.columns(where, wanted.settings), wanted)
+        return _from_columns(where, self.columns(where), wanted)
 
-    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+    def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
-        return joints_of(list(_flat(self.columns(where, settings))))
+        return joints_of(list(_flat(self.columns(where))))
 
 
-def too_many(where: str, rows: int, s: FileSettings) -> StictionError:
-    """Error for a log of more numbers than are read."""
-    return StictionError(
-        f"{where}: {rows} rows or more: expected at most {s.most_values} numbers in one log; "
-        "split it or thin it out"
-    )
+def check_size(where: str, rows: int, per_row: int) -> None:
+    """Raise if a log has more numbers than are read."""
+    if rows * per_row > MOST_VALUES:
+        raise StictionError(
+            f"{where}: {rows} rows or more: expected at most {MOST_VALUES} numbers in one log; "
+            "split it or thin it out"
+        )
 
 
 def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -130,7 +135,7 @@ def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -> RawLog:
-    flat, time, s = _flat(arrays), wanted.time, wanted.settings
+    flat, time = _flat(arrays), wanted.time
     names = list(flat)
     columns = sort_columns(where, names, wanted.n_joints, time=time)
     used = [c for c in (*columns.numbers, columns.run) if c is not None and c >= 0]
@@ -146,8 +151,7 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -
             raise StictionError(
                 f"{where}: column {names[c]!r} holds {array.dtype}: expected numbers"
             )
-    if length * len(used) > s.most_values:
-        raise too_many(where, length, s)
+    check_size(where, length, len(used))
     run = np.zeros(length, np.int64)
     if columns.run is not None and length:
         label = flat[names[columns.run]]

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
-import os
 import zlib
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import header_of
 from stiction_envs.measured.logs.columns import Columns, joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import Correction
-from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, too_many
+from stiction_envs.measured.logs.formats.base import (
+    MOST_BYTES,
+    MOST_LINE_BYTES,
+    LogFormat,
+    RawLog,
+    Wanted,
+    check_size,
+)
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
-from stiction_envs.measured.logs.formats.header import OWN, Header
+from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.text import TextRows, decode_header
-from stiction_envs.measured.settings import FileSettings
 
-HEADERS = (LIBFRANKA, FRANKA_ROS)
-"""Of robots' own logs; what is none of these has our columns."""
-FIRST_BYTES = 65_536
-"""Of a file, in which its header must end."""
+HEADERS = [LIBFRANKA, FRANKA_ROS]
+"""Of robots' own logs; what is none of these has our columns. `registry.register` adds more."""
 
 _BLOCK = 2**22
 _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -41,7 +43,7 @@ class CsvFile(LogFormat):
         packed = where.lower().endswith(".gz")
         return _read_csv(where, wanted, packed=packed)
 
-    def count(self, where: str, naming: Naming, settings: FileSettings) -> int:
+    def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
         names = header_of(where)
         if not names:
@@ -50,24 +52,12 @@ class CsvFile(LogFormat):
 
 
 def known_header(names: Sequence[str]) -> Header:
-    """Return whose columns these are."""
-    return next((h for h in HEADERS if h.mark in names), OWN)
-
-
-def header_of(path: str | os.PathLike[str]) -> list[str]:
-    """Return the columns of a CSV, compressed or not; none if it cannot be read."""
-    path = Path(path)
-    try:
-        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
-            text = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
-    except (OSError, EOFError, zlib.error):
-        return []
-    line = next((x for x in text.splitlines() if x.strip()), "")
-    return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
+    """Return kind columns these are."""
+    return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
 
 
 def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
-    time, s, whose = wanted.time, wanted.settings, OWN
+    time, kind = wanted.time, OUR_COLUMNS
     rows: TextRows | None = None
     columns: Columns | None = None
     line = 1
@@ -82,18 +72,17 @@ def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
             if not packed and start == b"\x1f\x8b":
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream: Any = gzip.GzipFile(fileobj=file) if packed else file
-            for block in _blocks(where, stream, s):
+            for block in _blocks(where, stream):
                 if rows is None:
-                    header, block, line = decode_header(where, block, line, s.most_line_bytes)
+                    header, block, line = decode_header(where, block, line, MOST_LINE_BYTES)
                     if header is None:
                         continue
-                    whose = known_header(header)
-                    names = whose.ours(header)
+                    kind = known_header(header)
+                    names = kind.ours(header)
                     columns = sort_columns(where, names, wanted.n_joints, time=time)
                     rows = TextRows(where, header, columns)
                 line = rows.add(block, line)
-                if rows.count * len(columns.numbers if columns else ()) > s.most_values:
-                    raise too_many(where, rows.count, s)
+                check_size(where, rows.count, len(columns.numbers) if columns else 0)
     except _BROKEN as error:
         reason = "ends early" if isinstance(error, EOFError) else "is damaged"
         raise StictionError(
@@ -112,17 +101,17 @@ def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
         start_column += len(group)
     return RawLog(
         source=where,
-        t=values[:, 0] / whose.per_second if time else np.arange(float(len(values))),
+        t=values[:, 0] / kind.per_second if time else np.arange(float(len(values))),
         data=data,
         run=run,
         place=lambda i: f"{where}, line {lines[i]}",
-        ignored=columns.ignored if whose is OWN else (),
-        side=whose.side,
-        notes=[Correction(kind="source", rows=0, text=whose.note)] if whose.note else [],
+        ignored=columns.ignored if kind is OUR_COLUMNS else (),
+        side=kind.side,
+        notes=[Correction(kind="source", rows=0, text=kind.note)] if kind.note else [],
     )
 
 
-def _blocks(where: str, stream: Any, s: FileSettings) -> Iterator[bytes]:
+def _blocks(where: str, stream: Any) -> Iterator[bytes]:
     """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
 
     What is before a damage of the file comes first, so that the error can say where it is.
@@ -137,15 +126,15 @@ def _blocks(where: str, stream: Any, s: FileSettings) -> Iterator[bytes]:
         if not chunk:
             break
         total += len(chunk)
-        if total > s.most_bytes:
+        if total > MOST_BYTES:
             raise StictionError(
-                f"{where}: over {s.most_bytes >> 20} MiB of text: expected a shorter log"
+                f"{where}: over {MOST_BYTES >> 20} MiB of text: expected a shorter log"
             )
         line_start = rest.rfind(b"\n") + 1
         rest += chunk
-        if len(rest) - line_start > s.most_line_bytes and rest.find(b"\n", line_start) < 0:
+        if len(rest) - line_start > MOST_LINE_BYTES and rest.find(b"\n", line_start) < 0:
             raise StictionError(
-                f"{where}: a line of over {s.most_line_bytes} bytes: expected comma-separated text"
+                f"{where}: a line of over {MOST_LINE_BYTES} bytes: expected comma-separated text"
             )
         if len(rest) > _BLOCK:
             end = rest.rfind(b"\n") + 1

@@ -26,5 +26,5 @@ class Header:
         return [self.column(name.strip()) for name in names]
 
 
-OWN = Header(mark="t", column=str, per_second=1.0, side=None, note="")
+OUR_COLUMNS = Header(mark="t", column=str, per_second=1.0, side=None, note="")
 """``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.formats.base import ColumnFile
-from stiction_envs.measured.settings import FileSettings
+from stiction_envs.measured.logs.formats.base import MOST_BYTES, ColumnFile
 
 
 class NumpyArchive(ColumnFile):
@@ -18,39 +17,35 @@ class NumpyArchive(ColumnFile):
 
     ends: ClassVar = (".npz",)
 
-    def columns(self, where: str, settings: FileSettings) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> dict[str, NDArray[Any]]:
         """Read the arrays."""
-        return _read_npz(where, settings)
-
-
-def _read_npz(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
-    arrays: dict[str, NDArray[Any]] = {}
-    member = ""
-    try:
-        with zipfile.ZipFile(where) as archive:
-            if sum(info.file_size for info in archive.infolist()) > s.most_bytes:
-                raise StictionError(
-                    f"{where}: over {s.most_bytes >> 20} MiB unpacked: expected a shorter log"
-                )
-            for info in archive.infolist():
-                member = info.filename
-                if not member.endswith(".npy"):
-                    continue
-                with archive.open(info) as file:
-                    _check_npy(where, file, info)
-                with archive.open(info) as file:
-                    arrays[member.removesuffix(".npy")] = np.lib.format.read_array(
-                        file, allow_pickle=False
+        arrays: dict[str, NDArray[Any]] = {}
+        member = ""
+        try:
+            with zipfile.ZipFile(where) as archive:
+                if sum(info.file_size for info in archive.infolist()) > MOST_BYTES:
+                    raise StictionError(
+                        f"{where}: over {MOST_BYTES >> 20} MiB unpacked: expected a shorter log"
                     )
-    except StictionError:
-        raise
-    except Exception:
-        # Damaged archives raise almost anything, from zlib.error to SyntaxError.
-        inside = f", {member}" if member else ""
-        raise StictionError(
-            f"{where}{inside}: damaged or no NumPy archive: expected what numpy.savez writes"
-        ) from None
-    return arrays
+                for info in archive.infolist():
+                    member = info.filename
+                    if not member.endswith(".npy"):
+                        continue
+                    with archive.open(info) as file:
+                        _check_npy(where, file, info)
+                    with archive.open(info) as file:
+                        arrays[member.removesuffix(".npy")] = np.lib.format.read_array(
+                            file, allow_pickle=False
+                        )
+        except StictionError:
+            raise
+        except Exception:
+            # Damaged archives raise almost anything, from zlib.error to SyntaxError.
+            inside = f", {member}" if member else ""
+            raise StictionError(
+                f"{where}{inside}: damaged or no NumPy archive: expected what numpy.savez writes"
+            ) from None
+        return arrays
 
 
 def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:

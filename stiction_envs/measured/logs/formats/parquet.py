@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.measured.logs.formats.base import ColumnFile, too_many
-from stiction_envs.measured.settings import FileSettings
+from stiction_envs.measured.logs.formats.base import ColumnFile, check_size
 
 
 class Parquet(ColumnFile):
@@ -16,32 +15,27 @@ class Parquet(ColumnFile):
 
     ends: ClassVar = (".parquet",)
 
-    def columns(self, where: str, settings: FileSettings) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> dict[str, NDArray[Any]]:
         """Read the columns."""
-        return _read_parquet(where, settings)
-
-
-def _read_parquet(where: str, s: FileSettings) -> dict[str, NDArray[Any]]:
-    try:
-        from pyarrow import parquet  # here: few logs need it, and it takes a moment
-    except ImportError:
-        raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
-    try:
-        with parquet.ParquetFile(where) as file:
-            names = file.schema_arrow.names
-            if file.metadata.num_rows * len(names) > 2 * s.most_values:
-                raise too_many(where, file.metadata.num_rows, s)
-            table = file.read()
-        # Columns by place: names may be there twice.
-        columns = [(n, table.column(i).to_numpy()) for i, n in enumerate(names)]
-    except StictionError:
-        raise
-    except Exception:
-        # pyarrow has its own exceptions, and not all derive from one class.
-        raise StictionError(
-            f"{where}: damaged or no Parquet file: expected a table of numbers"
-        ) from None
-    sort_twice = [n for i, (n, _) in enumerate(columns) if n in dict(columns[:i])]
-    if sort_twice:
-        raise StictionError(f"{where}: column {sort_twice[0]!r} is there twice: expected one")
-    return dict(columns)
+        try:
+            from pyarrow import parquet  # here: few logs need it, and it takes a moment
+        except ImportError:
+            raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
+        try:
+            with parquet.ParquetFile(where) as file:
+                names = file.schema_arrow.names
+                check_size(where, file.metadata.num_rows, (len(names) + 1) // 2)
+                table = file.read()
+            # Columns by place: names may be there twice.
+            columns = [(n, table.column(i).to_numpy()) for i, n in enumerate(names)]
+        except StictionError:
+            raise
+        except Exception:
+            # pyarrow has its own exceptions, and not all derive from one class.
+            raise StictionError(
+                f"{where}: damaged or no Parquet file: expected a table of numbers"
+            ) from None
+        repeated = [n for i, (n, _) in enumerate(columns) if n in dict(columns[:i])]
+        if repeated:
+            raise StictionError(f"{where}: column {repeated[0]!r} is there twice: expected one")
+        return dict(columns)

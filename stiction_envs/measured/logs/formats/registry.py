@@ -1,24 +1,59 @@
-"""All kinds of log files."""
+"""All kinds of log files: those of the package, and those that others register."""
 
 from __future__ import annotations
 
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 
+from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats.bag import RosBag
 from stiction_envs.measured.logs.formats.base import LogFormat
-from stiction_envs.measured.logs.formats.csv_file import CsvFile
+from stiction_envs.measured.logs.formats.csv_file import HEADERS, CsvFile
+from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.formats.npz import NumpyArchive
 from stiction_envs.measured.logs.formats.parquet import Parquet
 
-FORMATS: tuple[LogFormat, ...] = (CsvFile(), NumpyArchive(), Parquet(), RosBag())
-"""In the order in which a path is asked of them."""
+GROUP = "stiction_envs.log_formats"
+"""Entry points of other packages: each names a `LogFormat` or `Header`, which is registered."""
+_formats: list[LogFormat] = [CsvFile(), NumpyArchive(), Parquet(), RosBag()]
 
-ENDS = tuple(end for f in FORMATS for end in f.ends)
-"""Ends of the names of files that are read."""
+
+def register(new: LogFormat | Header) -> None:
+    """Make a kind of log file, or the columns of a kind of CSV, known wherever a log is named.
+
+    Raises:
+        StictionError: ends of names, or a mark, that another kind has.
+    """
+    if isinstance(new, Header):
+        if new.mark in [h.mark for h in HEADERS]:
+            raise StictionError(f"log column {new.mark!r} marks another kind: expected a new mark")
+        HEADERS.append(new)
+        return
+    taken = sorted({e for f in _formats for e in f.ends} & set(new.ends))
+    if taken or not new.ends or not all(e.startswith(".") for e in new.ends):
+        raise StictionError(
+            f"log format with ends {new.ends}: expected one or more, with the dot, other than "
+            f"{', '.join(e for f in _formats for e in f.ends)}"
+        )
+    _formats.append(new)
+
+
+@cache
+def _load_entry_points() -> None:
+    for point in entry_points(group=GROUP):
+        register(point.load())
+
+
+def log_ends() -> tuple[str, ...]:
+    """Return the ends of the names of files that are read."""
+    _load_entry_points()
+    return tuple(end for f in _formats for end in f.ends)
 
 
 def format_of(path: Path) -> LogFormat | None:
     """Return the kind of a file by its name; of a folder by what is in it."""
+    _load_entry_points()
     if path.is_dir():
-        return next((f for f in FORMATS if f.matches_folder(path)), None)
-    return next((f for f in FORMATS if f.matches_file(path)), None)
+        return next((f for f in _formats if f.matches_folder(path)), None)
+    return next((f for f in _formats if f.matches_file(path)), None)

@@ -1,0 +1,418 @@
+"""Asking a real robot: Tables 4.6, 4.7 and 4.8 as the robot that answers.
+
+    python -m benchmarks.accuracy.ask_tell [--seeds 2000] [--fit]
+
+Every joint of the Panda has nine measured settings (frequency, scale), each in four configurations:
+252 cells. A strategy measures one setting after the other until the one it estimates to be best is
+within 3.1 % of the base torque of the best of the nine, and stays so. ``--fit`` prints the numbers
+of ``[robot]`` in the tuner's settings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from benchmarks.harness import EPISODES, Benchmark, Rows
+from stiction_envs.experiments.sje.calibrate import calibrate
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
+from stiction_envs.reporting.markdown import number, table_text
+from stiction_envs.reporting.png import save_full
+from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
+from tuning.robot.next_setting import best_measured, may_stop, next_settings
+from tuning.robot.posterior import discrepancy_kernel, posterior_of
+from tuning.settings import RobotSettings, tuning_settings
+
+Array = NDArray[np.float64]
+MADE_BY = (*EPISODES, "!stiction_envs/envs", "benchmarks/accuracy/ask_tell.py")
+STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
+PRIORS = {
+    "shipped": "friction fitted to Tables 4.3 and 4.6",
+    "base torques": "friction from Table 4.3 alone",
+}
+NO_PRIOR = "no simulation"
+FITTED = ("offset", "configuration", "shape", "frequency_length", "displacement_length", "setting")
+GUESS = {
+    "offset": (0.03, 1.0),
+    "configuration": (0.05, 1.0),
+    "shape": (0.03, 1.0),
+    "setting": (0.015, 1.0),
+    "frequency_length": (0.7, 0.5),
+    "displacement_length": (0.5, 0.5),
+}
+"""Median and standard deviation of the logarithm of every number before it is fitted."""
+ITERATIONS = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    """One joint of the robot that answers."""
+
+    candidates: Candidates
+    ratio: Array
+    """(S, 4) measured |τ|/|τ_base|, S settings in the thesis's order."""
+    scale: Array
+    """(S,) amplitude over base torque."""
+    refuted: NDArray[np.bool_]
+    """(S, 4) cells whose reading its repetition refutes; that repetition is the answer."""
+
+    @property
+    def regret(self) -> Array:
+        """(S,) how far a setting is above the best one, mean of four configurations [-]."""
+        mean = self.ratio.mean(axis=1)
+        return np.asarray(mean - mean.min())
+
+    def readings(self, settings: Sequence[int]) -> Readings:
+        """Return all cells of some settings."""
+        rows = [(s, c, float(self.ratio[s, c])) for s in settings for c in range(4)]
+        return Readings.of(rows)
+
+
+# ---- the simulation's predictions ----------------------------------------------------------------
+
+
+def experiment_of(prior: str) -> SingleJointExperiment:
+    if prior == "shipped":
+        return SingleJointExperiment("panda")
+    unknown = SingleJointExperiment("panda", friction=load_friction("generic", 7))
+    found = calibrate(thesis_base("panda"), unknown).parameters
+    arm, timestep = unknown.sticking.arm, unknown.sticking.timestep
+    return unknown.replace(sticking=build(arm, found, timestep=timestep))
+
+
+def predictions(prior: str, rows: Rows) -> dict[Job, tuple[float, float]]:
+    """Return torque [N·m] and displacement [rad] of every measured cell and base, simulated."""
+    wanted = [Job(Configuration(j, *c)) for j in range(1, 8) for c in CONFIGURATIONS]
+    wanted += [job_of(r) for r in thesis_dithered("panda") if r.table != "4.10"]
+    keys = {job: f"{prior} {job}" for job in wanted}
+    missing = [job for job, key in keys.items() if key not in rows]
+    if missing:
+        for m in experiment_of(prior).run(missing, iterations=ITERATIONS):
+            rows.add(keys[m.job], {"tau_nm": m.mean, "displacement_rad": m.displacement})
+    found = {job: rows[key] for job, key in keys.items()}
+    return {job: (row["tau_nm"], row["displacement_rad"]) for job, row in found.items()}
+
+
+def job_of(r: DitheredRow) -> Job:
+    return Job(Configuration(r.joint, r.load, r.direction), r.frequency_hz, r.amplitude_nm)
+
+
+def measured(prior: str, rows: Rows) -> list[Measured]:
+    """Return the seven joints with the predictions of a prior."""
+    simulated = predictions(prior, rows)
+    cells = [r for r in thesis_dithered("panda") if r.table != "4.10"]
+    repeated = {
+        (r.joint, r.load, r.direction): r
+        for r in thesis_dithered("panda")
+        if r.amplitude_set == "intermediate"
+    }
+    out = []
+    for joint in range(1, 8):
+        mine = [r for r in cells if r.joint == joint]
+        settings = list(dict.fromkeys((r.frequency_hz, r.scale) for r in mine))
+        shape = (len(settings), 4)
+        ratio, amplitude, predicted, shaken = (np.full(shape, np.nan) for _ in range(4))
+        refuted = np.zeros(shape, dtype=bool)
+        for r in mine:
+            at = (
+                settings.index((r.frequency_hz, r.scale)),
+                CONFIGURATIONS.index((r.load, r.direction)),
+            )
+            answer = repeated[joint, r.load, r.direction] if r.outlier else r
+            ratio[at] = abs(answer.tau_sje_nm / answer.tau_base_nm)
+            amplitude[at], refuted[at] = r.amplitude_nm, r.outlier
+            tau, shaken[at] = simulated[job_of(r)]
+            base, _ = simulated[Job(Configuration(joint, r.load, r.direction))]
+            predicted[at] = abs(tau / base)
+        candidates = Candidates(
+            joint=joint,
+            frequency_hz=np.array([f for f, _ in settings]),
+            amplitude_nm=amplitude,
+            predicted=predicted,
+            displacement=shaken,
+        )
+        scale = np.array([s for _, s in settings])
+        out.append(Measured(candidates=candidates, ratio=ratio, scale=scale, refuted=refuted))
+    return out
+
+
+def without_simulation(joints: Sequence[Measured]) -> list[Measured]:
+    """Return the joints with a constant, the other joints' mean, and scale for displacement."""
+    out = []
+    for k, m in enumerate(joints):
+        mean = np.mean([x.ratio.mean() for i, x in enumerate(joints) if i != k])
+        constant = np.full(m.ratio.shape, mean)
+        m = with_amplitude(m)
+        candidates = dataclasses.replace(m.candidates, predicted=constant)
+        out.append(dataclasses.replace(m, candidates=candidates))
+    return out
+
+
+# ---- the numbers of the posterior ----------------------------------------------------------------
+
+
+def fit(joints: Sequence[Measured], start: RobotSettings) -> RobotSettings:
+    """Return settings of largest marginal likelihood over joints; the noise stays."""
+
+    def changed(x: Array) -> RobotSettings:
+        return dataclasses.replace(start, **dict(zip(FITTED, map(float, np.exp(x)), strict=True)))
+
+    def loss(x: Array) -> float:
+        apart = [(v - np.log(GUESS[k][0])) / GUESS[k][1] for k, v in zip(FITTED, x, strict=True)]
+        total = sum(log_likelihood(m, changed(x)) for m in joints)
+        return float(np.sum(np.square(apart)) / 2 - total)
+
+    x = np.log([GUESS[k][0] for k in FITTED])
+    return changed(minimize(loss, x, method="L-BFGS-B", bounds=[(-9, 2)] * len(x)).x)
+
+
+def log_likelihood(m: Measured, s: RobotSettings) -> float:
+    """Return the logarithm of the density of a joint's cells (Rasmussen & Williams 2.30)."""
+    keep = ~m.refuted.ravel()
+    x = m.candidates.features[keep]
+    d = (m.ratio - m.candidates.predicted).ravel()[keep]
+    factor = cho_factor(discrepancy_kernel(s)(x) + s.noise**2 * np.eye(len(d)), lower=True)
+    logs = np.log(np.diag(factor[0])).sum()
+    return float(-d @ cho_solve(factor, d) / 2 - logs - len(d) / 2 * np.log(2 * np.pi))
+
+
+def with_amplitude(m: Measured) -> Measured:
+    """Return a joint whose posterior looks at amplitude over base torque, not at displacement."""
+    scale = np.repeat(m.scale[:, None], 4, axis=1)
+    candidates = dataclasses.replace(m.candidates, displacement=scale)
+    return dataclasses.replace(m, candidates=candidates)
+
+
+def left_out(joints: Sequence[Measured], start: RobotSettings) -> list[RobotSettings]:
+    """Return for each joint (1..7) the settings fitted to the six others, under all priors."""
+    return [fit([m for m in joints if m.candidates.joint != j], start) for j in range(1, 8)]
+
+
+# ---- strategies ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """What one strategy did with one joint."""
+
+    regret: tuple[float, ...]
+    """Of the choice after 1, 2, … settings [-]."""
+    stopped: int
+    """Settings after which it stopped asking."""
+    inside: tuple[bool, ...] = ()
+    """Whether a measured mean was within the 95 % interval that was believed before."""
+
+    def needed(self, tolerance: float) -> int:
+        """Return the settings after which the choice is good enough and stays so."""
+        bad = [k for k, x in enumerate(self.regret) if x > tolerance]
+        return bad[-1] + 2 if bad else 1
+
+
+def ask(m: Measured, s: RobotSettings) -> Replay:
+    """Ask, measure in four configurations, correct the belief; go on to the last setting."""
+    tried: list[int] = []
+    regret, inside, stopped = [], [], len(m.scale)
+    for _ in m.scale:
+        before = posterior_of(m.candidates, m.readings(tried), s)
+        (setting,) = next_settings(m.candidates, m.readings(tried), 1, s)
+        spread = np.hypot(before.sd[setting], s.noise / 2)
+        inside.append(abs(m.ratio[setting].mean() - before.mean[setting]) < 1.96 * spread)
+        tried.append(setting)
+        posterior = posterior_of(m.candidates, m.readings(tried), s)
+        best = best_measured(posterior, m.readings(tried))
+        assert best is not None
+        regret.append(float(m.regret[best]))
+        if stopped == len(m.scale) and may_stop(posterior, m.readings(tried), s):
+            stopped = len(tried)
+    return Replay(regret=tuple(regret), stopped=stopped, inside=tuple(inside))
+
+
+def in_order(m: Measured, order: Sequence[int]) -> Replay:
+    """Measure in a given order; the lowest is the choice."""
+    lowest = np.minimum.accumulate(m.regret[list(order)])
+    return Replay(regret=tuple(map(float, lowest)), stopped=len(order))
+
+
+# ---- page ----------------------------------------------------------------------------------------
+
+
+def counts(
+    strategies: dict[str, list[Replay]], what: Callable[[Replay], int]
+) -> dict[str, list[int]]:
+    return {name: [what(r) for r in replays] for name, replays in strategies.items()}
+
+
+def draw(strategies: dict[str, list[Replay]], needed: dict[str, list[float]], path: Path) -> None:
+    """Draw regret against settings measured, and settings needed per joint."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    colours = ["#1f5fa8", "#5fa8d3", "#8a8a8a", "#d1701a", "#4a9a4a"]
+    for (name, replays), colour in zip(strategies.items(), colours, strict=True):
+        mean = 100 * np.mean([r.regret for r in replays], axis=0)
+        left.plot(range(1, 10), mean, "o-", ms=4, color=colour, label=name)
+    left.axhline(100 * tuning_settings().robot.tolerance, color="0.3", lw=0.8, ls=":")
+    left.set_xlabel("settings measured of a joint (four cells each)")
+    left.set_ylabel("choice above the best of nine [% of base torque]")
+    left.set_title("mean of seven joints")
+    left.legend(frameon=False, fontsize=8)
+    left.grid(alpha=0.3)
+    width = 0.16
+    for k, ((name, values), colour) in enumerate(zip(needed.items(), colours, strict=True)):
+        x = np.arange(1, 8) + (k - 2) * width
+        right.bar(x, values, width, color=colour, label=name)
+    right.axhline(4.5, color="0.3", lw=0.8, ls=":")
+    right.set_xlabel("joint")
+    right.set_ylabel("settings until within the noise for good")
+    right.set_title("dotted: half of what the thesis measured")
+    right.grid(axis="y", alpha=0.3)
+    save_full(figure, path)
+
+
+def blind_part(m: Measured, x: RobotSettings, s: RobotSettings) -> tuple[int, int]:
+    """Return settings needed among those of Tables 4.7 and 4.8 only: asked, thesis's order."""
+    keep = m.scale != 1.0
+    c = m.candidates
+    part = dataclasses.replace(
+        m,
+        candidates=dataclasses.replace(
+            c,
+            frequency_hz=c.frequency_hz[keep],
+            amplitude_nm=c.amplitude_nm[keep],
+            predicted=c.predicted[keep],
+            displacement=c.displacement[keep],
+            eligible=c.eligible[keep],
+        ),
+        ratio=m.ratio[keep],
+        scale=m.scale[keep],
+        refuted=m.refuted[keep],
+    )
+    order = range(int(keep.sum()))
+    return ask(part, x).needed(s.tolerance), in_order(part, order).needed(s.tolerance)
+
+
+def page(
+    strategies: dict[str, list[Replay]],
+    needed: dict[str, list[float]],
+    joints: dict[str, list[Measured]],
+    blind: list[tuple[int, int]],
+    density: dict[str, list[float]],
+    own: list[RobotSettings],
+    s: RobotSettings,
+) -> dict[str, object]:
+    """Return what the page's template asks for."""
+    names = list(strategies)
+    asked = [n for n in names if n.startswith("asked")]
+    per_joint = [[str(j + 1), *(number(needed[n][j], 0) for n in names)] for j in range(7)]
+    per_joint.append(["**settings, of 63**", *(f"**{sum(needed[n]):.0f}**" for n in names)])
+    per_joint.append(["cells, of 252", *(f"{4 * sum(needed[n]):.0f}" for n in names)])
+    stops = [
+        [
+            n,
+            ", ".join(str(r.stopped) for r in strategies[n]),
+            f"{sum(r.stopped for r in strategies[n])}",
+            ", ".join(number(100 * r.regret[r.stopped - 1]) for r in strategies[n]),
+            f"{sum(sum(r.inside) for r in strategies[n])} of 63",
+        ]
+        for n in asked
+    ]
+    mean_error = {
+        prior: 100 * float(np.mean([np.abs(m.ratio - m.candidates.predicted).mean() for m in g]))
+        for prior, g in joints.items()
+    }
+    spans = [
+        [name, *(f"{getattr(x, name):.3f}" for x in own), f"{getattr(s, name):.3f}"]
+        for name in FITTED
+    ]
+    return {
+        "priors": PRIORS,
+        "per_joint": table_text(["joint", *names], per_joint),
+        "stops": table_text(
+            [
+                "strategy",
+                "settings per joint when it stops",
+                "sum",
+                "choice above the best then [%]",
+                "means within the 95 % interval estimated before",
+            ],
+            stops,
+        ),
+        "spans": table_text(["", *(f"without joint {j}" for j in range(1, 8)), "shipped"], spans),
+        "total": {n: sum(v) for n, v in needed.items()},
+        "upper": {n: sum(v[:4]) for n, v in needed.items()},
+        "most": {n: max(v) for n, v in needed.items()},
+        "over": {n: [j + 1 for j, x in enumerate(v) if x > 4.5] for n, v in needed.items()},
+        "error": mean_error,
+        "blind": [sum(b[k] for b in blind) for k in (0, 1)],
+        "density": density,
+        "tolerance": 100 * s.tolerance,
+        "confidence": 100 * s.confidence,
+    }
+
+
+def main() -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--seeds", type=int, default=2000)
+    parser.add_argument("--fit", action="store_true")
+    options = parser.parse_args()
+    s = tuning_settings().robot
+    rows = STUDY.rows(options)
+    joints = {prior: measured(prior, rows) for prior in PRIORS}
+    pooled = [m for group in joints.values() for m in group]
+    if options.fit:
+        best = fit(pooled, s)
+        for name in FITTED:
+            print(f"{name} = {getattr(best, name):.4f}")
+        return
+    own = left_out(pooled, s)
+    plain = without_simulation(joints["shipped"])
+    plain_own = left_out(plain, s)
+    rng = np.random.default_rng(0)
+    truth = joints["shipped"]
+    orders = [[in_order(m, rng.permutation(9)) for _ in range(options.seeds)] for m in truth]
+    strategies = {
+        f"asked, {prior}": [ask(m, x) for m, x in zip(group, own, strict=True)]
+        for prior, group in joints.items()
+    }
+    strategies |= {
+        "thesis's order": [in_order(m, range(9)) for m in truth],
+        "random order": [
+            Replay(regret=tuple(np.mean([r.regret for r in group], axis=0)), stopped=9)
+            for group in orders
+        ],
+        "asked, " + NO_PRIOR: [ask(m, x) for m, x in zip(plain, plain_own, strict=True)],
+    }
+    needed: dict[str, list[float]] = {
+        name: [float(r.needed(s.tolerance)) for r in replays]
+        for name, replays in strategies.items()
+    }
+    needed["random order"] = [
+        float(np.median([r.needed(s.tolerance) for r in group])) for group in orders
+    ]
+    amplitude = {prior: [with_amplitude(m) for m in group] for prior, group in joints.items()}
+    other = left_out([m for group in amplitude.values() for m in group], s)
+    density = {
+        prior: [
+            sum(log_likelihood(m, x) for m, x in zip(group[prior], fitted, strict=True))
+            for group, fitted in ((joints, own), (amplitude, other))
+        ]
+        for prior in PRIORS
+    }
+    blind = [blind_part(m, x, s) for m, x in zip(truth, own, strict=True)]
+    draw(strategies, needed, options.out / "ask_tell.png")
+    STUDY.write_page(options, **page(strategies, needed, joints, blind, density, own, s))
+
+
+if __name__ == "__main__":
+    main()

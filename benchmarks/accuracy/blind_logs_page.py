@@ -1,0 +1,212 @@
+"""The page of `blind_logs`: shares against targets, every case that was missed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks.harness import Row, met
+from stiction_envs.hidden.hidden_effects import EFFECTS
+from stiction_envs.reporting.markdown import table_text
+
+VISIBLE = 3.0
+"""Times the noise floor from which on an effect counts."""
+HOLDS = 1.3
+"""Error on the second motion over that on held-out blocks of the first, at most."""
+TARGETS = {
+    "strongest": 0.95,
+    "interval": 0.85,
+    "false": 0.02,
+    "pairs": 0.9,
+    "triples": 0.8,
+    "second": 0.95,
+}
+
+
+def visible(row: Row) -> bool:
+    """Return whether everything that is hidden is visible."""
+    return min(row["alone_over_noise"], default=np.inf) > VISIBLE
+
+
+def transfer(row: Row, truth: bool = False) -> float:
+    """Return the error on the second motion over that on held-out blocks, mean over joints.
+
+    With ``truth`` over what the true model leaves on the second motion, where that is more.
+    """
+    best = np.array(row["held_out_nm"])
+    if truth:
+        best = np.maximum(best, row["second"]["truth_nm"])
+    return float(np.mean(row["second"]["extended_nm"] / best))
+
+
+def first(row: Row) -> bool:
+    """Return whether the strongest listed cause is the hidden one."""
+    return bool(row["named"][:1] == row["expected"])
+
+
+def all_named(row: Row) -> bool:
+    """Return whether everything that is hidden is named."""
+    return set(row["expected"]) <= set(row["named"])
+
+
+def _rate(hits: list[bool], target: str) -> str:
+    if not hits:
+        return "no case"
+    most, limit = target == "false", TARGETS[target]
+    rate = sum(hits) / len(hits)
+    words = f"target {'≤' if most else '≥'} {100 * limit:.0f} %: {met(rate, limit, most=most)}"
+    return f"{sum(hits)}/{len(hits)} = {100 * rate:.0f} % ({words})"
+
+
+def page(rows: list[Row], honest: list[bool]) -> dict[str, Any]:
+    """Return what the page's template asks for.
+
+    Args:
+        rows: of the cases.
+        honest: (len(rows),) whether the ambiguity of an ambiguous case is named.
+    """
+    fair_of = {id(r) for r, yes in zip(rows, honest, strict=True) if yes}
+    whole = [r for r in rows if "broken" not in r]
+    clear = [r for r in whole if r["unclear"] < 0]
+    unclear = [r for r in whole if r["unclear"] >= 0]
+    single, pairs, triples = ([r for r in clear if len(r["hidden"]) == k] for k in (1, 2, 3))
+    seen = [r for r in single if visible(r)]
+    # a missed cause is told honestly where the right partner is named, or "cannot tell"
+    fair = [
+        r
+        for r in seen
+        if not first(r)
+        and (
+            r["verdict"] == "cannot tell" or any(r["expected"][0] in c for c in r["confused_with"])
+        )
+    ]
+    alone = [r for r in unclear if id(r) not in fair_of and r["named"] == r["expected"]]
+    none = [r for r in whole if not r["hidden"]]
+    second = [r for r in clear if "second" in r]
+    held = [r for r in second if r["hidden"] and visible(r)]
+    over = [np.mean(np.divide(r["second"]["extended_nm"], r["second"]["nominal_nm"])) for r in held]
+    still = [transfer(r) for r in second if not r["hidden"]]
+    missed = [r for r in held if transfer(r, truth=True) >= HOLDS]
+    right = [r for r in held if all_named(r)]
+
+    def together(many: list[Row], target: str) -> dict[str, str]:
+        return {
+            "seen": _rate([all_named(r) for r in many if visible(r)], target),
+            "all": f"{sum(map(all_named, many))}/{len(many)}",
+        }
+
+    return {
+        "cases": len(whole),
+        "broken": len(rows) - len(whole),
+        "seconds": float(np.median([r["seconds"] for r in whole])),
+        "visible": VISIBLE,
+        "holds": HOLDS,
+        "strongest": _rate([first(r) for r in seen], "strongest"),
+        "fair": len(fair),
+        "inside": _rate([ok for r in seen for ok in r["inside"].values()], "interval"),
+        "false": _rate([bool(r["named"]) for r in none], "false"),
+        "pairs": together(pairs, "pairs"),
+        "triples": together(triples, "triples"),
+        "second": _rate([transfer(r) < HOLDS for r in held], "second"),
+        "second_truth": _rate([transfer(r, truth=True) < HOLDS for r in held], "second"),
+        "right": f"{sum(transfer(r, truth=True) < HOLDS for r in right)}/{len(right)}",
+        "still": [float(np.median(still)), max(still)] if still else [],
+        "over": float(np.median(over)) if over else float("nan"),
+        "missed": [line(r) for r in sorted(missed, key=transfer, reverse=True)],
+        "honest": f"{sum(id(r) in fair_of for r in unclear)}/{len(unclear)}",
+        "alone": len(alone),
+        "by_cause": _by_cause(single),
+        "together": _together([*pairs, *triples]),
+        "unclear": _unclear(unclear, fair_of, alone),
+    }
+
+
+def _by_cause(single: list[Row]) -> str:
+    lines = []
+    for name in EFFECTS:
+        mine = [r for r in single if r["hidden"] == [name]]
+        good = [r for r in mine if visible(r)]
+        ci = [ok for r in good for ok in r["inside"].values()]
+        held = [transfer(r, truth=True) for r in good if "second" in r]
+        other = [(r["named"] or ["nothing"])[0] for r in good if not first(r)]
+        counts = (
+            len(mine),
+            len(good),
+            sum(map(first, good)),
+            sum(all(r["right_joint"]) for r in good),
+        )
+        ends = (f"{np.median(held):.2f}" if held else "", ", ".join(sorted(other)))
+        lines.append([name, *map(str, counts), f"{sum(ci)}/{len(ci)}", *ends])
+    header = ["hidden", "cases", "visible", "strongest", "right joint or link", "in interval"]
+    return table_text([*header, "second motion (median)", "others named first"], lines)
+
+
+def _together(rows: list[Row]) -> str:
+    lines = []
+    for r in rows:
+        mark = "" if all_named(r) else " **missed**" if visible(r) else " (not visible)"
+        size = ", ".join(f"{x:.1f}" for x in r["alone_over_noise"])
+        named = (", ".join(r["named"]) or "nothing") + mark
+        ratio = f"{transfer(r, truth=True):.2f}"
+        lines.append([" + ".join(r["hidden"]), r["motion"], size, named, ratio])
+    return table_text(
+        ["hidden together", "motion", "each over the noise", "named", "second motion"], lines
+    )
+
+
+def _unclear(rows: list[Row], honest: set[int], alone: list[Row]) -> str:
+    lines = []
+    for r in rows:
+        named = "; ".join(
+            f"{n} ({', '.join(c) or '–'})"
+            for n, c in zip(r["named"], r["confused_with"], strict=True)
+        )
+        mark = " the hidden one alone" if r in alone else " **wrong**"
+        mark = "" if id(r) in honest else mark
+        lines.append([r["hidden"][0], r["motion"], r["verdict"], named + mark])
+    return table_text(["ambiguous", "motion", "verdict", "named (may also be)"], lines)
+
+
+def line(row: Row) -> str:
+    """Return a case in a line."""
+    hidden = " + ".join(row["hidden"]) or "nothing"
+    if "broken" in row:
+        return f"{row['seed']} {hidden}: no log"
+    sizes = ", ".join(f"{x:.1f}" for x in row["alone_over_noise"])
+    named = ", ".join(f"{n} {j}" for n, j in zip(row["named"], row["joints"], strict=True))
+    out = f"{row['seed']} {hidden} ({row['motion']}; {sizes} over the noise): {named or 'nothing'}"
+    if "second" in row:
+        ratios = transfer(row), transfer(row, truth=True)
+        out += f"; {row['second']['motion']}: {ratios[0]:.2f}, over the truth {ratios[1]:.2f}"
+    inside = ", ".join(k for k, ok in row["inside"].items() if not ok)
+    return out + f"; not in its interval: {inside}" * bool(inside)
+
+
+def draw(rows: list[Row], path: Path) -> None:
+    """Draw the confusion matrix: hidden against named first, visible cases only."""
+    rows = [r for r in rows if "broken" not in r and r["unclear"] < 0 and len(r["hidden"]) < 2]
+    rows = [r for r in rows if visible(r)]
+    hidden = [*EFFECTS, "nothing"]
+    named = list(dict.fromkeys([*(e.cause for e in EFFECTS.values()), "nothing"]))
+    named += sorted({r["named"][0] for r in rows if r["named"]} - set(named))
+    table = np.zeros((len(hidden), len(named)))
+    for r in rows:
+        at = hidden.index((r["hidden"] or ["nothing"])[0])
+        table[at, named.index((r["named"] or ["nothing"])[0])] += 1
+    share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    figure, axes = plt.subplots(figsize=(9.5, 9), layout="constrained")
+    axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
+    for i, j in zip(*np.nonzero(table), strict=True):
+        colour = "white" if share[i, j] > 0.5 else "black"
+        axes.text(j, i, f"{table[i, j]:.0f}", ha="center", va="center", color=colour)
+    axes.set_xticks(range(len(named)), [n.replace("_", " ") for n in named], rotation=90)
+    axes.set_yticks(range(len(hidden)), [n.replace("_", " ") for n in hidden])
+    axes.set(xlabel="named first", ylabel="hidden", title="Blind logs: cases, shaded by row")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,149 @@
+"""Three real robots: what today's models leave, what the tool leaves, and what it names.
+
+    python -m benchmarks.accuracy.real_logs [--only NAME ...]
+
+Reads ../shared/measured, of which nothing is copied; without it nothing is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy.real_logs_fits import masses, tx40_arm, usual, without_body
+from benchmarks.accuracy.real_logs_page import SWEEP_JOINTS, draw, page
+from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
+from stiction_envs.gap.causes import CAUSES
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.torque_lag import correct_torques
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.robots import load_arm
+
+PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
+SWEEPS = {j: f"iiwa14_joint_friction/joint{j}.csv.gz" for j in SWEEP_JOINTS}
+POSES = "iiwa14_joint_friction/static_poses.csv.gz"
+TX40 = "staubli_tx40/tx40.csv.gz"
+BODILESS = {
+    *("payload", "link_parameters", "base_tilt", "torque_scale", "load_dependent_friction"),
+    *("joint_elasticity", "backlash", "actuator_delay"),
+}
+"""Causes that need the masses of a robot."""
+DRAWN = 3000
+"""Samples kept of each joint for the pictures."""
+MADE_BY = (*LOGS, "benchmarks/accuracy/real_logs*.py", "!benchmarks/accuracy/real_logs_page.py")
+"""Code that decides what is said of a log."""
+STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
+
+
+def panda() -> Row:
+    return row_of(diagnose_logs([MEASURED / PANDA], "panda", torque="link"), range(1, 8))
+
+
+def iiwa_logs() -> tuple[list[JointLog], JointLog]:
+    """The sweeps and the poses, corrected together: some of them alone do not tell the sign."""
+    arm = load_arm("iiwa14")
+    paths = [MEASURED / x for x in SWEEPS.values()]
+    logs = read_logs(paths, arm.n, limits=arm.limits)
+    logs.append(read_poses(MEASURED / POSES, arm.n, limits=arm.limits))
+    corrected, _ = correct_torques(logs, arm, lambda x: prepare(x, most_samples=40_000))
+    return corrected[:-1], corrected[-1]
+
+
+def iiwa_sweep(joint: int) -> Row:
+    """A sweep beside what the poses say of gravity: one joint's motion cannot say it."""
+    logs, poses = iiwa_logs()
+    gravity = model_of(diagnose_logs([poses], "iiwa14", torque="link"))
+    mine = logs[list(SWEEPS).index(joint)]
+    d = diagnose_logs([mine], "iiwa14", nominal=gravity, torque="link")
+    return row_of(d, (2, 4) if joint == 2 else (joint,))
+
+
+def iiwa_poses() -> Row:
+    _, poses = iiwa_logs()
+    d = diagnose_logs([poses], "iiwa14", torque="link")
+    row = row_of(d, range(1, 8))
+    row["rms"] |= {k: v.tolist() for k, v in masses(d).items()}
+    return row
+
+
+def iiwa_together() -> Row:
+    logs, poses = iiwa_logs()
+    return row_of(diagnose_logs([*logs, poses], "iiwa14", torque="link"), range(1, 8))
+
+
+def tx40() -> Row:
+    (log,) = read_logs([MEASURED / TX40], 6)
+    arm = tx40_arm()
+    made, fits = without_body(log, arm)
+    causes = [c for c in CAUSES if c.name not in BODILESS]
+    row = row_of(diagnose_logs([made], arm, causes=causes), range(1, 7))
+    row["rms"] = {"extended": row["rms"]["extended"]} | {k: v.tolist() for k, v in fits.items()}
+    return row
+
+
+CASES: dict[str, Callable[[], Row]] = {
+    "panda": panda,
+    **{f"iiwa14 joint{j}": lambda j=j: iiwa_sweep(j) for j in SWEEPS},
+    "iiwa14 poses": iiwa_poses,
+    "iiwa14 together": iiwa_together,
+    "tx40": tx40,
+}
+
+
+def row_of(d: Diagnosis, shown: Any) -> Row:
+    """Return what a diagnosis says, and samples of the joints that are shown."""
+    data = d.data
+    shown = [j - 1 for j in shown]
+    rms = {k: v.tolist() for k, v in usual(d).items()} | {"extended": d.extended_rms.tolist()}
+    at = np.unique(np.linspace(0, len(data.t) - 1, DRAWN).astype(int))
+    clock = np.cumsum(np.r_[0.0, np.clip(np.diff(data.t), 0.0, 1.0)])
+    samples = {
+        str(j): {
+            "t": clock[at].tolist(),
+            "q": data.q[at, j].tolist(),
+            "dq": data.dq[at, j].tolist(),
+            "before": d.base.residual[at, j].tolist(),
+            "after": (data.residual[:, j] - d.torque(j))[at].tolist(),
+        }
+        for j in shown
+    }
+    return {
+        "robot": d.robot,
+        "verdict": d.verdict,
+        "shown": [j + 1 for j in shown],
+        "rms": rms,
+        "noise": data.noise.tolist(),
+        "cutoff_hz": data.cutoff,
+        "blocks": data.blocks,
+        "rows": len(data.t),
+        "causes": d.to_json()["causes"],
+        "corrections": [[Path(x.source).name, c.text] for x in d.logs for c in x.corrections],
+        "warnings": [[Path(x.source).name, w] for x in d.logs for w in x.warnings],
+        "notes": list(d.notes),
+        "samples": samples,
+    }
+
+
+def main() -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--only", nargs="+", choices=list(CASES), help="cases; no page is written")
+    options = parser.parse_args()
+    if not (MEASURED / PANDA).is_file():
+        print(f"skipped: the measured logs are not in {MEASURED}")
+        return
+    names = {name: name for name in options.only or CASES}
+    rows = STUDY.rows(options).fill(names, lambda name: CASES[name](), minutes=options.minutes)
+    if len(rows) == len(CASES):
+        draw(rows, options.out)
+        STUDY.write_page(options, **page(rows))
+        return
+    for name, row in rows.items():
+        print(name, row["verdict"], [(c["name"], c["joints"]) for c in row["causes"]])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,260 @@
+"""What every benchmark shares: options, rows that are kept, which code made them, the page.
+
+    STUDY = Benchmark(__file__, __doc__, made_by=(*LOGS, "benchmarks/accuracy/blind_logs.py"))
+
+    options = STUDY.parser().parse_args()
+    rows = STUDY.rows(options).fill(jobs, measure, processes=2, minutes=options.minutes)
+    STUDY.write_page(options, text)             # or **values, for the template NAME.md.j2
+
+A benchmark is a script ``benchmarks/GROUP/NAME.py``, run by ``python -m benchmarks.GROUP.NAME``. It
+writes ``NAME.md`` and its pictures beside itself, or into ``--out``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from importlib import metadata
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+from benchmarks.reference_loop import USUAL_S
+from stiction_envs.precomputed.store import MADE_BY
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.templates import render
+
+ROOT = Path(__file__).parents[1]
+MEASURED = ROOT.parent / "shared" / "measured"
+"""Logs of real robots, which are not part of the project."""
+KINDS = (".py", ".toml", ".xml", ".csv", ".json")
+"""Files that decide a result."""
+ALWAYS = ("mujoco", "numpy", "scipy")
+"""Packages whose versions decide a result."""
+PACKAGES = ("numba", "pin")
+"""Packages that also decide episodes and diagnoses."""
+EPISODES = (
+    *(f"stiction_envs/{place}" for place in MADE_BY),
+    *("!stiction_envs/reporting", "!stiction_envs/experiments/*/plots.py"),
+)
+"""Code of the package that decides an episode, without the code that only shows it."""
+LOGS = tuple(
+    f"stiction_envs/{place}"
+    for place in (
+        *("compiled.py", "friction", "gap", "measured", "method_settings.py"),
+        *("precomputed", "robots"),
+    )
+)
+"""Code of the package that decides a diagnosis of joint logs."""
+Row = dict[str, Any]
+Job = TypeVar("Job")
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A script that measures something and writes a page about it."""
+
+    script: str
+    """Its ``__file__``."""
+    doc: str | None
+    """Its ``__doc__``; the first line is the description of its command."""
+    made_by: Sequence[str] = ()
+    """Files, folders and patterns whose code decides its rows: see `code_digest`."""
+    packages: Sequence[str] = PACKAGES
+    """Packages, besides `ALWAYS`, whose versions decide its rows."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the script is."""
+        return Path(self.script).parent
+
+    @property
+    def name(self) -> str:
+        """Name of script and page."""
+        return Path(self.script).stem
+
+    @property
+    def command(self) -> str:
+        """How the script is run."""
+        place = Path(self.script).relative_to(ROOT).with_suffix("")
+        return f"python -m {'.'.join(place.parts)}"
+
+    def parser(self) -> argparse.ArgumentParser:
+        """Return a parser with ``--out``, ``--work`` and ``--minutes``."""
+        out = argparse.ArgumentParser(
+            prog=self.command, description=(self.doc or "").partition("\n")[0]
+        )
+        work = Path("runs/benchmarks") / self.name
+        out.add_argument("--out", type=Path, default=self.folder, help="folder of the page")
+        out.add_argument("--work", type=Path, default=work, help="folder of rows that are kept")
+        out.add_argument("--minutes", type=float, default=math.inf, help="stop after this long")
+        return out
+
+    def rows(self, options: argparse.Namespace, name: str = "") -> Rows:
+        """Return the rows that are kept in ``--work``."""
+        path = options.work / f"{name or self.name}.jsonl"
+        return Rows(path, code_digest(self.made_by, self.packages) if self.made_by else "")
+
+    def write_page(self, options: argparse.Namespace, text: str = "", **values: Any) -> str:
+        """Write a text as the page, or else ``NAME.md.j2`` with its values; print and return it."""
+        text = text or render(self.folder / f"{self.name}.md.j2", command=self.command, **values)
+        options.out.mkdir(parents=True, exist_ok=True)
+        write_text_atomic(options.out / f"{self.name}.md", text.rstrip() + "\n")
+        print(text)
+        return text
+
+
+class Rows:
+    """Rows in a file, one JSON line each: a study that was stopped goes on where it stopped.
+
+    Rows of other code are left out; a last line that was cut off is measured anew.
+    """
+
+    def __init__(self, path: Path, code: str) -> None:
+        """Read the rows that a code made.
+
+        Args:
+            path: of the file, which need not exist.
+            code: digest of the code: see `code_digest`.
+        """
+        self._path, self._code = path, code
+        self._known: dict[str, Row] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for line in path.read_text("utf-8").splitlines() if path.exists() else ():
+            try:
+                one = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            if one["code"] == code:
+                self._known[one["key"]] = one["row"]
+        if path.exists() and not path.read_bytes().endswith(b"\n"):
+            path.write_bytes(path.read_bytes() + b"\n")
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._known
+
+    def __getitem__(self, key: str) -> Row:
+        return self._known[key]
+
+    def add(self, key: str, row: Row) -> None:
+        """Keep a row."""
+        self._known[key] = row
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"key": key, "code": self._code, "row": row}) + "\n")
+
+    def fill(
+        self,
+        jobs: Mapping[str, Job],
+        measure: Callable[[Job], Row],
+        *,
+        processes: int = 1,
+        minutes: float = math.inf,
+    ) -> dict[str, Row]:
+        """Measure what is missing; return the rows of the jobs, in their order.
+
+        Args:
+            jobs: by the keys of their rows.
+            measure: returns the row of a job; with more than one process a function of a module.
+            processes: which measure at the same time.
+            minutes: no row is begun after this time, and the rows that are missing are left out.
+
+        Returns:
+            Rows by key, each with its ``seconds``, unless it has its own.
+        """
+        missing = {key: job for key, job in jobs.items() if key not in self}
+        end = time.monotonic() + 60 * minutes
+        timed = partial(_timed, measure)
+        with tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="row") as bar:
+
+            def keep(found: Iterator[Row]) -> None:
+                for key, row in zip(missing, found, strict=True):
+                    self.add(key, row)
+                    bar.update()
+                    if time.monotonic() > end:
+                        return
+
+            if minutes > 0 and processes > 1 and missing:
+                pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+                try:
+                    keep(pool.map(timed, missing.values()))
+                finally:
+                    pool.shutdown(cancel_futures=True)
+            elif minutes > 0:
+                keep(map(timed, missing.values()))
+        return self.known(jobs)
+
+    def known(self, keys: Mapping[str, Any] | Sequence[str]) -> dict[str, Row]:
+        """Return the rows that there are, by key."""
+        return {key: self._known[key] for key in keys if key in self}
+
+
+def _timed(measure: Callable[[Job], Row], job: Job) -> Row:
+    start = time.perf_counter()
+    row = measure(job)
+    return {"seconds": time.perf_counter() - start, **row}
+
+
+# ---- which code ----------------------------------------------------------------------------------
+
+
+def code_digest(places: Sequence[str], packages: Sequence[str] = ()) -> str:
+    """Return a hash of files and of the versions of packages.
+
+    Args:
+        places: files, folders or patterns, from the top level of the project; a pattern that is
+            written after ``!`` takes files out again.
+        packages: besides `ALWAYS`.
+
+    Raises:
+        ValueError: a place where no file is.
+    """
+    out = hashlib.sha256()
+    for name in (*ALWAYS, *packages):
+        out.update(f"{name} {metadata.version(name)};".encode())
+    for path in files_of(places):
+        out.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return out.hexdigest()
+
+
+def files_of(places: Sequence[str]) -> list[Path]:
+    """Return the files that `code_digest` reads."""
+    found: set[Path] = set()
+    for place in places:
+        inside = [
+            path
+            for top in ROOT.glob(place.removeprefix("!"))
+            for path in ([top] if top.is_file() else top.rglob("*"))
+            if path.is_file() and path.suffix in KINDS
+        ]
+        if not inside:
+            raise ValueError(f"{place}: nothing is there")
+        found = found.difference(inside) if place.startswith("!") else found.union(inside)
+    return sorted(found)
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def machine(loop_s: float | None = None) -> str:
+    """Return versions and processors, and the seconds of the reference loop if it was run."""
+    text = f"Python {platform.python_version()}, MuJoCo {metadata.version('mujoco')}, "
+    text += f"numpy {metadata.version('numpy')}, {os.cpu_count()} processors"
+    if loop_s is not None:
+        text += f"; the reference loop took {loop_s:.1f} s ({USUAL_S} s on the quiet machine)"
+    return text
+
+
+def met(value: float, target: float, *, most: bool = False) -> str:
+    """Return whether a value reaches a target: at least it, or with ``most`` at most it."""
+    return "met" if (value <= target if most else value >= target) else "missed"

@@ -1,0 +1,156 @@
+"""``python -m benchmarks.thesis``: the thesis simulated beside measured, and why the two differ.
+
+Without a target: all its tables and figures in one folder, or some of them (``--only``).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.cli import common
+from stiction_envs.cli.progress import Progress
+from stiction_envs.errors import StictionError
+
+GAP = "gap"
+"""The target that is no table or figure of the thesis."""
+SEEDS = 5
+PHASE_SECONDS = 1000.0
+"""Simulated time of the iiwa's phases, roughly [s]: 64 ramps of about 15 s."""
+HERE = Path(__file__).parent
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "reproduce",
+        summary="Simulate the thesis's tables and figures beside the measured ones; explain the "
+        "difference.",
+        example="python -m benchmarks.thesis --only 4.6 F.1 --out runs/some",
+        interrupted="what was done is kept; run the same command again to go on",
+        run=run,
+        show=show,
+    )
+    parser.prog = "python -m benchmarks.thesis"
+    parser.add_argument(
+        "target",
+        nargs="?",
+        choices=[GAP],
+        help="gap: nested physical models of the dithered torques, joint by joint (default: every "
+        "table and figure in one folder with index.html)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="ID",
+        help="without a target: some tables and figures, such as 4.6, F.1, table-4.6",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=common.whole(1),
+        default=SEEDS,
+        metavar="K",
+        help="gap: seeds of the optimiser, from --seed on (default: %(default)s)",
+    )
+    common.add_experiment_options(parser)
+    common.add_shared_options(
+        parser,
+        out="output folder (default: runs/reproduce-thesis, -ID or -gap); one that holds a part of "
+        "the same run is continued",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Fit the nested models, or draw the thesis's tables and figures; write provenance."""
+    if args.target and args.only:
+        raise StictionError(f"--only {' '.join(args.only)}: expected without a target ({GAP})")
+    found = _gap(args) if args.target else _items(args)
+    return {"command": "reproduce", "seed": args.seed, **found}
+
+
+def inputs_of(*own: Path) -> dict[str, Path]:
+    """Return the files a run depends on: arms, friction, protocols, measured tables, ``own``."""
+    from stiction_envs.friction.parameters import friction_path
+    from stiction_envs.measured import thesis_robots
+    from stiction_envs.measured.thesis_tables import THESIS_TABLES
+    from stiction_envs.reporting.provenance import package_folder
+    from stiction_envs.robots.registry import robot_files
+
+    package = package_folder()
+    found: dict[str, Path] = {path.stem: path for path in own}
+    for robot in thesis_robots():
+        files = robot_files(robot)
+        found[robot], found[f"{robot}_table"] = files["robot"], files["robot_table"]
+        found[f"{robot}_friction"] = friction_path(robot)
+    found["protocol"] = package / "experiments" / "sje" / "sje.toml"
+    found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
+    found["controller"] = package / "control" / "gte.toml"
+    for number in THESIS_TABLES:
+        name = f"table_{number.replace('.', '_')}"
+        found[name] = package / "measured" / "thesis" / f"{name}.csv"
+    return found
+
+
+def _items(args: argparse.Namespace) -> dict[str, Any]:
+    from benchmarks.thesis.catalogue import chosen, reproduce
+    from benchmarks.thesis.studies import Options
+
+    items = chosen(args.only)
+    name = "-".join(args.only).replace(".", "_") or "thesis"
+    args.only = [item.key for item in items]  # the same run, however asked for
+    inputs = inputs_of(HERE / "ensemble" / "ensemble.toml")
+    folder = common.output_folder(args, name, inputs, resumable=True)
+    options = Options(
+        seed=args.seed,
+        iterations=args.iterations,
+        scatter=not args.no_scatter,
+        threads=args.threads,
+        folder=folder.path / "studies",
+    )
+    with common.working(), Progress() as progress, folder:
+        found = reproduce(items, folder.path, options, progress.whole)
+    return {"out": str(folder.path), "items": found}
+
+
+def _gap(args: argparse.Namespace) -> dict[str, Any]:
+    """Fit the nested models, or go on with them; write their page."""
+    from benchmarks.thesis.nested_models import fit, models, page, phase
+
+    fit.optimiser()  # before anything is written
+    inputs = inputs_of(HERE / "nested_models" / "dither_fit.toml")
+    folder = common.output_folder(args, GAP, inputs, resumable=True)
+    seeds = range(args.seed, args.seed + args.seeds)
+    with common.working(), Progress() as progress, folder:
+        nested = models.NestedModels(folder.path, seeds=seeds, processes=args.threads)
+        for _ in nested.fit(lambda stage, k, n: progress.set(stage, k, n, "steps")):
+            pass
+        study = phase.study_phase(
+            threads=args.threads,
+            progress=lambda seconds: progress.add("iiwa's phase", seconds, PHASE_SECONDS),
+        )
+        found = page.write_page(folder.path, nested.models, study=study)
+    return {"out": str(folder.path), GAP: found}
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the results as readable tables."""
+    if "items" in result:
+        lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]
+        return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
+    found = result[GAP]
+    lines = [
+        f"{'held-out error [% of base torque]':<38}{'mean':>6}{'median':>8}{'worst joint':>13}"
+    ]
+    for r in found["models"]:
+        joint, worst = max(r["by_joint"].items(), key=lambda item: item[1])
+        numbers = f"{r['mean']:>6.1f}{r['median']:>8.1f}{f'{worst:.1f} (J{joint})':>13}"
+        lines.append(f"{r['name']:<38}{numbers}")
+    floor = found["repeats"]
+    lines.append(f"{'the thesis repeated':<38}{floor['mean']:>6.1f}{floor['median']:>8.1f}")
+    for name, t in found["targets"].items():
+        mark = "met" if t["met"] else "not met"
+        lines.append(f"target {name}: {t['reached']:.1f} % of at most {t['target']:g} %: {mark}")
+    return "\n".join([*lines, "", f"written to {result['out']}"])

@@ -1,0 +1,418 @@
+"""Figure 2.3 (friction over speed), and the identification that failed.
+
+Tables 4.1, 4.2, 4.4 and A.1, Figures 4.1 and A.1 are of simulated logs whose friction is known. The
+column *simulated* is of the log with which all is wrong that `lsm.WRONG` names, *nothing wrong* of
+the same arm with clean signals and the right model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.thesis.items import (
+    Found,
+    Item,
+    Needs,
+    Numbers,
+    Written,
+    plain_axes,
+    write_figure,
+    write_table,
+)
+from benchmarks.thesis.lsm import (
+    ALL_WRONG,
+    LINES,
+    LINKS,
+    WRONG,
+    FrictionCurve,
+    LineFit,
+    bands_of,
+    friction,
+)
+from stiction_envs.experiments.sje.protocol import Configuration, Job, configurations
+from stiction_envs.measured import thesis_robots, thesis_table
+from stiction_envs.reporting.markdown import number, short, signed, span, table_text
+from stiction_envs.robots import arm_title, load_arm
+from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters
+
+(PANDA,), (IIWA,) = LINES, LINKS
+NOTHING = "nothing"
+QUANTITIES = {
+    "intercept": "intercept [N·m]",
+    "slope": "slope [N·m·s/rad]",
+    "r2": "R²",
+}
+THREE = ("measured", "simulated", "nothing wrong")
+SHOWN_POINTS = 2000
+"""Points of a panel."""
+TRUTH, LINE = "0.1", "#c2590c"
+LAW, PARTS, POINTS = "#1f5fa8", "0.35", "#c2410c"
+
+
+def line_needs() -> Needs:
+    """Return what tables and figures of lines need: one thing wrong at a time."""
+    return {"lsm": [(PANDA, wrong) for wrong in WRONG]}
+
+
+def comparison_needs() -> Needs:
+    """Return what Table 4.4 needs: lines, and base torques."""
+    return {**line_needs(), "sje": [(PANDA, Job(c)) for c in configurations(7)]}
+
+
+def link_needs() -> Needs:
+    """Return what Table 4.1 needs."""
+    return {"lsm": [(IIWA, NOTHING), (IIWA, ALL_WRONG)]}
+
+
+def curve_needs() -> Needs:
+    """Return what Figure 2.3 needs."""
+    return {"curve": [PANDA]}
+
+
+# ---- lines ---------------------------------------------------------------------------------------
+
+
+def _wrong_signs(intercepts: Mapping[tuple[int, str], float]) -> int:
+    return sum((b > 0) != (direction == "+") for (_, direction), b in intercepts.items())
+
+
+def compare_lines(found: Found) -> Numbers:
+    """Return how the lines of the log with all defects compare with the thesis's."""
+    printed = {(r["joint"], r["direction"]): r for r in thesis_table("A.1")}
+    b = {k: r["intercept_Nm"] for k, r in printed.items()}
+    wrong = {k: found["lsm"][PANDA, ALL_WRONG].of(*k).intercept for k in printed}
+    same = sum(np.sign(b[k]) == np.sign(wrong[k]) for k in printed)
+    most = [short(max(map(abs, x.values())), 2) for x in (wrong, b)]
+    brief = (
+        f"{_wrong_signs(wrong)} of {len(b)} signs wrong (print {_wrong_signs(b)}), largest "
+        f"{most[0]} N·m (print {most[1]})"
+    )
+    r2 = float(np.median([r["r2"] for r in printed.values()]))
+    return brief, (
+        f"With all defects {brief}; {same} signs are as printed, and the median R² in print is "
+        f"{r2:.1g}. Which defect does what is below Table A.1."
+    )
+
+
+def compare_joints(found: Found, joints: tuple[int, ...]) -> Numbers:
+    """Return how far the intercepts of some joints (from 1) are from those in print [N·m]."""
+    printed = {(r["joint"], r["direction"]): r["intercept_Nm"] for r in thesis_table("A.1")}
+
+    def off(joint: int, wrong: str) -> str:
+        fit = found["lsm"][PANDA, wrong]
+        gaps = [abs(fit.of(joint, d).intercept - printed[joint, d]) for d in "+-"]
+        return number(float(np.mean(gaps)), 2)
+
+    brief = ", ".join(f"{off(j, NOTHING)} N·m (joint {j})" for j in joints)
+    with_all = ", ".join(f"{off(j, ALL_WRONG)} N·m (joint {j})" for j in joints)
+    sentence = (
+        f"The printed intercepts are {brief} from those of a log with nothing wrong and {with_all} "
+        "from those of one with all defects."
+    )
+    return f"print is {brief} from a clean log", sentence
+
+
+def _small(value: float) -> str:
+    return "0" if abs(value) < 5e-7 else short(value)
+
+
+def _line_name(printed: Mapping[str, Any]) -> str:
+    return f"joint {printed['joint']} ({printed['direction'].replace('-', '−')})"
+
+
+def write_two_joints(item: Item, found: Found, folder: Path) -> Written:
+    """Write Table 4.2: one printed number of a line per row."""
+    wrong, clean = (found["lsm"][PANDA, w] for w in (ALL_WRONG, NOTHING))
+    lines, shown, printed = [], [], thesis_table("4.2")
+    for r in printed:
+        name, value = r["quantity"].lower(), r["value"]
+        now, best = (float(getattr(f.of(r["joint"], r["direction"]), name)) for f in (wrong, clean))
+        lines.append([*r.values(), now, now - value, best])
+        values = map(_small, (value, now, now - value, best))
+        shown.append([_line_name(r), QUANTITIES[name], *values])
+    return write_table(
+        item,
+        folder,
+        columns=[*printed[0], "simulated", "difference", "simulated_nothing_wrong"],
+        rows=lines,
+        header=["line", "", "measured", "simulated", "difference", "nothing wrong"],
+        shown=shown,
+        numbers=compare_joints(found, tuple(sorted({r["joint"] for r in printed}))),
+    )
+
+
+def write_all_joints(item: Item, found: Found, folder: Path) -> Written:
+    """Write Table A.1, a line per row, and what one defect at a time does to lines."""
+    wrong, clean = (found["lsm"][PANDA, w] for w in (ALL_WRONG, NOTHING))
+    columns = ("intercept_Nm", "slope_Nms_per_rad", "r2")
+    lines, shown = [], []
+    for r in thesis_table("A.1"):
+        now, best = (
+            [getattr(f.of(r["joint"], r["direction"]), x) for x in QUANTITIES]
+            for f in (wrong, clean)
+        )
+        old = [r[c] for c in columns]
+        gap = [a - b for a, b in zip(now, old, strict=True)]
+        lines.append([*r.values(), *now, *gap, *best])
+        three = list(zip(old, now, best, strict=True))
+        shown.append(
+            [_line_name(r)]
+            + [signed(x, 3) for x in (old[0], now[0], gap[0], best[0], *three[1])]
+            + [_small(x) for x in three[2]]
+        )
+    written = write_table(
+        item,
+        folder,
+        columns=[
+            *thesis_table("A.1")[0],
+            *(f"{kind}_{c}" for kind in ("simulated", "difference") for c in columns),
+            *(f"simulated_nothing_wrong_{c}" for c in columns),
+        ],
+        rows=lines,
+        header=[
+            "line",
+            *("intercept [N·m]: measured", "simulated", "difference", "nothing wrong"),
+            *(f"slope [N·m·s/rad]: {THREE[0]}", *THREE[1:]),
+            *(f"R²: {THREE[0]}", *THREE[1:]),
+        ],
+        shown=shown,
+        numbers=compare_lines(found),
+    )
+    return Written(numbers=written.numbers, body=f"{written.body}\n\n{_defects(found)}")
+
+
+def _defects(found: Found) -> str:
+    """Return a table of what one defect at a time does to the lines."""
+    bands, rows = bands_of(PANDA), []
+    for wrong in WRONG:
+        fit: LineFit = found["lsm"][PANDA, wrong]
+        plus, minus = np.array([[fit.of(j, d).intercept for j in range(1, 8)] for d in "+-"])
+        off = 100 * np.abs((plus - minus) / 2 / bands - 1)
+        signs = _wrong_signs({(x.joint, x.direction): x.intercept for x in fit.lines})
+        middle = float(np.abs(plus + minus).max() / 2)
+        r2 = [x.r2 for x in fit.lines]
+        values = [f"{np.median(off):.0f} % ({off.max():.0f} %)", f"{middle:.2f}", str(signs)]
+        rows.append([wrong, *values, f"{np.median(r2):.2g} ({min(r2):.1g})"])
+    header = ["wrong with the log", "band off by, median (worst)", "bands' middle, worst [N·m]"]
+    return table_text([*header, "wrong signs", "R², median (least)"], rows)
+
+
+def write_comparison(item: Item, found: Found, folder: Path) -> Written:
+    """Write Table 4.4: intercepts of lines beside base torques."""
+    lines, shown, gaps = [], [], []
+    for r in thesis_table("4.4"):
+        wrong, clean = (
+            found["lsm"][PANDA, w].of(r["joint"], r["direction"]).intercept
+            for w in (ALL_WRONG, NOTHING)
+        )
+        base = found["sje"][PANDA, Job(Configuration(r["joint"], r["load"], r["direction"]))].mean
+        printed, torque = r["lsm_intercept_Nm"], r["tau_base_Nm"]
+        lines.append([*r.values(), wrong, wrong - printed, clean, base])
+        gaps.append((abs(printed - torque), abs(wrong - base), abs(clean - base)))
+        pose = r["load"].replace("_", " ")
+        values = (printed, wrong, wrong - printed, clean, torque, base, base - torque)
+        shown.append([f"{_line_name(r)} {pose}", *(signed(x, 3) for x in values)])
+    old, now, best = (number(float(x), 2) for x in np.nanmedian(gaps, axis=0))
+    brief = f"{now} N·m apart (print {old}, nothing wrong {best})"
+    return write_table(
+        item,
+        folder,
+        columns=[
+            *thesis_table("4.4")[0],
+            *(f"{x}_intercept_Nm" for x in ("simulated", "difference", "simulated_nothing_wrong")),
+            "simulated_tau_base_Nm",
+        ],
+        rows=lines,
+        header=[
+            "joint, pose",
+            *("intercept [N·m]: measured", "simulated", "difference", "nothing wrong"),
+            *("base torque [N·m]: measured", "simulated", "difference"),
+        ],
+        shown=shown,
+        numbers=(brief, f"In the median, intercepts and base torques are {brief}."),
+    )
+
+
+# ---- links ---------------------------------------------------------------------------------------
+
+
+def _link_values(fit: LineFit) -> dict[tuple[int, str], float]:
+    """Return what Table 4.1 has of every link, by its name there."""
+    assert fit.links is not None
+    theirs = {f"i_{x}": f"I{x}" for x in ("xx", "yy", "zz", "xy", "yz")} | {"i_zx": "Ixz"}
+    out: dict[tuple[int, str], float] = {}
+    for j, phi in enumerate(fit.links.phi, 1):
+        of = dict(zip(PARAMETERS, map(float, phi), strict=True))
+        out[j, "mass"] = of["m"]
+        out |= {(j, f"com_{axis}"): of[f"m{axis}"] / of["m"] for axis in "xyz"}
+        out |= {(j, printed): of[ours] for printed, ours in theirs.items()}
+        out[j, "coulomb"] = float(fit.links.coulomb[j - 1])
+        out[j, "viscous"] = float(fit.links.viscous[j - 1])
+    return out
+
+
+def write_links(item: Item, found: Found, folder: Path) -> Written:
+    """Write Table 4.1: links by RosDyn's least squares."""
+    fits = {w: found["lsm"][IIWA, w] for w in (NOTHING, ALL_WRONG)}
+    wrong, clean = (_link_values(fits[w]) for w in (ALL_WRONG, NOTHING))
+    rows = thesis_table("4.1")
+    true = inertial_parameters(load_arm(IIWA).pinocchio())[:, 0]
+    printed = {(r["joint"], r["quantity"]): r["value"] for r in rows}
+    joints = dict.fromkeys(j for j, _ in printed)
+    shown = [
+        [
+            f"link {j}",
+            short(printed[j, "mass"]),
+            short(wrong[j, "mass"]),
+            signed(wrong[j, "mass"] - printed[j, "mass"], 1),
+            short(clean[j, "mass"]),
+            short(float(true[j - 1])),
+            *(short(x[j, n]) for n in ("coulomb", "viscous") for x in (printed, wrong, clean)),
+        ]
+        for j in joints
+    ]
+    links, best = fits[ALL_WRONG].links, fits[NOTHING].links
+    now, old = (number(sum(x[j, "mass"] for j in joints), 0) for x in (wrong, printed))
+    brief = f"{len(links.impossible)} of {len(joints)} links cannot exist; {now} kg (print {old})"
+    negative = sum(printed[j, "mass"] < 0 for j in joints)
+    below = int((links.coulomb < 0).sum() + (links.viscous < 0).sum())
+    theirs = sum(printed[j, n] < 0 for j in joints for n in ("coulomb", "viscous"))
+    return write_table(
+        item,
+        folder,
+        columns=[*rows[0], "simulated", "difference", "simulated_nothing_wrong"],
+        rows=[
+            [*r.values(), wrong[k], wrong[k] - r["value"], clean[k]]
+            for r in rows
+            if (k := (r["joint"], r["quantity"]))
+        ],
+        header=[
+            "",
+            *("mass [kg]: measured", "simulated", "difference", "nothing wrong", "true"),
+            *(f"Coulomb [N·m]: {THREE[0]}", *THREE[1:]),
+            *(f"viscous [N·m·s/rad]: {THREE[0]}", *THREE[1:]),
+        ],
+        shown=shown,
+        numbers=(
+            brief,
+            f"With all defects {brief} for an arm of {short(thesis_robots()[IIWA].weight_kg)} kg; "
+            f"{len(links.negative_masses)} masses and {below} friction coefficients are negative "
+            f"(print {negative} and {theirs}). With nothing wrong {len(best.impossible)} links "
+            "cannot exist.",
+        ),
+    )
+
+
+# ---- figures -------------------------------------------------------------------------------------
+
+
+def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
+    """Draw friction torque over speed of one joint (from 1), and its two lines."""
+    speed, torque = fit.speed[:, joint - 1], fit.torque[:, joint - 1]
+    step = max(1, len(speed) // SHOWN_POINTS)
+    axes.plot(speed[::step], torque[::step], ".", ms=2.2, color="0.6", mew=0)
+    for direction, sign in (("+", 1), ("-", -1)):
+        mine = fit.of(joint, direction)
+        x = np.array([0.0, sign * np.percentile(np.abs(speed), 99.5)])
+        text = f"({direction.replace('-', '−')}) {signed(mine.intercept, 2)} N·m, R² {mine.r2:.2g}"
+        axes.plot(x, mine.slope * x + mine.intercept, color=LINE, lw=2, label=text)
+    x = np.linspace(np.percentile(speed, 0.2), np.percentile(speed, 99.8), 600)
+    truth = friction(x[:, None], bands_of(fit.robot)[joint - 1 : joint])[:, 0]
+    axes.plot(x, truth, color=TRUTH, lw=1.2, ls=(0, (4, 2)), label="true friction")
+    limit = 1.55 * max(float(np.percentile(np.abs(torque), 99)), float(np.abs(truth).max()))
+    axes.set_ylim(-limit, limit)
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.set_xlabel("joint speed [rad/s]", fontsize=9)
+    axes.set_ylabel("friction torque [N·m]", fontsize=9)
+    plain_axes(axes)
+    axes.legend(fontsize=8, frameon=False, loc="upper left")
+
+
+def write_two_panels(item: Item, found: Found, folder: Path) -> Written:
+    """Draw Figure 4.1: joints 7 and 1, with nothing wrong below."""
+    figure = Figure(figsize=(11, 7.6), layout="constrained")
+    words = {ALL_WRONG: "with all defects", NOTHING: "nothing wrong"}
+    for row, wrong in zip(figure.subplots(2, 2), words, strict=True):
+        for axes, joint, letter in zip(row, (7, 1), "ab", strict=True):
+            title = f"({letter}) joint {joint}, {words[wrong]}"
+            _panel(axes, found["lsm"][PANDA, wrong], joint, title)
+    return write_figure(item, folder, figure, compare_joints(found, (1, 7)))
+
+
+def write_seven_panels(item: Item, found: Found, folder: Path) -> Written:
+    """Draw Figure A.1: all joints."""
+    figure = Figure(figsize=(11, 14.5), layout="constrained")
+    *grid, empty = figure.subplots(4, 2).ravel()
+    for joint, axes in enumerate(grid, 1):
+        title = f"({'abcdefg'[joint - 1]}) joint {joint}"
+        _panel(axes, found["lsm"][PANDA, ALL_WRONG], joint, title)
+    empty.set_visible(False)
+    return write_figure(item, folder, figure, compare_lines(found))
+
+
+def write_curve(item: Item, found: Found, folder: Path) -> Written:
+    """Draw Figure 2.3: the low-speed zone at the left, a hundred times as much at the right."""
+    curve: FrictionCurve = found["curve"][PANDA]
+    figure = Figure(figsize=(11, 5.2), layout="constrained")
+    zone, fastest = 3 * float(curve.stribeck.max()), float(np.abs(curve.speed).max())
+    for axes, ends in zip(figure.subplots(1, 2, sharey=True), (1.6 * zone, fastest), strict=True):
+        _draw_curve(axes, curve, ends, zone)
+    figure.axes[0].set_ylabel("friction torque [N·m]")
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+    figure.suptitle(f"{arm_title(curve.robot)}, joint 1", fontsize=11)
+    return write_figure(item, folder, figure, compare_curve(curve))
+
+
+def _draw_curve(axes: Axes, curve: FrictionCurve, ends: float, zone: float) -> None:
+    axes.axvspan(-zone, zone, color="0.9", zorder=0, label="low speeds: Stribeck effect")
+    for k, sign in enumerate((1.0, -1.0)):
+        v = sign * np.linspace(0, ends, 400)[1:]
+        axes.plot(v, curve.law(v), color=LAW, lw=2, label=None if k else "law of the model")
+        level = np.full_like(v, sign * curve.coulomb[k])
+        for y, dashes, name in (
+            (level, (5, 3), "Coulomb friction"),
+            (curve.viscous[k] * v, (1, 2), "viscous friction"),
+        ):
+            axes.plot(v, y, color=PARTS, lw=1, ls=(0, dashes), label=None if k else name)
+        stiction = sign * curve.stiction[k]
+        axes.plot([0, 0], [0, stiction], color=LAW, lw=2)
+        axes.plot(0, stiction, "o", color=LAW, ms=5)
+        axes.annotate(
+            r"$\tau_S^+$" if sign > 0 else r"$\tau_S^-$",
+            (0, stiction),
+            xytext=(-sign * 8, sign * 4),
+            textcoords="offset points",
+            ha="left" if sign < 0 else "right",
+            va="center",
+            fontsize=11,
+            color=LAW,
+        )
+    shown = np.abs(curve.speed) <= ends
+    style: dict[str, Any] = {"ms": 4.5, "mfc": "white", "color": POINTS, "zorder": 5}
+    x, y = curve.speed[shown], curve.torque[shown]
+    axes.plot(x, y, "o", label="simulated at constant speed", **style)
+    axes.axhline(0, color="0.6", lw=0.8)
+    axes.set_xlim(-ends, ends)
+    axes.set_xlabel("joint speed [rad/s]")
+    plain_axes(axes)
+
+
+def compare_curve(curve: FrictionCurve) -> Numbers:
+    """Return the parts that the model has, and how far the simulation is from its law."""
+    off = 100 * np.abs(curve.torque / curve.law(curve.speed) - 1)
+    fastest = float(np.abs(curve.speed).max())
+    end = float(np.abs(curve.law([fastest, -fastest])).mean())
+    drop = 100 * (1 - curve.coulomb / curve.stiction)
+    brief = f"{number(float(off.max()))} % off its law"
+    return brief, (
+        f"Stiction {span(curve.stiction, 2, 'N·m')}, {span(drop, 2, '%')} less once it slides, "
+        f"Stribeck velocity {span(1e3 * curve.stribeck, 2, 'mrad/s')}, {number(end, 2)} N·m at "
+        f"{short(fastest, 2)} rad/s; the simulated points are up to {brief}."
+    )

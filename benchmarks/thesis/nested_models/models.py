@@ -1,0 +1,357 @@
+"""Nested models: the thesis's dithered torques against one physical statement after the other.
+
+Every model is fitted to Tables 4.3 and 4.6 only and scored on 4.7, 4.8 and 4.10. Models are written
+down as they are done, so that an interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.thesis.nested_models.cells import Cell, cells
+from benchmarks.thesis.nested_models.fit import (
+    ROBOT,
+    Fit,
+    Found,
+    search,
+    settings,
+    start_friction,
+    whole_arm,
+    with_parameters,
+)
+from benchmarks.thesis.nested_models.joint_tables import Bench, Effects, JointTables, with_drift
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import thesis_base
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.robots import load_arm
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float, float], None]
+ORDER = (2, 4, 3, 1, 5, 7, 6)
+"""Joints with the longest ramps first."""
+SEEDS = (0, 1, 2, 3, 4)
+"""Of the optimiser: a parameter that some do not find again is not identified."""
+ONE_SEED = (0,)
+"""For models on the way: a search from the model before."""
+GENERATIONS = 30
+ROUNDS = 3
+"""Rounds of correcting the lone joint by the whole arm."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NestedModel:
+    """One statement and what it predicts."""
+
+    key: str
+    name: str
+    statement: str
+    change: list[float]
+    """Predicted change |τ_SJE|/|τ_base| − 1 of every cell [-]."""
+    found: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    """By joint, where each seed's search ended, best first."""
+    fixed: dict[str, float] = field(default_factory=dict)
+    """Numbers of the whole robot."""
+    loss: float | None = None
+    """Of the fitted cells, summed over the joints."""
+
+
+PHYSICAL = (
+    ("inertia", "+ rotor inertia", "a band of one level, and the rotor's inertia takes torque"),
+    ("presliding", "+ presliding", "bristles and Stribeck: LuGre instead of a band"),
+    ("path", "+ torque path", "100 Hz low-pass and 1000 N·m/s on the command"),
+    ("elasticity", "+ joint elasticity", "joints 1-4: a spring between rotor and link"),
+    ("load", "+ load", "friction of its own in each pose"),
+    ("offset", "+ offset", "half-sum of the base torques is bias, which dither leaves alone"),
+    ("drift", "+ base drift", "one factor per configuration between measuring days"),
+)
+
+
+def effects_up_to(key: str) -> Effects:
+    """Return the effects of a physical model and all before it."""
+    names = [name for name, *_ in PHYSICAL]
+    on = names[: names.index(key) + 1]
+    return Effects(**{name: name in on for name in names if name != "inertia"})
+
+
+# ---- models without physics ---------------------------------------------------------------------
+
+
+def nothing(chosen: Sequence[Cell]) -> Array:
+    """Dither changes nothing."""
+    return np.zeros(len(chosen))
+
+
+def lookup(chosen: Sequence[Cell]) -> Array:
+    """The same configuration and frequency in Table 4.6, whatever the amplitude."""
+    table = {(c.configuration, c.row.frequency_hz): c.change for c in chosen if not c.held_out}
+    return np.array([table[c.configuration, c.row.frequency_hz] for c in chosen])
+
+
+def band(chosen: Sequence[Cell]) -> Array:
+    """Stiction as a band: the dither's peak adds to the ramp, so that A less torque is needed."""
+    return np.array([max(-1.0, -c.row.amplitude_nm / abs(c.row.tau_base_nm)) for c in chosen])
+
+
+WITHOUT_PHYSICS = (
+    ("nothing", "dither does nothing", nothing),
+    ("lookup", "Table 4.6 looked up", lookup),
+    ("band", "stiction as a band", band),
+)
+
+
+# ---- models with physics ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One joint's search, in a process of its own."""
+
+    joint: int
+    bench: Bench
+    effects: Effects
+    seeds: tuple[int, ...]
+    around: dict[str, float] | None
+    fixed: dict[str, float]
+    correction: Array | None
+    """(fitted cells,) whole arm minus lone joint [-]."""
+
+
+def _work(task: _Task) -> tuple[list[Found], Array]:
+    every = [c for c in cells() if c.row.joint == task.joint]
+    fitted = [c for c in every if not c.held_out]
+    tables = JointTables(task.joint, fitted, task.bench, task.effects)
+    fit = Fit(tables, fixed=task.fixed, correction=task.correction)
+    around = task.around
+    if around is not None:
+        around = {n: around.get(n, tables.nominal(n)) for n in tables.names}
+    found = search(fit, task.seeds, generations=GENERATIONS, around=around)
+    full = JointTables(task.joint, every, task.bench, task.effects)
+    return found, full.predict([{**task.fixed, **found[0].parameters}])[0]
+
+
+class NestedModels:
+    """Fits the models, writing each into `ladder.json` of a folder."""
+
+    def __init__(self, folder: Path, *, seeds: Sequence[int] = SEEDS, processes: int = 0) -> None:
+        """Go on with the folder's models if they are of the same data and settings."""
+        self.path = folder / "ladder.json"
+        self.seeds = tuple(seeds)
+        self.cells = cells()
+        self.processes = processes or os.cpu_count() or 1
+        self.models: dict[str, NestedModel] = {}
+        self.arm: FrictionParameters | None = None
+        self._bench: Bench | None = None
+        self._print = self._fingerprint()
+        if self.path.exists():
+            saved = json.loads(self.path.read_text(encoding="utf-8"))
+            if saved["fingerprint"] == self._print:
+                self.models = {r["key"]: NestedModel(**r) for r in saved["rungs"]}
+
+    def _fingerprint(self) -> str:
+        numbers = {
+            table: {k: v for k, v in entry.items() if not k.endswith("source")}
+            for table, entry in settings().items()
+        }
+        text = json.dumps([numbers, self.seeds, GENERATIONS, ROUNDS])
+        rows = repr([c.row for c in self.cells]) + repr(thesis_base(ROBOT).tau.tolist())
+        return hashlib.sha256((text + rows).encode()).hexdigest()
+
+    def _save(self, model: NestedModel) -> NestedModel:
+        self.models[model.key] = model
+        out = {"fingerprint": self._print, "rungs": [asdict(r) for r in self.models.values()]}
+        write_text_atomic(self.path, json.dumps(out, indent=1, allow_nan=False) + "\n")
+        return model
+
+    def fit(self, progress: Progress | None = None) -> Iterator[NestedModel]:
+        """Yield every model, fitted now or read from the folder."""
+        tell = progress or (lambda *_: None)
+        for key, name, function in WITHOUT_PHYSICS:
+            statement = (function.__doc__ or "").splitlines()[0]
+            change = function(self.cells).tolist()
+            yield self._save(NestedModel(key=key, name=name, statement=statement, change=change))
+        before: NestedModel | None = None
+        for key, name, statement in PHYSICAL:
+            if key not in self.models:
+                seeds = self.seeds if key == "drift" else ONE_SEED
+                about = (key, name, statement)
+                self._save(self._fit(about, effects_up_to(key), tell, around=before, seeds=seeds))
+            before = self.models[key]
+            yield before
+        for rate in settings()["ramp_rate"]["tried"]:
+            about = (
+                f"ramp {rate:g}",
+                f"ramp at {rate:g} N·m/s",
+                "one rate for the whole robot, instead of the assumed one",
+            )
+            if about[0] not in self.models:
+                fixed = {"ramp_rate": rate}
+                self._save(self._fit(about, Effects(), tell, around=before, fixed=fixed))
+            yield self.models[about[0]]
+        about = (
+            "elasto-plastic",
+            "elasto-plastic instead of LuGre",
+            "presliding below 0.72 of the steady deflection does not drift (Dupont 2002)",
+        )
+        if about[0] not in self.models:
+            self._save(self._fit(about, Effects(elasto_plastic=True), tell, around=before))
+        yield self.models[about[0]]
+        if "arm" not in self.models:
+            self._fit_arm(tell)
+        yield self.models["arm"]
+        yield self.models["arm + drift"]
+
+    def _fit(
+        self,
+        about: tuple[str, str, str],
+        effects: Effects,
+        tell: Progress,
+        *,
+        bench: Bench | None = None,
+        around: NestedModel | None = None,
+        fixed: Mapping[str, float] | None = None,
+        correction: Array | None = None,
+        seeds: tuple[int, ...] = ONE_SEED,
+    ) -> NestedModel:
+        """Fit all joints with some effects.
+
+        Args:
+            about: key, name and statement of the model.
+            effects: of the joints.
+            tell: of progress.
+            bench: the arm's; None for that of `start_friction`.
+            around: the model from which the first seed starts.
+            fixed: numbers of the whole robot.
+            correction: (all cells,) whole arm minus lone joint [-], NaN where not simulated.
+            seeds: of the search.
+        """
+        key, name, statement = about
+        if bench is None:
+            if self._bench is None:
+                tell("calibrating the start", 0, 1)
+                friction, _ = whole_arm(start_friction(), [])
+                self._bench = Bench.of(load_arm(ROBOT), thesis_base(ROBOT), friction)
+            bench = self._bench
+        fitted = np.array([not c.held_out for c in self.cells])
+        of = {j: np.array([c.row.joint == j for c in self.cells]) for j in ORDER}
+        tasks = [
+            _Task(
+                joint,
+                bench,
+                effects,
+                seeds,
+                None if around is None else around.found[str(joint)][0]["parameters"],
+                dict(fixed or {}),
+                None if correction is None else correction[of[joint] & fitted],
+            )
+            for joint in ORDER
+        ]
+        change = np.zeros(len(self.cells))
+        found: dict[str, list[dict[str, Any]]] = {}
+        with ProcessPoolExecutor(min(self.processes, len(tasks))) as pool:
+            for task, (best, predicted) in zip(tasks, pool.map(_work, tasks), strict=True):
+                tell(name, len(found) + 1, len(tasks))
+                change[of[task.joint]] = predicted
+                found[str(task.joint)] = [{**asdict(f), "on_bound": f.on_bound} for f in best]
+        if effects.drift:
+            change = with_drift(self.cells, change)
+        return NestedModel(
+            key=key,
+            name=name,
+            statement=statement,
+            change=change.tolist(),
+            found=dict(sorted(found.items())),
+            fixed=dict(fixed or {}),
+            loss=sum(f[0]["loss"] for f in found.values()),
+        )
+
+    def ramp_rate(self) -> tuple[float, bool]:
+        """Return the ramp rate of the robot [N·m/s], and whether the fitted tables identify it.
+
+        That of the protocol, unless another one fits Tables 4.3 and 4.6 better by twice the
+        standard error of the joints' differences.
+        """
+        now = np.array(self._joint_losses("drift"))
+        best, identified, low = load_protocol(ROBOT).ramp_rate, False, 0.0
+        for rate in settings()["ramp_rate"]["tried"]:
+            difference = np.array(self._joint_losses(f"ramp {rate:g}")) - now
+            error = np.sqrt(len(difference)) * difference.std(ddof=1)
+            if difference.sum() < min(low, -2.0 * error):
+                best, identified, low = float(rate), True, float(difference.sum())
+        return best, identified
+
+    def _joint_losses(self, key: str) -> list[float]:
+        found = self.models[key].found
+        return [float(found[j][0]["loss"]) for j in sorted(found)]
+
+    def _fit_arm(self, tell: Progress) -> None:
+        """Correct the lone joints by what the whole arm makes of them, in a few rounds.
+
+        The correction holds near the parameters it was measured at, so each round starts from the
+        last. Every joint keeps the round whose fitted cells the whole arm itself met best.
+        """
+        rate, identified = self.ramp_rate()
+        fixed = {"ramp_rate": rate}
+        now = self.models[f"ramp {rate:g}" if identified else "drift"]
+        rows = np.array([not c.held_out for c in self.cells])
+        fitted = [c for c in self.cells if not c.held_out]
+        kept: dict[str, dict[str, Any]] = {}
+        for k in range(ROUNDS + 1):
+            tell("whole arm", k, ROUNDS + 2)
+            best = {int(j): f[0]["parameters"] for j, f in now.found.items()}
+            arm, change = whole_arm(with_parameters(start_friction(), best), fitted, rate)
+            bench = Bench.of(load_arm(ROBOT), thesis_base(ROBOT), arm)
+            for j, found in now.found.items():
+                mine = [c for c in fitted if c.row.joint == int(j)]
+                values = change[[c.row.joint == int(j) for c in fitted]]
+                fit = Fit(JointTables(int(j), mine, bench))
+                loss = fit.loss(values, found[0]["parameters"])
+                if j not in kept or loss < kept[j]["loss"]:
+                    kept[j] = {**found[0], "loss": loss, "round": k}
+            if k == ROUNDS:
+                break
+            correction = np.full(len(self.cells), np.nan)
+            correction[rows] = change - self._lone(bench, best, fixed)[rows]
+            about = (f"round {k}", f"corrected by the whole arm, {k + 1} of {ROUNDS}", "")
+            now = self._fit(
+                about, Effects(), tell, bench=bench, around=now, fixed=fixed, correction=correction
+            )
+        tell("whole arm", ROUNDS + 1, ROUNDS + 2)
+        best = {int(j): f["parameters"] for j, f in kept.items()}
+        self.arm, change = whole_arm(with_parameters(start_friction(), best), self.cells, rate)
+        for key, name, values in (
+            ("arm", "whole arm, without drift", change),
+            ("arm + drift", "whole arm + base drift", with_drift(self.cells, change)),
+        ):
+            self._save(
+                NestedModel(
+                    key=key,
+                    name=name,
+                    statement="the fit carried over to all joints of the plant",
+                    change=values.tolist(),
+                    found={j: [f] for j, f in kept.items()},
+                    fixed=fixed,
+                    loss=sum(f["loss"] for f in kept.values()),
+                )
+            )
+
+    def _lone(
+        self, bench: Bench, best: Mapping[int, Mapping[str, float]], fixed: Mapping[str, float]
+    ) -> Array:
+        """Return (all cells,) what lone joints predict with given parameters [-]."""
+        out = np.zeros(len(self.cells))
+        for joint, parameters in best.items():
+            mine = [i for i, c in enumerate(self.cells) if c.row.joint == joint]
+            tables = JointTables(joint, [self.cells[i] for i in mine], bench)
+            out[mine] = tables.predict([{**fixed, **parameters}])[0]
+        return out

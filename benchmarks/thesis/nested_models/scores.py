@@ -1,0 +1,304 @@
+"""What nested models say, as numbers: errors, gains by joint, ranges of parameters, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.thesis.nested_models.cells import RESAMPLES, Cell, repeat_floor, score
+from benchmarks.thesis.nested_models.fit import ROBOT
+from benchmarks.thesis.nested_models.joint_tables import drift_factors, with_drift
+from benchmarks.thesis.nested_models.models import PHYSICAL, NestedModel
+from benchmarks.thesis.nested_models.theory import JointTheory
+from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+JOINTS = range(1, 8)
+FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
+"""Of thesis Table 4.6 [Hz]."""
+ARM = "arm + drift"
+TARGETS = {"mean": 3.5, "median": 2.3, "4.10 final": 4.5, "worst joint": 8.0}
+"""Held-out errors aimed at [% of base torque]; broken cells apart."""
+LEAST_GAIN = 0.3
+"""Least change of a joint's mean error that counts, in points; a tenth of the thesis's own
+repeats; assumed."""
+SAME_LOSS = 2.0
+"""Losses (minus log posterior) that differ by less are the same: a factor of 7 in posterior."""
+SAME_RANGE = 1.25
+"""Largest over smallest value over the equally good seeds, up to which a parameter counts as
+identified; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What one statement did to the mean held-out error of a joint, in % of the base torque."""
+
+    before: float
+    after: float
+    low: float
+    high: float
+    """95 % bootstrap interval of ``before − after``, the joint's cells taken as independent."""
+
+    @property
+    def points(self) -> float:
+        """Error taken away."""
+        return self.before - self.after
+
+    @property
+    def better(self) -> bool:
+        """Whether it is significant against the scatter of the cells, and counts."""
+        return self.low > 0 and self.points >= LEAST_GAIN
+
+    @property
+    def worse(self) -> bool:
+        """Whether the error grew by more than the scatter, and by what counts."""
+        return self.high < 0 and self.points <= -LEAST_GAIN
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """One statement, for one joint."""
+
+    key: str
+    as_predicted: Change
+    free_base: Change | None
+    """With the bases free to move on both sides, so that only how the torque depends on frequency,
+    amplitude and direction counts; None where a base cannot move."""
+
+    def _changes(self) -> list[Change]:
+        return [c for c in (self.as_predicted, self.free_base) if c is not None]
+
+    @property
+    def named(self) -> bool:
+        """Whether it is a cause: better in one of the two ways, and worse in none."""
+        changes = self._changes()
+        return any(c.better for c in changes) and not any(c.worse for c in changes)
+
+    @property
+    def worse(self) -> bool:
+        """Whether it made the prediction worse in one way, and better in none."""
+        changes = self._changes()
+        return any(c.worse for c in changes) and not any(c.better for c in changes)
+
+    @property
+    def points(self) -> float:
+        """Error taken away, in the way that is significant [% of base]."""
+        significant = [c for c in self._changes() if c.better or c.worse]
+        return (significant or [self.as_predicted])[0].points
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identified:
+    """One parameter of one joint over the seeds of the search."""
+
+    name: str
+    best: float
+    low: float
+    high: float
+    """Range over the seeds whose loss is within `SAME_LOSS` of the best."""
+    seeds: int
+    """How many those are."""
+    on_bound: bool
+
+    @property
+    def verdict(self) -> str:
+        """``yes``, ``no`` or ``cannot tell`` (one seed only)."""
+        if self.on_bound or self.high > SAME_RANGE * self.low:
+            return "no"
+        return "yes" if self.seeds > 1 else "cannot tell"
+
+
+class ModelScores:
+    """Models and cells, ready to be asked."""
+
+    KEYS = ("nothing", "lookup", "band", *(k for k, *_ in PHYSICAL), "elasto-plastic", "arm", ARM)
+    """Of the models that the page is about; ramp rates apart."""
+
+    def __init__(self, models: Mapping[str, NestedModel], chosen: Sequence[Cell]) -> None:
+        """Score the models.
+
+        Args:
+            models: by key, any part of all there are, at least one.
+            chosen: the cells they predict, in the same order.
+        """
+        self.models, self.cells = dict(models), list(chosen)
+        self.predicted = {k: np.array(r.change, dtype=float) for k, r in self.models.items()}
+        self.scores = {
+            k: score(r.name, self.cells, self.predicted[k]) for k, r in self.models.items()
+        }
+        self.measured = np.array([c.change for c in self.cells])
+        self.sound = np.array([not c.row.outlier for c in self.cells])
+        self.held_out = np.array([c.held_out for c in self.cells]) & self.sound
+        self.joint = np.array([c.row.joint for c in self.cells])
+        self.frequency = np.array([c.row.frequency_hz for c in self.cells])
+        self.table = np.array([c.column for c in self.cells])
+        self.floor = repeat_floor(self.cells)
+        self._free_base = {
+            k: 100 * np.abs(with_drift(self.cells, p) - self.measured)
+            for k, p in self.predicted.items()
+            if (p > -1.0).all()
+        }
+        steps = [k for k in ("band", *(key for key, *_ in PHYSICAL), ARM) if k in self.models]
+        self.chain = steps or list(self.models)[-1:]
+        """Statements one after the other, from the bare band to the whole arm."""
+
+    @property
+    def last(self) -> str:
+        """Key of the last statement there is."""
+        return self.chain[-1]
+
+    def mean(self, mask: Mask, key: str | None = None) -> float:
+        """Return the mean change over sound cells, measured or a model's [%]; NaN without cells."""
+        values = self.measured if key is None else self.predicted[key]
+        mask = mask & self.sound
+        return float(100 * values[mask].mean()) if mask.any() else float("nan")
+
+    def at(self, joint: int, frequency: float, table: str = "4.6") -> Mask:
+        """Return which cells are of a joint, a frequency [Hz] and a table's column."""
+        mask = (self.joint == joint) & (self.frequency == frequency) & (self.table == table)
+        return np.asarray(mask, dtype=np.bool_)
+
+    def of(self, where: Configuration, table: str | None = None) -> Mask:
+        """Return which cells are of a configuration (and a table's column)."""
+        return np.array(
+            [c.configuration == where and table in (None, c.column) for c in self.cells]
+        )
+
+    # ---- causes ----------------------------------------------------------------------------------
+
+    def gains(self, joint: int) -> list[Gain]:
+        """Return what each statement did to a joint's held-out error, in order."""
+        mask = self.held_out & (self.joint == joint)
+        rng = np.random.default_rng(joint)
+        pick = rng.integers(int(mask.sum()), size=(RESAMPLES, int(mask.sum())))
+
+        def compare(errors: Mapping[str, Array], before: str, after: str) -> Change:
+            a, b = errors[before][mask], errors[after][mask]
+            low, high = np.percentile((a - b)[pick].mean(axis=1), [2.5, 97.5])
+            return Change(
+                before=float(a.mean()), after=float(b.mean()), low=float(low), high=float(high)
+            )
+
+        errors = {k: s.error for k, s in self.scores.items()}
+        out = []
+        for before, after in zip(self.chain, self.chain[1:], strict=False):
+            movable = after != "drift" and {before, after} <= set(self._free_base)
+            free_base = compare(self._free_base, before, after) if movable else None
+            as_predicted = compare(errors, before, after)
+            out.append(Gain(key=after, as_predicted=as_predicted, free_base=free_base))
+        return out
+
+    def constant(self, joint: int) -> float:
+        """Return the mean held-out error of a constant per configuration [% of base].
+
+        Its median change in Table 4.6, at whatever frequency and amplitude: what physics that
+        knows of both must beat.
+        """
+        change = with_drift(self.cells, np.zeros(len(self.cells)))
+        mask = self.held_out & (self.joint == joint)
+        return float(100 * np.abs(change - self.measured)[mask].mean())
+
+    def theory(self, joint: int, key: str | None = None) -> JointTheory:
+        """Return a joint with the parameters of a model, of the last fitted one by default."""
+        for k in [key] if key else [*reversed(self.chain)]:
+            found = self._found(k, joint)
+            if found:
+                parameters = {**self.models[k].fixed, **found[0]["parameters"]}
+                return JointTheory(joint=joint, parameters=parameters)
+        return JointTheory(joint=joint)
+
+    # ---- identification --------------------------------------------------------------------------
+
+    def identified(self, joint: int) -> tuple[list[Identified], int]:
+        """Return the parameters of a joint over the equally good seeds, and how many seeds ran.
+
+        Of the last of the models that were searched from the most seeds: the whole arm is corrected
+        from one place only.
+        """
+        keys = ("arm", *reversed(self.chain))
+        found = max((self._found(k, joint) for k in keys), key=len, default=[])
+        good = [f for f in found if f["loss"] <= found[0]["loss"] + SAME_LOSS]
+        out = []
+        for name, value in found[0]["parameters"].items() if found else ():
+            values = [f["parameters"][name] for f in good]
+            out.append(
+                Identified(
+                    name=name,
+                    best=float(value),
+                    low=float(min(values)),
+                    high=float(max(values)),
+                    seeds=len(good),
+                    on_bound=name in found[0].get("on_bound", []),
+                )
+            )
+        return out, len(found)
+
+    def _found(self, key: str, joint: int) -> list[dict[str, Any]]:
+        return self.models[key].found.get(str(joint), []) if key in self.models else []
+
+    def ramp_rates(self) -> dict[float, str]:
+        """Return the model of every ramp rate tried [N·m/s]; that of the protocol is ``drift``."""
+        out = {float(k.removeprefix("ramp ")): k for k in self.models if k.startswith("ramp ")}
+        if out and "drift" in self.models:
+            out.setdefault(load_protocol(ROBOT).ramp_rate, "drift")
+        return dict(sorted(out.items()))
+
+    def preferred(self, key: str, other: str) -> tuple[float, float]:
+        """Return by how much the fitted cells prefer one model to another, and how surely.
+
+        Returns:
+            Loss of ``other`` less that of ``key``, summed over the joints, and twice its standard
+            error from the joints' differences: less than that is no preference.
+        """
+        one, two = self.models[key].found, self.models[other].found
+        gap = np.array([two[j][0]["loss"] - one[j][0]["loss"] for j in sorted(set(one) & set(two))])
+        if len(gap) < 2:
+            return float(gap.sum()), float("inf")
+        return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
+
+    def drift(self) -> dict[Configuration, float]:
+        """Return each configuration's factor on its base, of the last statement without drift."""
+        key = "arm" if "arm" in self.models else "offset"
+        fitted = [not c.held_out for c in self.cells]
+        return drift_factors(self.cells, self.predicted[key], fitted)
+
+    # ---- what is left ----------------------------------------------------------------------------
+
+    def residual(self, key: str | None = None) -> Array:
+        """Return (cells,) predicted − measured of a model [% of base]."""
+        return 100 * (self.predicted[key or self.last] - self.measured)
+
+    def targets(self) -> dict[str, tuple[float, float]]:
+        """Return (reached, aimed at) of every target, of the last statement [% of base]."""
+        s = self.scores[self.last]
+        reached = (s.mean, s.median, s.by_column["4.10 final"], max(s.by_joint.values()))
+        return {k: (r, aim) for (k, aim), r in zip(TARGETS.items(), reached, strict=True)}
+
+    def shares(self, joint: int) -> Array:
+        """Split the mean square of the held-out residual of a joint's last statement.
+
+        Returns:
+            Shares (3,) that are constant per configuration (its base moved), common to all
+            configurations at one frequency (the model's frequency response), and the rest.
+        """
+        mask = self.held_out & (self.joint == joint)
+        r = self.residual()[mask]
+        cells = [c for c, m in zip(self.cells, mask, strict=True) if m]
+        where = _group_means(r, [c.configuration for c in cells])
+        tone = _group_means(r - where, [c.row.frequency_hz for c in cells])
+        parts = np.array([(x**2).sum() for x in (where, tone, r - where - tone)])
+        return np.asarray(parts / (parts.sum() or 1.0))
+
+
+def _group_means(values: Array, groups: Sequence[object]) -> Array:
+    """Return the mean of each value's group, (values,)."""
+    out = np.empty_like(values)
+    for g in set(groups):
+        mine = np.array([x == g for x in groups])
+        out[mine] = values[mine].mean()
+    return out

@@ -1,0 +1,280 @@
+"""Table 4.11 and Figures 4.6 to 4.8, E.1, F.1 and F.2: paths under impedance control.
+
+What the study ``gte`` finds is a pair for each path and stiffness: without dither, and with the
+final one of Table 4.9. All of it is the shipped set-up; the thesis prints no path sizes, start or
+speeds, which `benchmarks.thesis.ensemble` therefore draws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmarks.thesis.ensemble.page import write_ensemble
+from benchmarks.thesis.ensemble.runs import measured_sums
+from benchmarks.thesis.ensemble.scores import factor
+from benchmarks.thesis.items import (
+    Found,
+    Item,
+    Needs,
+    Numbers,
+    Write,
+    Written,
+    write_figure,
+    write_table,
+)
+from stiction_envs.experiments.gte import plots
+from stiction_envs.experiments.gte.measures import Measures, error_against_time
+from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Run
+from stiction_envs.experiments.gte.rows import thesis_stiffness, unit
+from stiction_envs.measured import thesis_table
+from stiction_envs.reporting.markdown import listed, number, percent, signed
+
+Array = NDArray[np.float64]
+Pair = tuple[tuple[Run, Measures], tuple[Run, Measures]]
+"""The run without dither and the one with it."""
+LETTERS = "abcdef"
+ENSEMBLE = "all"
+"""The only part of the study ``ensemble``."""
+
+
+def path_needs(*trajectories: str) -> Callable[[], Needs]:
+    """Return what an item of these paths needs; none for all."""
+    chosen = trajectories or TRAJECTORIES
+    return lambda: {"gte": [(t, k) for t in chosen for k in thesis_stiffness()]}
+
+
+def sums_needs() -> Needs:
+    """Return what Table 4.11 needs: the shipped set-up, and others that the thesis allows."""
+    return {**path_needs()(), "ensemble": [ENSEMBLE]}
+
+
+def pairs_of(found: Found, trajectories: Sequence[str] = TRAJECTORIES) -> list[Pair]:
+    """Return the pairs of some paths, in the thesis's order."""
+    return [found["gte"][t, k] for t in trajectories for k in thesis_stiffness()]
+
+
+# ---- Table 4.11 ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowSums:
+    """Sums of |error| over 200 samples, (24,) each: cases by axes [m·samples, rad·samples]."""
+
+    measured: tuple[Array, Array]
+    """Without dither and with it."""
+    simulated: tuple[Array, Array]
+    """Means over iterations."""
+    std: tuple[Array, Array]
+    """Over iterations; NaN for one."""
+    iterations: int
+
+    @property
+    def measured_change(self) -> Array:
+        """Relative change by dither [-]."""
+        return self.measured[1] / self.measured[0] - 1.0
+
+    @property
+    def simulated_change(self) -> Array:
+        """Relative change by dither [-]."""
+        return self.simulated[1] / self.simulated[0] - 1.0
+
+    @property
+    def clear(self) -> NDArray[np.bool_]:
+        """Whether the simulated change is above twice its standard error."""
+        error = np.hypot(*self.std) / math.sqrt(self.iterations)
+        return np.abs(self.simulated[1] - self.simulated[0]) > 2.0 * error
+
+
+def window_sums(pairs: Sequence[Pair]) -> WindowSums:
+    """Return the sums of Table 4.11, in its order."""
+    sums = [[pair[k][1].window_sum for pair in pairs] for k in range(2)]
+    iterations = len(sums[0][0])
+    mean = [np.concatenate([s.mean(axis=0) for s in x]) for x in sums]
+    std = [np.full(24, np.nan)] * 2
+    if iterations > 1:
+        std = [np.concatenate([s.std(axis=0, ddof=1) for s in x]) for x in sums]
+    return WindowSums(
+        measured=measured_sums(),
+        simulated=(mean[0], mean[1]),
+        std=(std[0], std[1]),
+        iterations=iterations,
+    )
+
+
+def compare_sums(s: WindowSums) -> Numbers:
+    """Return how many signs of dither's effect come out, and how far off sizes are."""
+    now, old = s.simulated_change, s.measured_change
+    right, rises = np.sign(now) == np.sign(old), old > 0
+    off = number(float(factor(s.simulated[0], s.measured[0])))
+    brief = (
+        f'{right.sum()} of {len(old)} signs ("every error falls": {(old < 0).sum()}), sizes off by '
+        f"a factor of {off}"
+    )
+    return brief, (
+        f"With the shipped set-up, to which nothing is fitted, {brief}; {right[rises].sum()} of "
+        f"{rises.sum()} rises come out, the median change is {percent(100 * np.median(now))} "
+        f"(measured {percent(100 * np.median(old))}), and {(~s.clear).sum()} simulated changes are "
+        "within twice their standard error."
+    )
+
+
+def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
+    """Write Table 4.11, of the shipped set-up, and how it lies among those the thesis allows."""
+    s = window_sums(pairs_of(found))
+    printed = thesis_table("4.11")
+    difference = 100 * (s.simulated_change - s.measured_change)
+    lines, shown = [], []
+    for k, row in enumerate(printed):
+        now = [s.simulated[0][k], s.std[0][k], s.simulated[1][k], s.std[1][k], difference[k]]
+        lines.append([*row.values(), *now])
+        stiffness = [row[f"stiffness_{x}"] for x in ("translation", "rotation", "nullspace")]
+        noise = "" if s.clear[k] else " (noise)"
+        shown.append(
+            [
+                f"{row['trajectory']} {'/'.join(f'{x:g}' for x in stiffness)}",
+                f"{row['axis']} [{unit(row['axis'])}·samples]",
+                *(f"{x[k]:.3f}" for x in s.measured),
+                percent(100 * s.measured_change[k]),
+                *(f"{x[k]:.3f}" for x in s.simulated),
+                percent(100 * s.simulated_change[k]) + noise,
+                signed(difference[k], 1),
+            ]
+        )
+    kinds = ("no_dither", "dither")
+    written = write_table(
+        item,
+        folder,
+        columns=[
+            *printed[0],
+            *(f"simulated_{kind}{end}" for kind in kinds for end in ("", "_std")),
+            "difference_points",
+        ],
+        rows=lines,
+        header=[
+            *("case", "axis", "measured", "with dither", "change"),
+            *("simulated", "with dither", "change", "difference [points]"),
+        ],
+        shown=shown,
+        numbers=compare_sums(s),
+    )
+    members, shipped = found["ensemble"][ENSEMBLE]
+    section = write_ensemble(folder, members, shipped)
+    return Written(numbers=written.numbers, body=f"{written.body}\n\n{section}")
+
+
+# ---- paths ---------------------------------------------------------------------------------------
+
+
+def _runs(pair: Pair) -> list[Run]:
+    return [run for run, _ in pair]
+
+
+def write_plane(item: Item, found: Found, folder: Path) -> Written:
+    """Draw Figure 4.6: all paths from above."""
+    pairs = pairs_of(found)
+    figure = Figure(figsize=(12, 10.4), layout="constrained")
+    for letter, axes, pair in zip(LETTERS, figure.subplots(2, 2).ravel(), pairs, strict=False):
+        plots.draw_path_xy(axes, _runs(pair), legend=False, mean=True)
+        axes.set_title(f"({letter}) {plots.case_text(pair[0][0].case)}", loc="left", fontsize=11)
+    _path_legend(figure, pairs, "outside lower center")
+    return write_figure(item, folder, figure, compare_paths(pairs))
+
+
+def write_space(item: Item, found: Found, folder: Path) -> Written:
+    """Draw Figure E.1: all paths in space."""
+    pairs = pairs_of(found)
+    figure = Figure(figsize=(12, 10.4))
+    for k, pair in enumerate(pairs):
+        left, up = 0.485 * (k % 2), 0.5 * (1 - k // 2)
+        axes = figure.add_axes((left + 0.005, up + 0.005, 0.455, 0.49), projection="3d")
+        plots.draw_path_3d(axes, _runs(pair), mean=True)
+        title = f"({LETTERS[k]}) {plots.case_text(pair[0][0].case)}"
+        figure.text(left + 0.04, up + 0.46, title, fontsize=11)
+    _path_legend(figure, pairs, "lower center")
+    return write_figure(item, folder, figure, compare_paths(pairs))
+
+
+def _path_legend(figure: Figure, pairs: Sequence[Pair], place: Any) -> None:
+    handles = plots.path_legend(_runs(pairs[0]))
+    figure.legend(handles=handles, loc=place, ncols=4, frameon=False)
+
+
+def compare_paths(pairs: Sequence[Pair]) -> Numbers:
+    """Return what dither and stiffness do to the distance from the reference, and at rest."""
+    distance, left = (
+        np.array([[of(pair[k][1]) for pair in pairs] for k in range(2)])
+        for of in (
+            lambda m: np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean(),
+            lambda m: m.left[:, -1, 0].mean(),
+        )
+    )
+    change, end = (100 * (x[1] / x[0] - 1) for x in (distance, left))
+    stiffer = distance[0][1::2] / distance[0][::2]
+    brief = f"closer in {(change < 0).sum()} of {len(pairs)} cases, by {number(-change.mean())} %"
+    return brief, (
+        f"Dithered paths are {brief} (RMS distance {percent(change.min())} to "
+        f"{percent(change.max())}), and at rest at the last goal the distance changes by "
+        f"{percent(end.min(), 0)} to {percent(end.max(), 0)}; twice the stiffness leaves "
+        f"{number(stiffer.min(), 2)} to {number(stiffer.max(), 2)} of the distance."
+    )
+
+
+# ---- errors against time -------------------------------------------------------------------------
+
+
+def error_writer(trajectory: str, *, orientation: bool = False) -> Write:
+    """Return what draws Figures 4.7, 4.8, F.1 or F.2: an axis a row, a stiffness a column."""
+    rows = range(3, 6) if orientation else range(3)
+
+    def write(item: Item, found: Found, folder: Path) -> Written:
+        pairs = pairs_of(found, [trajectory])
+        figure = Figure(figsize=(13.5, 9.2), layout="constrained")
+        grid = figure.subplots(3, len(pairs), sharex="col")
+        for column, pair in enumerate(pairs):
+            stiffness = "/".join(f"{k:g}" for k in pair[0][0].case.stiffness)
+            for line, k in enumerate(rows):
+                axes = grid[line, column]
+                plots.draw_error(axes, _runs(pair), k)
+                letter = LETTERS[len(pairs) * line + column]
+                axes.set_title(f"({letter}) {AXES[k]}, {stiffness}", loc="left", fontsize=10)
+            grid[-1, column].set_xlabel("time [s]")
+        handles, names = plots.error_legend_entries(grid[0, 0], _runs(pairs[0]))
+        figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
+        return write_figure(item, folder, figure, compare_errors(pairs, rows))
+
+    return write
+
+
+def compare_errors(pairs: Sequence[Pair], rows: Sequence[int]) -> Numbers:
+    """Return what dither and stiffness do to mean errors and to their spread.
+
+    Args:
+        pairs: of one path, the lower stiffness first.
+        rows: columns of the error.
+    """
+    fallen, median, spread = [], [], []
+    for pair in pairs:
+        before, after = (m.mean[:, list(rows)].mean(axis=0) for _, m in pair)
+        change = 100 * (after / before - 1)
+        fallen.append(int((change < 0).sum()))
+        median.append(percent(float(np.median(change))))
+        both = [error_against_time(run)[1][:, list(rows)] for run in _runs(pair)]
+        spread.append([float(np.median(x)) for x in both])
+    brief = f"errors fall on {listed(fallen)} of {len(rows)} axes"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dither = [number(float(np.divide(b, a)), 2) for a, b in spread]
+        stiffer = number(float(np.divide(spread[-1][1], spread[0][1])), 2)
+    return brief, (
+        f"By dither {brief} ({listed(AXES[k] for k in rows)}) at the lower and the higher "
+        f"stiffness, the median change is {listed(median)}; it multiplies the spread by "
+        f"{listed(dither)}, and with it the spread at the higher stiffness is {stiffer} times that "
+        "at the lower."
+    )

@@ -1,0 +1,124 @@
+"""Ramps of the Single Joint Experiment: Figures 4.2 to 4.5 and Appendices B, C and D.
+
+The thesis has a picture for each joint and pose, ours has both poses of a joint side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_figure
+from benchmarks.thesis.torques import change_pct, job_of
+from stiction_envs.experiments.sje import plots
+from stiction_envs.experiments.sje.protocol import (
+    LOADS,
+    Job,
+    Measurement,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
+from stiction_envs.reporting.markdown import number, percent, short
+
+
+@dataclass(frozen=True)
+class Ramps:
+    """One joint of one arm, with one kind of dither."""
+
+    robot: str
+    joint: int
+    """From 1."""
+    dither: str
+    """``none``, ``base`` (Table 4.5) or ``final`` (Table 4.10)."""
+
+    def printed(self) -> list[DitheredRow]:
+        """Return the printed cells of the dithered ramps, in the order of the configurations."""
+        table, kind = ("4.5", "scale") if self.dither == "base" else ("4.10", "final")
+        return [
+            r
+            for r in thesis_dithered(self.robot)
+            if (r.table, r.amplitude_set, r.joint) == (table, kind, self.joint)
+        ]
+
+    def jobs(self) -> list[Job]:
+        """Return the jobs that are drawn."""
+        if self.dither == "none":
+            return [Job(c) for c in configurations(7, [self.joint])]
+        return [job_of(r) for r in self.printed()]
+
+    def needs(self) -> Needs:
+        """Return what the figure needs: the base torques too, for the change by dither."""
+        base = [Job(c) for c in configurations(7, [self.joint])]
+        return {"sje": [(self.robot, j) for j in dict.fromkeys([*base, *self.jobs()])]}
+
+    def write(self, item: Item, found: Found, folder: Path) -> Written:
+        """Draw the figure."""
+        measured = [found["sje"][self.robot, j] for j in self.jobs()]
+        base = [found["sje"][self.robot, Job(m.job.configuration)] for m in measured]
+        return write_figure(item, folder, self.draw(measured), self.compare(measured, base))
+
+    def compare(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> Numbers:
+        """Return how the four ramps that are drawn compare with print.
+
+        Args:
+            measured: the four.
+            base: those without dither, of the same configurations.
+        """
+        good = [k for k, m in enumerate(measured) if np.isfinite(m.mean)]
+        taus = [measured[k] for k in good]
+        first, scatter = _first_and_others([m.tau for m in taus])
+        start, start_scatter = _first_and_others([m.start for m in taus])
+        tail = (
+            f"; the first ramp starts {short(1e3 * start, 2)} mrad from the others, which scatter "
+            f"by {short(1e3 * start_scatter, 2)}, and its torque is {short(1e3 * first, 2)} mN·m "
+            f"off theirs, which scatter by {short(1e3 * scatter, 2)}; {4 - len(good)} of four "
+            "never moved."
+        )
+        if self.dither == "none":
+            table = thesis_base(self.robot)
+            off = []
+            for m in taus:
+                c = m.job.configuration
+                off.append(100 * abs(m.mean / table.get(c.joint, c.load, c.direction) - 1))
+            text = f"{number(float(np.mean(off or [np.nan])))} % off"
+            sentence = f"Breakaway torques are {text} in the mean (calibrated to Table 4.3)"
+            return f"{text} (calibrated)", sentence + tail
+        now = np.array([change_pct(measured[k], base[k]) for k in good] or [np.nan])
+        before = np.array([self.printed()[k].change_pct for k in good] or [np.nan])
+        shaking = 1e3 * max((m.displacement for m in taus), default=math.nan)
+        text = f"{percent(now.mean())} (print {percent(before.mean())})"
+        sentence = (
+            f"Dither changes the torque by {text} in the mean, one by one "
+            f"{number(np.abs(now - before).mean())} points apart, and shakes the joint by "
+            f"{short(shaking, 2)} mrad RMS"
+        )
+        return text, sentence + tail
+
+    def draw(self, measured: Sequence[Measurement]) -> Figure:
+        """Return the figure: the load pose at the left, the other at the right."""
+        protocol = load_protocol(self.robot)
+        figure = Figure(figsize=(13.2, 6.4), layout="constrained")
+        parts: Any = figure.subfigures(1, 2, wspace=0.02)
+        for part, load, letter in zip(parts, LOADS, "ab", strict=True):
+            mine = [m for m in measured if m.job.configuration.load == load]
+            plots.draw_sje(part, mine, threshold=protocol.threshold, ramp_rate=protocol.ramp_rate)
+            kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
+            part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
+        return figure
+
+
+def _first_and_others(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Return how far first iterations are from the others, and how far those scatter (means)."""
+    enough = [v for v in values if len(v) > 2]
+    if not enough:
+        return math.nan, math.nan
+    away = [abs(float(v[0] - v[1:].mean())) for v in enough]
+    return float(np.mean(away)), float(np.mean([v[1:].std(ddof=1) for v in enough]))

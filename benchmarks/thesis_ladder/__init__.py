@@ -1,1 +1,0 @@
-"""The thesis's dither tables as a test of the simulation."""

@@ -1,0 +1,327 @@
+"""N episodes of one experiment: spaces, actions, how they start, go on and end.
+
+What an experiment has of its own is in its folder's `episodes.py`. The single environment has one
+episode, the vector environment as many as it has arms; `envs.gym_env` makes both. Nothing may
+depend on how many there are: row i of a batch and a single environment with the same random
+generator are the same bits.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.observation import (
+    Group,
+    action_bounds,
+    observation_bounds,
+    observation_names,
+)
+from stiction_envs.experiments.randomise import check_spreads, draw, randomised, true_friction
+from stiction_envs.experiments.rig import count_blocks
+from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm, load_arm
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Index = NDArray[np.int64]
+ScatterKey = tuple[int, ...]
+"""Seed of the scatter of one episode."""
+Options = Mapping[str, Any]
+"""Of a reset, by name."""
+_ROUNDING = 1e-5  # of an action's range: what float32 and RescaleAction may be off by
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """Arguments of every environment; the environment's class explains them."""
+
+    robot: str | Path = "panda"
+    payload: Sequence[float] | None = None
+    tilt: Sequence[float] = (0.0, 0.0)
+    chain: Sequence[str] | None = None
+    scatter: bool = True
+    friction: str | Path | FrictionParameters | None = None
+    control_interval_s: float = 0.1
+    power_weight: float | None = None
+    torque_rate_weight: float | None = None
+    shaking_weight: float | None = None
+    max_episode_steps: int = 1000
+    fixed_options: Options | None = None
+    randomise: Mapping[str, float] | None = None
+    friction_factor: float = 1.0
+    waveform: str = DEFAULT_WAVEFORM
+    threads: int = 0
+    record: bool = False
+    """Whether traces are kept, to be drawn."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What one step of M episodes gave; arrays (M, …)."""
+
+    terms: dict[str, Array]
+    """Reward terms by name, as `Episodes.terms` has them."""
+    terminated: Bools
+    truncated: Bools
+    measures: dict[str, NDArray[Any]]
+    """By the names of `Episodes.each` and `Episodes.final`."""
+
+    @property
+    def reward(self) -> Array:
+        """(M,) sum of the terms, in their order."""
+        return sum(self.terms.values(), start=np.zeros(len(self.terminated)))
+
+
+class Episodes(ABC):
+    """N simulations of an environment that dithers all joints: amplitudes, then frequencies."""
+
+    arguments: ClassVar[type[Arguments]] = Arguments
+    """What the environment takes."""
+    terms: ClassVar[tuple[str, ...]]
+    """Terms of the reward, in the order in which they are summed."""
+    each: ClassVar[tuple[str, ...]]
+    """Measures that are in the info of every step."""
+    final: ClassVar[tuple[str, ...]]
+    """Measures that are in the info of an episode's last step."""
+    groups: ClassVar[tuple[Group, ...]]
+    """The observation."""
+    arms_per_thread: ClassVar[int]
+    """Arms of a tile per thread, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
+
+    stiction: Array
+    """(n,) unit of the observed torques [N·m]."""
+    speed_unit: float = 1.0
+    """Unit of the observed speeds [rad/s]."""
+    rig: Any
+    """The experiment's machine with all N arms."""
+
+    def __init__(self, num_envs: int, **arguments: Any) -> None:
+        """Make N simulations; see `Arguments`."""
+        a = self.arguments(**arguments)
+        if not isinstance(a.max_episode_steps, (int, np.integer)) or a.max_episode_steps < 1:
+            raise StictionError(
+                f"max_episode_steps {a.max_episode_steps}: expected a whole number from 1"
+            )
+        self.weights = self._weights(a)
+        """Of the reward's terms, by the argument's name [-]."""
+        self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)
+        friction = a.friction
+        if isinstance(friction, (str, Path)):
+            friction = load_friction(Path(friction), arm.n)
+        self.experiment = e = self._experiment(a, arm, friction)
+        block = self.block_steps(e)
+        blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
+        self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block
+        self.waveform = named(a.waveform).name
+        """Of the dither."""
+        self._nominal = e.sticking.parameters
+        self._true = true_friction(e.sticking, a.friction_factor)
+        self._spreads = check_spreads(a.randomise, e.sticking)
+        self.n, self.num_envs = arm.n, num_envs
+        self.max_episode_steps = int(a.max_episode_steps)
+        self.fixed_options = self._check_options(a.fixed_options)
+        low, high = action_bounds(self._nominal, find_poses(arm), e.interface)
+        self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        bounds = observation_bounds(arm.n, self.groups)
+        self.observation_space = Box(*bounds, dtype=np.float32)
+        self.observation_names = observation_names(arm.n, self.groups)
+        self._low = self.action_space.low.astype(float)
+        self._high = self.action_space.high.astype(float)
+        self.action = np.zeros((num_envs, 2 * arm.n))
+        self.steps = np.zeros(num_envs, dtype=np.int64)
+        self.alive = np.zeros(num_envs, dtype=bool)
+        self._make(a)
+
+    # ---- what an experiment has of its own ---------------------------------------------------
+
+    @staticmethod
+    @abstractmethod
+    def reward_settings() -> Any:
+        """Return a dataclass with the default of every weight."""
+
+    @abstractmethod
+    def _experiment(self, a: Any, arm: Arm, friction: FrictionParameters | None) -> Any:
+        """Return what is simulated."""
+
+    @staticmethod
+    @abstractmethod
+    def block_steps(experiment: Any) -> int:
+        """Return of how many control steps a control interval must be a multiple."""
+
+    @abstractmethod
+    def _make(self, a: Any) -> None:
+        """Make the rig and all else that N episodes need; spaces and units are there."""
+
+    @abstractmethod
+    def _check_options(self, options: Options | None) -> dict[str, Any]:
+        """Return valid reset options; a StictionError says what is wrong."""
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Any, ScatterKey]:
+        """Return the case of an episode and the seed of its scatter.
+
+        A generator gives the same number of draws whatever the options say.
+        """
+
+    @abstractmethod
+    def _cases(self, options: Options) -> set[Any]:
+        """Return every case that may be drawn with some options."""
+
+    @abstractmethod
+    def _undithered(self, cases: Sequence[Any]) -> Mapping[Any, Any]:
+        """Return what cases are without dither: the unit of their rewards."""
+
+    @abstractmethod
+    def _begin(
+        self, ids: Index, cases: Sequence[Any], keys: Sequence[ScatterKey], base: Any
+    ) -> None:
+        """Put simulations ``ids`` at the start of their cases, not dithered."""
+
+    @abstractmethod
+    def _advance(self, ids: Index) -> None:
+        """Let simulations ``ids`` go on for one interval."""
+
+    @abstractmethod
+    def _outcome(self, ids: Index) -> Outcome:
+        """Return what the step that simulations ``ids`` have done gave."""
+
+    @abstractmethod
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+
+    @abstractmethod
+    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+        """Return what the episodes of ``ids`` are, by name of the info: fresh arrays."""
+
+    @staticmethod
+    @abstractmethod
+    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+        """Return the columns that an episode's last measures fill in a table of evaluations."""
+
+    # ---- episodes ----------------------------------------------------------------------------
+
+    def reset(
+        self,
+        ids: Index,
+        rngs: Sequence[np.random.Generator],
+        options: Sequence[Options | None],
+    ) -> None:
+        """Start an episode in simulations ``ids``, each drawn from its own generator.
+
+        Raises:
+            StictionError: an option that does not exist.
+        """
+        checked = self.check_reset(options)
+        drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
+        cases, keys = [case for case, _ in drawn], [key for _, key in drawn]
+        wanted = set(cases)
+        if any(len(self._cases(o)) > 1 for o in checked):
+            # further episodes will draw as well: one batch for all is the fastest
+            wanted |= self._cases(self.fixed_options)
+        base = self._undithered(sorted(wanted))
+        if self._spreads:
+            factors = np.stack([draw(rng, self.n) for rng in rngs])
+            friction = randomised(self._true, self._spreads, factors)
+            self.rig.plant.set_friction(ids, friction)
+        elif self._true is not self._nominal:
+            self.rig.plant.set_friction(ids, self._true.tile(len(ids)))
+        self.action[ids] = self._low
+        self._begin(ids, cases, keys, [base[case] for case in cases])
+        self.steps[ids], self.alive[ids] = 0, True
+
+    def step(self, ids: Index, action: Any) -> Outcome:
+        """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
+
+        Raises:
+            StictionError: an action outside the space, or an episode that is over.
+        """
+        self.action[ids] = self.check_step(ids, action)
+        self.rig.retune(self.action[:, : self.n], self.action[:, self.n :])
+        self._advance(ids)
+        self.steps[ids] += 1
+        out = self._outcome(ids)
+        self.alive[ids] = ~(out.terminated | out.truncated)
+        return out
+
+    def prepare(self, options: Sequence[Options | None]) -> None:
+        """Find the units of the rewards of all that options may start, in one batch."""
+        checked = self.check_reset(options)
+        distinct = {repr(sorted(o.items())): o for o in checked}
+        cases = set().union(*(self._cases(o) for o in distinct.values()))
+        self._undithered(sorted(cases))
+
+    def check_reset(self, options: Sequence[Options | None]) -> list[dict[str, Any]]:
+        """Return the options of a reset, what is fixed included; nothing changes.
+
+        Raises:
+            StictionError: an option that does not exist.
+        """
+        return [{**self.fixed_options, **self._check_options(o)} for o in options]
+
+    def check_step(self, ids: Index, action: Any) -> Array:
+        """Return the action of a step as float64 within the space; nothing changes.
+
+        Raises:
+            StictionError: an action outside the space, or an episode that is over.
+        """
+        if not np.all(self.alive[ids]):
+            raise StictionError("step: the episode is over or was never started: call reset")
+        try:
+            out = np.array(action, dtype=float)
+        except (TypeError, ValueError):
+            raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
+        shape = (len(ids), 2 * self.n)
+        if out.shape != shape:
+            raise StictionError(f"action has shape {out.shape}: expected {shape}")
+        slack = _ROUNDING * (self._high - self._low)
+        good = (out >= self._low - slack) & (out <= self._high + slack)
+        if not good.all():
+            row, k = np.argwhere(~good)[0]
+            what, unit = ("amplitude", "N·m") if k < self.n else ("frequency", "Hz")
+            raise StictionError(
+                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: expected "
+                f"{self._low[k]:g} to {self._high[k]:g} {unit}"
+            )
+        return np.clip(out, self._low, self._high)
+
+    # ---- what experiments use ----------------------------------------------------------------
+
+    def _weights(self, a: Arguments) -> dict[str, float]:
+        """Return the weights of the reward; those not given are the settings'."""
+        settings, out = self.reward_settings(), {}
+        for name in (f.name for f in fields(settings) if f.name.endswith("_weight")):
+            given = getattr(a, name)
+            out[name] = float(getattr(settings, name)) if given is None else given
+            if not 0 <= out[name] < np.inf:
+                raise StictionError(f"{name} {out[name]}: expected 0 or above")
+        return out
+
+    def _penalties(self, ids: Index, share: Array) -> dict[str, Array]:
+        """Return the penalties (M,) of the last action, in a step that is ``share`` (M,) of a run.
+
+        They are the means over joints of (A / A_max)² and of the dither's (2πfA / limit)².
+        """
+        amplitude, frequency = self.action[ids, : self.n], self.action[ids, self.n :]
+        rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
+        top = self._high[: self.n]
+        power, rates = np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)
+        return {
+            "power": -self.weights["power_weight"] * share * power,
+            "torque_rate": -self.weights["torque_rate_weight"] * share * rates,
+        }
+
+    def _time(self, ids: Index) -> Array:
+        """Return the time (M,) since the episodes of ``ids`` began [s]."""
+        return np.asarray(self.rig.step[ids].astype(float) * CONTROL_DT)

@@ -1,0 +1,315 @@
+"""Episodes of the Generated Trajectory Experiment: one is one run along one path.
+
+The plant steps all of them together: the episodes that `step` is not asked about go on as well,
+which is only seen where they are stepped later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import lcm
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.episodes import (
+    Arguments,
+    Array,
+    Episodes,
+    Index,
+    Options,
+    Outcome,
+    ScatterKey,
+)
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.observation import (
+    CAPACITY,
+    GROUPS,
+    GTEObserver,
+    check_gte_options,
+)
+from stiction_envs.experiments.gte.protocol import (
+    TRAJECTORIES,
+    episode_settings,
+    gte_reward_settings,
+)
+from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
+from stiction_envs.experiments.gte.recorder import Recorder
+from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class GTEArguments(Arguments):
+    """Arguments of the environment; `envs.gte.GTEEnv` explains them."""
+
+    scatter_seed: int = 0
+    settings: ImpedanceSettings | None = None
+    motion: MotionLimits | None = None
+    start: ArrayLike | None = None
+    tool: ArrayLike | None = None
+    compensation: str | Compensation | None = None
+    controller_model: Arm | None = None
+    random_paths: int | None = None
+    settling_weight: float | None = None
+    max_episode_steps: int = 400
+
+
+class GTEEpisodes(Episodes):
+    """N episodes of the Generated Trajectory Experiment."""
+
+    arguments = GTEArguments
+    terms = ("settling", "tracking", "power", "torque_rate", "shaking")
+    each = ("time", "goals_reached", "vibration")
+    final = (
+        *("error", "undithered_error"),
+        *("error_left", "undithered_error_left"),
+        *("resting_error", "undithered_resting_error"),
+        *("settling_error", "tracking_error"),
+        *("shaking", "shaking_at_rest", "undithered_shaking"),
+        "duration",
+    )
+    groups = GROUPS
+    # each keeps its own engine data, and all are visited in every control step
+    arms_per_thread = 32
+
+    reward_settings = staticmethod(gte_reward_settings)
+
+    def _experiment(
+        self, a: GTEArguments, arm: Arm, friction: FrictionParameters | None
+    ) -> GeneratedTrajectoryExperiment:
+        given = a.random_paths
+        self.random_paths = episode_settings().random_paths if given is None else given
+        if not isinstance(self.random_paths, (int, np.integer)) or self.random_paths < 1:
+            raise StictionError(f"random_paths {given!r}: expected a whole number from 1")
+        if not self.weights["settling_weight"] <= 1:
+            raise StictionError(f"settling_weight {a.settling_weight}: expected 0 to 1")
+        return GeneratedTrajectoryExperiment(
+            arm,
+            friction=friction,
+            settings=a.settings,
+            motion=a.motion,
+            start=a.start,
+            tool=a.tool,
+            controller_model=a.controller_model,
+            scatter=a.scatter,
+            seed=a.scatter_seed,
+            threads=a.threads,
+        )
+
+    @staticmethod
+    def block_steps(experiment: GeneratedTrajectoryExperiment) -> int:
+        """Return of how many control steps a control interval must be a multiple.
+
+        Episodes start at different times: only between such blocks are all their cycles in step.
+        """
+        e = experiment
+        return lcm(
+            e.interface.hold_steps,
+            e.protocol.model_steps,
+            round(1.0 / (e.motion.publish_rate_hz * CONTROL_DT)),
+            round(1.0 / (e.protocol.sample_rate * CONTROL_DT)),
+        )
+
+    def _make(self, a: GTEArguments) -> None:
+        e, count = self.experiment, self.num_envs
+        self._random: dict[int, Key] = {}
+        self._units: dict[Key, Undithered] = {}
+        self._shaking_unit = self.reward_settings().shaking_unit
+        given = a.compensation
+        self.compensation = e.compensation(given) if isinstance(given, str) else given
+        self.rig = e.rig(count, CAPACITY)
+        self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
+        self.recorder = Recorder(
+            self.rig, e.protocol, steps=self.interval_steps, record=a.record, capacity=CAPACITY
+        )
+        self.case: list[Key] = [(TRAJECTORIES[0], episode_settings().stiffness[0])] * count
+        self.goals = np.ones(count, dtype=np.int64)
+        self._trajectory = np.array([t for t, _ in self.case], dtype=object)
+        self._number = np.full(count, -1)
+        self._stiffness = np.array([k for _, k in self.case])
+        self._unit = np.ones((count, 6))
+        self._base_error, self._base_shaking = np.zeros((count, 6)), np.zeros(count)
+        self._unit_left = np.ones((count, CAPACITY, 2))
+        self._base_left, self._base_resting = np.zeros((2, count, 2))
+        self._left = np.zeros(count)
+        self._base_duration = np.ones(count)
+        self._observer = GTEObserver(e, self._low, self._high)
+        self.stiction = self._observer.stiction
+        self.tolerance = self._observer.tolerance
+        """Unit of the observed error [m], [rad]."""
+
+    # ---- episodes ----------------------------------------------------------------------------
+
+    def _check_options(self, options: Options | None) -> dict[str, Any]:
+        return check_gte_options(options)
+
+    def check_reset(self, options: Sequence[Options | None]) -> list[dict[str, Any]]:
+        """As `Episodes.check_reset`; a trajectory takes the place of a fixed number, too."""
+        checked = super().check_reset(options)
+        for o, own in zip(checked, options, strict=True):
+            if own and "trajectory" in own and "path" not in own:
+                o.pop("path", None)
+        return checked
+
+    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Key, ScatterKey]:
+        trajectory = TRAJECTORIES[int(rng.integers(len(TRAJECTORIES)))]
+        listed = episode_settings().stiffness
+        stiffness = listed[int(rng.integers(len(listed)))]
+        key = tuple(int(k) for k in rng.integers(2**32, size=2))
+        number = int(rng.integers(self.random_paths))
+        if "iteration" in options:
+            key = (options["iteration"],)
+        trajectory = options.get("trajectory", trajectory)
+        if "path" in options or trajectory == RANDOM:
+            [(trajectory, stiffness)] = self._random_cases([options.get("path", number)])
+        return (trajectory, options.get("stiffness", stiffness)), key
+
+    def _random_cases(self, numbers: Sequence[int]) -> list[Key]:
+        """Return names and stiffnesses of random paths."""
+        e, new = self.experiment, [k for k in numbers if k not in self._random]
+        if new:
+            found = random_paths(e.sticking, e.start, e.tool, new)
+            self._random |= {k: (p.path.name, p.stiffness) for k, p in found.items()}
+        return [self._random[k] for k in numbers]
+
+    def _cases(self, options: Options) -> set[Key]:
+        if "path" in options or options.get("trajectory") == RANDOM:
+            drawn = [options["path"]] if "path" in options else range(self.random_paths)
+            return {(t, options.get("stiffness", k)) for t, k in self._random_cases(drawn)}
+        trajectories = [options["trajectory"]] if "trajectory" in options else TRAJECTORIES
+        listed = episode_settings().stiffness
+        stiffness = [options["stiffness"]] if "stiffness" in options else listed
+        return {(t, k) for t in trajectories for k in stiffness}
+
+    def _undithered(self, cases: Sequence[Key]) -> Mapping[Key, Undithered]:
+        # looked up once: with many arms, some episode is always over
+        new = [case for case in cases if case not in self._units]
+        if new:
+            self._units |= undithered(self.experiment, new, self.compensation)
+        return self._units
+
+    def _begin(
+        self,
+        ids: Index,
+        cases: Sequence[Key],
+        keys: Sequence[ScatterKey],
+        base: Sequence[Undithered],
+    ) -> None:
+        rig = self.rig
+        paths = [self.experiment.path(t) for t, _ in cases]
+        rig.begin(ids, paths, np.array([k for _, k in cases]), keys)
+        rig.set_dither(ids, amplitude=0.0, frequency=1.0, waveform=self.waveform)
+        for i, case, path, b in zip(ids, cases, paths, base, strict=True):
+            self.case[i], self.goals[i] = case, len(path.position)
+            self._trajectory[i], self._stiffness[i] = case
+            if (number := path_number(case[0])) is not None:
+                self._trajectory[i], self._number[i] = RANDOM, number
+            else:
+                self._number[i] = -1
+            self._unit[i], self._base_error[i] = b.total, b.window
+            self._unit_left[i, : len(b.left)], self._left[i] = b.left, 0.0
+            self._base_left[i], self._base_resting[i] = b.left.mean(axis=0), b.left[-1]
+            self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
+        self.recorder.start(ids, self.goals[ids])
+
+    def _advance(self, ids: Index) -> None:
+        self.recorder.advance()
+        self.rig.end_effector.read()
+        if self.recorder.trace is not None:
+            self.recorder.keep(ids, self.action[:, : self.n])
+
+    def _outcome(self, ids: Index) -> Outcome:
+        r, rig = self.recorder, self.rig
+        terminated = r.over[ids]
+        truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
+        share = self.interval / self._base_duration[ids]
+        shaking = r.step_vibration[ids] / self._shaking_unit
+        left = (r.step_left[ids] / self._unit_left[ids]).sum(axis=(1, 2)) / (2 * self.goals[ids])
+        self._left[ids] += left
+        tracking = np.mean(r.step_error[ids] / self._unit[ids], axis=1)
+        settling_weight = self.weights["settling_weight"]
+        terms = {
+            "settling": -settling_weight * left,
+            "tracking": -(1.0 - settling_weight) * tracking,
+            **self._penalties(ids, share),
+            "shaking": -self.weights["shaking_weight"] * share * shaking,
+        }
+        return Outcome(
+            terms=terms,
+            terminated=terminated,
+            truncated=truncated,
+            measures={
+                "time": self._time(ids),
+                "goals_reached": rig.sequencer.index[ids],
+                "vibration": r.step_vibration[ids],
+                "error": r.window.sum[ids],
+                "undithered_error": self._base_error[ids],
+                "error_left": r.mean_left(ids),
+                "undithered_error_left": self._base_left[ids],
+                "resting_error": r.left[ids, self.goals[ids] - 1],
+                "undithered_resting_error": self._base_resting[ids],
+                "settling_error": self._left[ids],
+                "tracking_error": self.tracking_error(ids),
+                "shaking": r.shaking[ids],
+                "shaking_at_rest": np.sqrt((r.vibration_at_rest[ids] ** 2).sum(axis=1)),
+                "undithered_shaking": self._base_shaking[ids],
+                "duration": rig.sequencer.reached_at[ids, self.goals[ids] - 1],
+            },
+        )
+
+    @staticmethod
+    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+        """Return the columns that an episode's last measures fill in a table of evaluations."""
+        out: dict[str, float] = {}
+        for name in ("", "undithered_"):
+            for what, field in (("left", "error_left"), ("resting", "resting_error")):
+                position, orientation = measures[f"{name}{field}"]
+                out[f"{name}position_{what}_m"] = float(position)
+                out[f"{name}orientation_{what}_rad"] = float(orientation)
+        return out | {
+            "settling_error": float(measures["settling_error"]),
+            "tracking_error": float(measures["tracking_error"]),
+            "vibration_moving_mm": 1e3 * float(measures["shaking"]),
+            "vibration_at_rest_mm": 1e3 * float(measures["shaking_at_rest"]),
+            "undithered_vibration_mm": 1e3 * float(measures["undithered_shaking"]),
+            "duration_s": float(measures["duration"]),
+        }
+
+    def tracking_error(self, ids: Index) -> Array:
+        """Return (M,) error over the episode so far over that of a whole undithered one [-]."""
+        return np.mean(self.recorder.total_error[ids] / self._unit[ids], axis=1)
+
+    # ---- what is seen ------------------------------------------------------------------------
+
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+        return self._observer.observe(
+            self.rig, ids, action=self.action, stiffness=self._stiffness, goals=self.goals
+        )
+
+    def path_points(self, i: int) -> Array:
+        """Return (goals + 1, 3) the nominal start and the goals of simulation ``i`` [m]."""
+        path, rig = self.experiment.path(self.case[i][0]), self.rig
+        goals, _ = path.goals(rig.start_position[None], rig.start_quaternion[None])
+        return np.concatenate([rig.start_position[None], goals[0]])
+
+    def undithered_duration(self, i: int) -> float:
+        """Return how long the episode of simulation ``i`` lasts without dither [s]."""
+        return float(self._base_duration[i])
+
+    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+        """Return trajectory, number and stiffness (M, 3) of the episodes of ``ids``."""
+        return {
+            "trajectory": self._trajectory[ids],
+            "path": self._number[ids],
+            "stiffness": self._stiffness[ids],
+        }

@@ -1,0 +1,131 @@
+"""Undithered runs of the Generated Trajectory Experiment, found once: what 1 is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.protocol import (
+    TRAJECTORIES,
+    Case,
+    Run,
+    Stiffness,
+    episode_settings,
+)
+from stiction_envs.experiments.gte.random_paths import path_number
+from stiction_envs.precomputed import store
+
+Array = NDArray[np.float64]
+Key = tuple[str, Stiffness]
+"""Trajectory and stiffness."""
+KIND, RANDOM_KIND = "undithered", "undithered_random"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Undithered:
+    """Means over the iterations of one trajectory at one stiffness, without dither."""
+
+    total: Array
+    """(6,) absolute error summed over the samples of an episode [m, rad]."""
+    window: Array
+    """(6,) the same within the window of Table 4.11 [m, rad]."""
+    duration: float
+    """From the start to the end of the tail [s]."""
+    left: Array
+    """(G, 2) error left when the arm's time at each goal is over [m, rad]."""
+    shaking: float
+    """Vibration, turns included, root mean square over the motion [m]."""
+
+
+def fingerprint(
+    experiment: GeneratedTrajectoryExperiment, compensation: Compensation | None = None
+) -> str:
+    """Return a hash of everything that an undithered run depends on."""
+    e, s = experiment, experiment.sticking
+    paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
+    return store.digest(
+        "error left at each goal",
+        *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
+        *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
+        None if e.controller_model is None else e.controller_model.fingerprint,
+        *(() if compensation is None else (compensation,)),
+    )
+
+
+def undithered(
+    experiment: GeneratedTrajectoryExperiment,
+    wanted: Collection[Key],
+    compensation: Compensation | None = None,
+) -> dict[Key, Undithered]:
+    """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
+
+    It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
+    over the first `EpisodeSettings.undithered_iterations`; without scatter they are all alike. What
+    is not in the store is computed in one batch; a result does not depend on it.
+
+    Raises:
+        StictionError: an arm that never comes to the end of the path.
+    """
+    of = fingerprint(experiment, compensation)
+    out: dict[Key, Undithered] = {}
+    for kind in (KIND, RANDOM_KIND):
+        is_random = kind == RANDOM_KIND
+        mine = [key for key in wanted if (path_number(key[0]) is not None) == is_random]
+        names = {key: _name(experiment, key) for key in mine}
+        known = store.recall(kind, of) if mine else {}
+        # runs of one batch take as long as its longest: like with like
+        missing = sorted(
+            (key for key, name in names.items() if name not in known),
+            key=lambda key: experiment.nominal_duration(experiment.path(key[0])),
+        )
+        if missing:
+            iterations = episode_settings().undithered_iterations if is_random else None
+            cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
+            runs = experiment.run(cases, iterations=iterations if experiment.scatter else 1)
+            pairs = zip(missing, runs, strict=True)
+            store.keep(kind, of, {names[key]: _summary(experiment, run) for key, run in pairs})
+            known = store.recall(kind, of)
+        out |= {key: _of_store(known[name]) for key, name in names.items()}
+    return out
+
+
+def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
+    """Return what the store calls a path at a stiffness; a random path by its content, too."""
+    trajectory, stiffness = key
+    of = [trajectory]
+    if path_number(trajectory) is not None:
+        of.append(store.digest(experiment.path(trajectory))[:8])
+    return " ".join([*of, *(repr(float(k)) for k in stiffness)])
+
+
+def _of_store(values: dict[str, Any]) -> Undithered:
+    known: dict[str, Any] = {
+        k: np.array(x) if isinstance(x, list) else x for k, x in values.items()
+    }
+    return Undithered(**known)
+
+
+def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
+    measures = measure(run, experiment.protocol)
+    duration, total = measures.duration + experiment.protocol.tail, measures.total.mean(axis=0)
+    left = measures.left.mean(axis=0)
+    if not (np.isfinite(duration).all() and (total > 0).all() and (left > 0).all()):
+        raise StictionError(
+            f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "
+            f"{run.case.stiffness} has no end, or no error, without dither"
+        )
+    return {
+        "total": total.tolist(),
+        "window": measures.window_sum.mean(axis=0).tolist(),
+        "left": left.tolist(),
+        "duration": float(duration.mean()),
+        "shaking": float(measures.shaking.mean()),
+    }

@@ -1,0 +1,177 @@
+"""What actions and observations of every environment are called and bounded by.
+
+The tables on an environment's page (its class docstring) are made here, from the same groups that
+make the spaces; `tests/envs/test_page.py` compares them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.sje.protocol import LOADS
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.reporting.markdown import table_text
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Neighbouring elements of the observation."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    meaning: str
+    _: KW_ONLY
+    per_joint: bool = False
+    """Whether there is one for every joint (name_1 … name_n)."""
+    labels: tuple[str, ...] = ()
+    """Otherwise: of each element (name_label); empty for a single one."""
+
+    def names(self, n: int) -> list[str]:
+        """Return the names of the elements for an arm of ``n`` joints."""
+        labels = [str(j + 1) for j in range(n)] if self.per_joint else self.labels
+        return [f"{self.name}_{label}" for label in labels] or [self.name]
+
+
+TORQUE = Group(
+    "torque", -50.0, 50.0, "stiction", "commanded torque, dither excluded", per_joint=True
+)
+"""What the joints are asked for without dither: in every environment."""
+DITHER = (
+    Group("amplitude", -1.0, 1.0, "1", "last amplitude; −1 is 0, +1 is A_max", per_joint=True),
+    Group("frequency", -1.0, 1.0, "1", "last frequency; −1 is f_min, +1 is f_max", per_joint=True),
+)
+"""Groups of the last action: every environment's observation ends with them."""
+
+
+def observation_names(n: int, groups: Sequence[Group]) -> tuple[str, ...]:
+    """Return the name of every element of the observation for an arm of ``n`` joints."""
+    return tuple(name for g in groups for name in g.names(n))
+
+
+def observation_bounds(
+    n: int, groups: Sequence[Group]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest observation for an arm of ``n`` joints."""
+    counts = [len(g.names(n)) for g in groups]
+    low = np.repeat([g.low for g in groups], counts).astype(np.float32)
+    return low, np.repeat([g.high for g in groups], counts).astype(np.float32)
+
+
+def action_bounds(
+    parameters: FrictionParameters, poses: Poses, interface: TorqueInterface
+) -> tuple[Array, Array]:
+    """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
+
+    A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
+    f_max = min(100 Hz, half the controller's rate), with the numbers of `ActionSettings`.
+
+    Raises:
+        StictionError: a controller too slow for the lowest frequency.
+    """
+    s, stiction = experiment_settings().action, largest_stiction(parameters, poses)
+    top = np.minimum(interface.torque_limit, s.stiction_factor * stiction)
+    n = len(top)
+    f_max = min(s.highest_frequency, interface.controller_rate_hz / 2)
+    if f_max <= s.lowest_frequency:
+        raise StictionError(
+            f"controller rate {interface.controller_rate_hz} Hz: expected more than "
+            f"{2 * s.lowest_frequency:g} Hz, for the environments"
+        )
+    low = np.concatenate([np.zeros(n), np.full(n, s.lowest_frequency)])
+    return low, np.concatenate([top, np.full(n, f_max)])
+
+
+def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
+    """Return the largest stiction of each joint (n,), of both poses and directions [N·m]."""
+    levels = [parameters.stiction_at(poses.load[:, k]).max(axis=-1) for k in range(len(LOADS))]
+    return np.maximum(*levels)
+
+
+def observed_action(action: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return actions (M, 2n) as they are observed: amplitudes, frequencies, (M, n) each in [-1, 1].
+
+    Args:
+        action: amplitudes [N·m], then frequencies [Hz].
+        low: (2n,) what is −1, the lowest action.
+        high: (2n,) what is +1.
+    """
+    scaled = 2.0 * (action - low) / (high - low) - 1.0
+    n = len(low) // 2
+    return scaled[:, :n], scaled[:, n:]
+
+
+def pack(
+    groups: Sequence[Group],
+    values: Mapping[str, Any],
+    m: int,
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Return observations (m, observations) of values by name of the group, within the bounds."""
+    columns = [np.asarray(values[g.name], dtype=float).reshape(m, -1) for g in groups]
+    return np.clip(np.concatenate(columns, axis=1), low, high).astype(np.float32)
+
+
+def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) -> dict[str, Any]:
+    """Return reset options as a dict.
+
+    Raises:
+        StictionError: something else, or a name that does not exist.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise StictionError(
+            f"reset options are a {type(options).__name__}: expected a dict with "
+            f"{', '.join(expected)}"
+        )
+    for name in options:
+        if name not in expected:
+            raise unknown("reset option", name, expected)
+    return dict(options)
+
+
+def observation_table(n: int, groups: Sequence[Group]) -> str:
+    """Return the Markdown table of the observation for an arm of ``n`` joints."""
+    rows, at = [], 0
+    for g in groups:
+        names = g.names(n)
+        many = len(names) > 1
+        index = f"{at}–{at + len(names) - 1}" if many else f"{at}"
+        name = f"{names[0]} … {names[-1]}" if many else names[0]
+        rows.append([index, name, f"{g.low:g}", f"{g.high:g}", g.unit, g.meaning])
+        at += len(names)
+    return table_text(["index", "name", "min", "max", "unit", "meaning"], rows)
+
+
+def action_table(n: int) -> str:
+    """Return the Markdown table of the action for an arm of ``n`` joints."""
+    s = experiment_settings().action
+    top = f"A_max = min(torque limit, {s.stiction_factor:g} × stiction)"
+    rate = f"min({s.highest_frequency:g}, controller rate / 2)"
+    return table_text(
+        ["index", "meaning", "min", "max", "unit"],
+        [
+            [f"0–{n - 1}", f"amplitude, joint 1 … {n}", "0", top, "N·m"],
+            [
+                f"{n}–{2 * n - 1}",
+                f"frequency, joint 1 … {n}",
+                f"{s.lowest_frequency:g}",
+                rate,
+                "Hz",
+            ],
+        ],
+    )

@@ -1,0 +1,99 @@
+"""Gains of the servos that bring joints to a pose and hold them there, from the arm itself.
+
+Stiffness follows the torque limit, or the friction where that is a large share of the limit: a
+joint comes to rest where the servo's torque no longer beats what resists it. Damping is critical
+for what a joint moves while the others are locked. They are not: in a light wrist without rotors
+such a damper turns a motion round within a step, faster than it came. Euler's
+step of length h is stable while
+
+    2 M - h C - h²/2 K
+
+is positive definite, with all that is damped and sprung explicitly in C and K: servos, bristles
+(σ1, σ0), joint springs. What friction and springs leave of the 2 goes to the dampers by half, the
+share with which one alone stops a motion within a step.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.friction.model import StickingModel, link_inertia
+
+Array = NDArray[np.float64]
+
+
+class Servos:
+    """Servos of one arm's joints."""
+
+    def __init__(self, sticking: StickingModel, protocol: Protocol) -> None:
+        """Make the servos of an arm with the gains that a protocol asks for."""
+        self.sticking, self.protocol = sticking, protocol
+        self.torque_limit = np.array(sticking.arm.limits.torque)
+        self.margin = experiment_settings().servos.torque_margin
+
+    def resistance(self, signed: Array, load: Array) -> Array:
+        """Return the torque (M, n) that a servo must beat [N·m]: stiction and offset of the model.
+
+        Args:
+            signed: (M, n) signed load of the joints [N·m].
+            load: (M, n) its size [N·m].
+        """
+        p = self.sticking.parameters
+        offset = p.offset + p.gravity_error * np.clip(signed, -p.load_high, p.load_high)
+        out: Array = p.stiction_at(load).max(axis=-1) + np.abs(offset)
+        return out
+
+    def stiffness(self, resistance: Array) -> Array:
+        """Return the stiffness (M, n) [N·m/rad] against a resistance (M, n) [N·m]."""
+        counted = np.maximum(self.torque_limit, self.margin * resistance)
+        out: Array = self.protocol.hold_stiffness * counted
+        return out
+
+    def inertia(self, q: Array) -> tuple[Array, Array]:
+        """Return what joints move at poses q (M, n) [rad].
+
+        Returns:
+            (M, n) inertia of each joint with the others locked, and (M, nv, nv) mass matrices of
+            the model's motors and springs, both with rotors [kg·m²].
+        """
+        s = self.sticking
+        data = mujoco.MjData(s.model)
+        mass = np.zeros((len(q), s.model.nv, s.model.nv))
+        for i, pose in enumerate(q):
+            data.qpos[s.motor] = pose
+            mujoco.mj_fwdPosition(s.model, data)
+            mujoco.mj_fullM(s.model, data, mass[i])
+        return link_inertia(s.arm, q) + s.parameters.rotor_inertia, mass
+
+    def damping(self, stiffness: Array, inertia: Array, mass: Array) -> Array:
+        """Return the damping (M, n) [N·m·s/rad]: critical, or as much as the step allows.
+
+        Args:
+            stiffness: (M, n) of the servos [N·m/rad].
+            inertia: (M, n) as of `inertia` [kg·m²].
+            mass: (M, nv, nv) as of `inertia` [kg·m²].
+        """
+        critical = 2 * self.protocol.hold_damping_ratio * np.sqrt(stiffness * inertia)
+        s, p = self.sticking, self.sticking.parameters
+        h, spring = s.timestep, s.spring[s.spring >= 0]
+        servo, others = np.zeros(mass.shape[:2]), np.zeros(mass.shape[:2])
+        servo[:, s.motor] = h * critical
+        others[:, s.motor] = h * s.bristle_damping_of(p)
+        others[:, s.motor] += h * h / 2 * (stiffness + p.bristle_stiffness)
+        others[:, spring] = h * h / 2 * p.joint_stiffness[s.spring >= 0]
+        left = np.maximum(1.0 - _largest(mass, others) / 2, 0.0)
+        needed = np.maximum(_largest(mass, servo), np.finfo(float).tiny)
+        out: Array = np.minimum(1.0, left / needed)[:, None] * critical
+        return out
+
+
+def _largest(mass: Array, diagonal: Array) -> Array:
+    """Return (M,) the largest eigenvalue of M⁻¹ D, of mass (M, k, k) and diagonals D ≥ 0 (M, k)."""
+    root = np.sqrt(diagonal)
+    inverse = root[:, :, None] * np.linalg.inv(mass) * root[:, None, :]
+    out: Array = np.linalg.eigvalsh(inverse)[:, -1]
+    return out

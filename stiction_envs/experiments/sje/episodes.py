@@ -1,0 +1,249 @@
+"""Episodes of the Single Joint Experiment: one is one ramp of one configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.episodes import (
+    Arguments,
+    Array,
+    Episodes,
+    Index,
+    Options,
+    Outcome,
+    ScatterKey,
+)
+from stiction_envs.experiments.observation import largest_stiction, observed_action, pack
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.observation import GROUPS, check_sje_options
+from stiction_envs.experiments.sje.oscillation import Oscillation
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    configurations,
+    sje_reward_settings,
+)
+from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP
+from stiction_envs.experiments.sje.undithered import base_torques
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm
+
+
+@dataclass
+class RampTrace:
+    """Samples of one ramp, one per block of control steps, kept to be drawn."""
+
+    time: list[float] = field(default_factory=list)
+    """Since the ramp started [s]."""
+    torque: list[float] = field(default_factory=list)
+    """Commanded torque of the tested joint, dither excluded [N·m]."""
+    amplitude: list[float] = field(default_factory=list)
+    """Dither amplitude of the tested joint [N·m]."""
+    frequency: list[float] = field(default_factory=list)
+    """Dither frequency of the tested joint [Hz]."""
+    displacement: list[float] = field(default_factory=list)
+    """Angle of the tested joint since its ramp started [rad]."""
+
+
+class SJEEpisodes(Episodes):
+    """N episodes of the Single Joint Experiment."""
+
+    terms = ("breakaway", "torque", "power", "torque_rate", "shaking")
+    each = ("torque", "displacement", "time", "vibration")
+    final = ("shaking", "tau_sje", "tau_base", "reduction")
+    groups = GROUPS
+    # one after the other runs a whole block: only the block's arrays have to fit
+    arms_per_thread = 256
+
+    reward_settings = staticmethod(sje_reward_settings)
+
+    def _experiment(
+        self, a: Arguments, arm: Arm, friction: FrictionParameters | None
+    ) -> SingleJointExperiment:
+        return SingleJointExperiment(arm, friction=friction, scatter=a.scatter, threads=a.threads)
+
+    @staticmethod
+    def block_steps(experiment: SingleJointExperiment) -> int:
+        """Return of how many control steps a control interval must be a multiple."""
+        return BLOCK
+
+    def _make(self, a: Arguments) -> None:
+        e, reward = self.experiment, self.reward_settings()
+        self.rig = e.rig(self.num_envs, dither_all=True)
+        self.oscillation = Oscillation(
+            self.num_envs,
+            self.n,
+            corner=reward.shaking_corner,
+            far=experiment_settings().oscillation.share * e.protocol.threshold,
+        )
+        self.rig.watch = self.oscillation.add
+        self.stiction = largest_stiction(e.sticking.parameters, e.poses)
+        self.speed_unit = e.protocol.threshold
+        self.configuration = [Configuration(1, "load", "+")] * self.num_envs
+        self.tau_base = np.ones(self.num_envs)
+        self._level = np.zeros(self.num_envs)
+        self.trace = [RampTrace() for _ in range(self.num_envs)] if a.record else None
+
+    # ---- episodes ----------------------------------------------------------------------------
+
+    def _check_options(self, options: Options | None) -> dict[str, Any]:
+        return check_sje_options(options, self.n)
+
+    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Configuration, ScatterKey]:
+        drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
+        key = tuple(int(k) for k in rng.integers(2**32, size=2))
+        return dataclasses.replace(drawn, **options), key
+
+    def _cases(self, options: Options) -> set[Configuration]:
+        return {
+            c
+            for c in configurations(self.n)
+            if all(getattr(c, name) == value for name, value in options.items())
+        }
+
+    def _undithered(self, cases: Sequence[Configuration]) -> Mapping[Configuration, float]:
+        return base_torques(self.experiment, cases)
+
+    def _begin(
+        self,
+        ids: Index,
+        cases: Sequence[Configuration],
+        keys: Sequence[ScatterKey],
+        base: Sequence[float],
+    ) -> None:
+        for i, c, tau in zip(ids, cases, base, strict=True):
+            self.configuration[i], self.tau_base[i] = c, tau
+        rig = self.rig
+        rig.place(ids, cases)
+        rig.approach(ids, keys)
+        rig.set_dither(ids, amplitude=0.0, frequency=0.0, waveform=self.waveform)
+        # arms come to rest at different times; no ramp may start before the first action
+        while len(moving := ids[rig.stage[ids] == APPROACH]):
+            rig.advance(moving)
+        self._level[ids] = 0.0
+        self.oscillation.start(ids, rig.plant.position[ids], rig.joint[ids])
+        if self.trace is not None:
+            for i in ids:
+                self.trace[i] = RampTrace()
+
+    def _advance(self, ids: Index) -> None:
+        busy = ids
+        self.oscillation.begin_step(ids)
+        for _ in range(self.interval_steps // BLOCK):
+            ended = self.rig.advance(busy)
+            if self.trace is not None:
+                self._record(busy)
+            if len(ended):
+                busy = np.setdiff1d(busy, ended)
+            if not len(busy):
+                break
+
+    def _outcome(self, ids: Index) -> Outcome:
+        rig = self.rig
+        tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
+        running = rig.stage[ids] == RAMP
+        terminated = ~running & np.isfinite(tau)
+        truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
+        torque = np.where(terminated, tau, self.torque(ids))
+        level = np.abs(torque)
+        square = self.oscillation.step_mean_square(ids)
+        share = self.interval * rig.protocol.ramp_rate / base
+        shaking_weight = self.weights["shaking_weight"]
+        terms = {
+            "breakaway": terminated.astype(float),
+            "torque": -(level - self._level[ids]) / base,
+            **self._penalties(ids, share),
+            "shaking": -shaking_weight * share * square / rig.protocol.threshold**2,
+        }
+        self._level[ids] = level
+        tau[~terminated] = np.nan
+        return Outcome(
+            terms=terms,
+            terminated=terminated,
+            truncated=truncated,
+            measures={
+                "torque": torque,
+                "displacement": rig.displacement()[ids],
+                "time": self._time(ids),
+                "vibration": np.sqrt(square),
+                "shaking": self.oscillation.episode_rms(ids),
+                "tau_sje": tau,
+                "tau_base": self.tau_base[ids].copy(),
+                "reduction": 1.0 - np.abs(tau) / base,
+            },
+        )
+
+    @staticmethod
+    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+        """Return the columns that an episode's last measures fill in a table of evaluations."""
+        return {
+            "reduction": float(measures["reduction"]),
+            "tau_sje_nm": float(measures["tau_sje"]),
+            "tau_base_nm": float(measures["tau_base"]),
+            "oscillation_mrad": 1e3 * float(measures["shaking"]),
+            "time_s": float(measures["time"]),
+        }
+
+    # ---- what is seen ------------------------------------------------------------------------
+
+    def torque(self, ids: Index) -> Array:
+        """Return (M,) commanded torque of the tested joints, dither excluded, now [N·m]."""
+        last = np.maximum(self.rig.step[ids] - 1, 0)
+        return self.rig.ramp_torque(ids, last[:, None])[:, 0]
+
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+        rig, rows = self.rig, np.arange(len(ids))
+        threshold = rig.protocol.threshold
+        base = np.abs(self.tau_base[ids])
+        torque, asked = self.torque(ids), rig.holding_torque[ids]
+        asked[rows, rig.joint[ids]] = torque
+        tested = np.zeros((len(ids), self.n))
+        tested[rows, rig.joint[ids]] = 1.0
+        amplitude, frequency = observed_action(self.action[ids], self._low, self._high)
+        values = {
+            "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
+            "velocity": rig.plant.velocity[ids] / threshold,
+            "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
+            "torque": asked / self.stiction,
+            "ramp": torque / base,
+            "elapsed": rig.sign[ids] * (torque - rig.start_torque[ids]) / base,
+            "tested": tested,
+            "load": np.array([float(self.configuration[i].load == "load") for i in ids]),
+            "direction": rig.sign[ids],
+            "amplitude": amplitude,
+            "frequency": frequency,
+        }
+        space = self.observation_space
+        return pack(GROUPS, values, len(ids), space.low, space.high)
+
+    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+        """Return joint (from 1), load and direction of the episodes of ``ids``."""
+        rows = [self.configuration[i] for i in ids]
+        return {
+            "joint": np.array([c.joint for c in rows]),
+            "load": np.array([c.load for c in rows], dtype=object),
+            "direction": np.array([c.direction for c in rows], dtype=object),
+        }
+
+    def _record(self, ids: Index) -> None:
+        assert self.trace is not None
+        torque, moved = self.torque(ids), self.rig.displacement()[ids]
+        for row, i in enumerate(ids):
+            k = self.rig.joint[i]
+            sample = {
+                "time": float(self.rig.step[i] * CONTROL_DT),
+                "torque": float(torque[row]),
+                "amplitude": float(self.action[i, k]),
+                "frequency": float(self.action[i, self.n + k]),
+                "displacement": float(moved[row]),
+            }
+            for name, value in sample.items():
+                getattr(self.trace[i], name).append(value)

@@ -1,0 +1,1 @@
+"""Masses, inertias and the direction of gravity: a cause per file."""

@@ -1,0 +1,132 @@
+"""Mass and centre of a link, as far as torques tell them."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.body.bodies import body_columns, with_link
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.motion import changes
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.robots import Arm
+from stiction_envs.robots.regressor import inertial_parameters
+
+MASS_SD = 0.3
+"""How far a link's mass may be off the model's, as a part of it [-]. Published and identified
+masses of a link differ by as much."""
+CENTRE_SD = 0.03
+"""How far its centre may be off, in each direction [m]. A quarter of a link's half length."""
+LEFT = 0.05
+"""Part of a link's mass that is there at least [-]."""
+FARTHEST = 0.15
+"""Distance from its centre in the model beyond which a centre is none of the link's [m]. Half a
+link's length."""
+
+
+class LinkParameters(Cause):
+    """A link of another mass, or with its centre elsewhere, than the model says.
+
+    Its inertia goes with it, J' = (1 + s) T(δ) J T(δ)ᵀ, so that it is a body's. Mass and moment
+    that this motion does not show stay near the nominal: they have a prior. The last link's is
+    the `payload`'s business.
+    """
+
+    name: ClassVar[str] = "link_parameters"
+    what: ClassVar[str] = "a link's mass or centre wrong"
+    what_to_record: ClassVar[str] = (
+        "static poses over the whole range of all joints, then an exciting motion"
+    )
+    coupled: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    changes_arm: ClassVar[bool] = True
+    refinable: ClassVar[bool] = False
+    dependent_parameters: ClassVar[int] = 2
+    parameters: ClassVar = (
+        Parameter("mass_kg", "kg"),
+        Parameter("com_m", "m", size=3),
+        Parameter("link", "1", size=0),
+    )
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return which link it is, and what it weighs in the model [kg]."""
+        return [(joint + 1.0, float(data.recording.derived(_masses)[joint]))]
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque on the joint itself."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque per kilogram, and per kg·m that the link is moved by, on all joints."""
+        return data.recording.derived(body_columns, *data.gravity_found)[
+            :, :, 4 * joint : 4 * joint + 4
+        ]
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return what leaves a link."""
+        low = np.full(4, -np.inf)
+        low[0] = -(1 - LEFT) * float(data.recording.derived(_masses)[joint])
+        return low, np.full(4, np.inf)
+
+    def prior(self, data: Data, joint: int) -> Array:
+        """Return standard deviations about the nominal."""
+        mass = float(data.recording.derived(_masses)[joint])
+        return mass * np.array([MASS_SD, *[CENTRE_SD] * 3])
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether it would be another link: next to no mass, or a centre far outside."""
+        low, _ = self.bounds(data, joint)
+        mass = float(data.recording.derived(_masses)[joint]) + float(coefficients[0])
+        moved = float(np.linalg.norm(coefficients[1:])) / max(mass, 1e-9)
+        return bool(coefficients[0] <= low[0]) or moved > FARTHEST
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the link, and what its mass [kg] and centre [m] in its axes differ by."""
+        more = float(coefficients[0])
+        return {
+            "link": int(shape[0]),
+            "mass_kg": more,
+            "com_m": [float(x) for x in coefficients[1:] / (shape[1] + more)],
+        }
+
+    def changed(self, arm: Arm, part: Part) -> Arm:
+        """Return the arm with the other link."""
+        numbers = np.array(part.coefficients)
+        if numbers.shape != (4,) or not np.isfinite(numbers).all():
+            raise StictionError(
+                f"cause {self.name} of link {part.joint}: coefficients {numbers.tolist()}: "
+                "expected mass [kg] and moment (3) [kg·m] that are added"
+            )
+        mass = float(inertial_parameters(arm.pinocchio())[part.joint - 1, 0])
+        if mass + numbers[0] <= 0:
+            raise StictionError(
+                f"cause {self.name} of link {part.joint}: {numbers[0]:+.4g} kg on {mass:.4g} kg "
+                "leave no body: expected less"
+            )
+        return with_link(arm, part.joint, numbers)
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Say where it is; the body itself is the arm's."""
+        draft.not_in_tables.append(f"{self.name} of link {part.joint}: in [[cause]] and model.xml")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether no torque shows the link."""
+        if joint == data.n - 1:
+            return f"link {joint + 1} is the last: what is wrong with it is named payload"
+        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
+            return "the arm holds one pose only"
+        (shape,) = self.shapes(data, joint, data.residual[:, 0])
+        columns, usual = self.spread(data, joint, shape), self.prior(data, joint)
+        if not any(changes(data, columns[..., k] * usual[k]).any() for k in range(4)):
+            return f"link {joint + 1} hardly changes any torque along this motion"
+        return ""
+
+
+def _masses(recording: Recording) -> Array:
+    """Return (n,) mass of each link and of what is fixed to it [kg]."""
+    return inertial_parameters(recording.pinocchio)[:, 0]

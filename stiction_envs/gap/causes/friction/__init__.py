@@ -1,0 +1,1 @@
+"""Friction in the joint: a cause per file."""

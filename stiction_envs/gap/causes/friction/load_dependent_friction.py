@@ -1,0 +1,60 @@
+"""Dry friction that grows with the transmitted torque: τ = k |τ_load| sign(q̇)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.motion import lacks_both_directions
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, load
+from stiction_envs.gap.signals.dataset import Data
+
+
+class LoadDependentFriction(Cause):
+    """Friction of gear and bearing under load."""
+
+    name: ClassVar[str] = "load_dependent_friction"
+    what: ClassVar[str] = "friction grows with transmitted torque"
+    approximate: ClassVar[bool] = True
+    what_to_record: ClassVar[str] = (
+        "the same slow motion in poses of small and of large gravity torque"
+    )
+    needs: ClassVar = (CoulombFriction.name,)
+    parameters: ClassVar = (Parameter("load_coefficient", "1", 0.0, 1.0),)
+    view: ClassVar = View(
+        "transmitted torque [N·m]",
+        lambda data, joint, shape: np.abs(load(data, joint, shape)),
+        folded=True,
+        note="friction grows with load",
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the load's size in the direction of motion."""
+        return data.smooth(data.growth(joint, np.abs(data.rigid[:, joint])))[:, None]
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return k [-]."""
+        return {"load_coefficient": float(coefficients[0])}
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Let friction grow in the tables; MJCF holds the level at the mean load."""
+        draft.load[part.joint - 1] += part.coefficients[0]
+        draft.leave_out(part, "the level at the logs' mean load stands", tables=False)
+
+    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array:
+        """Return friction at the mean load."""
+        j = part.joint - 1
+        return part.coefficients[0] * draft.mean_load[j] * data.smooth(data.direction(j))
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether directions or a change of load are missing."""
+        load = np.abs(data.rigid[:, joint])
+        missing = lacks_both_directions(data, joint)
+        if not missing and load.std() < data.settings.noise.clear * data.noise[joint]:
+            missing = f"joint {joint + 1} carries no load that changes"
+        return missing

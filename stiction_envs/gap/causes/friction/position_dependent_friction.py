@@ -1,0 +1,148 @@
+"""Torque that repeats with the joint angle: τ = a sin(k q + φ).
+
+A gear's or motor's ripple pushes the same way in both directions; friction that is uneven turns
+with the motion: τ = a sin(k q + φ) sign(q̇).
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.signals.dataset import Data
+
+RIDGE = 1e-9 * np.eye(5)
+"""Keeps waves that do not differ solvable."""
+
+
+LEAST_PERIODS = 1.25
+"""Periods within the range of a joint from which on they can be counted [-]."""
+ROWS = 3000
+"""That are enough to find the periods."""
+BEST = 3
+"""Periods that go on to the selection, of each kind."""
+
+
+def phase(data: Data, joint: int, shape: Shape) -> Array:
+    """Return (T,) part of one ripple's period that the joint has gone through [-]."""
+    return np.mod(shape[0] * data.q[:, joint] / (2 * np.pi), 1.0)
+
+
+class PositionDependentFriction(Cause):
+    """Ripple of gear, bearing or motor."""
+
+    name: ClassVar[str] = "position_dependent_friction"
+    what: ClassVar[str] = "ripple with joint angle"
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = (
+        "slow constant speed over a quarter turn or more, there and back"
+    )
+    refinable: ClassVar[bool] = False
+    parameters: ClassVar = (
+        Parameter("ripple_nm", "N·m", size=2),
+        Parameter("periods_per_rev", "1/rev", 0.0, size=0),
+        Parameter("phase_rad", "rad", size=0),
+    )
+    view: ClassVar = View(
+        "joint angle, part of one ripple period [-]", phase, note="a sine, once per period"
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return sine and cosine of k q, in the direction of motion if it is friction's."""
+        angle = shape[0] * data.q[:, joint]
+        wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        if len(shape) > 1:
+            wave *= data.direction(joint)[:, None]
+        return data.smooth(wave)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the periods per turn, whole numbers, that the residual shows best.
+
+        From `LEAST_PERIODS` within the joint's range to what its speed and the sampling resolve;
+        peaks only, since what explains ever more towards fewer periods is none.
+        """
+        q = data.q[:, joint]
+        span = float(np.ptp(q))
+        if span < 1e-3:
+            return []
+        step = float(np.percentile(np.abs(data.dq[:, joint]), 75)) * data.dt
+        low = max(1, int(np.ceil(LEAST_PERIODS * 2 * np.pi / span)))
+        high = min(400, int(2 * np.pi / max(8 * step, 1e-6)))
+        if low > high:
+            return []
+        count = np.arange(1, high + 1)
+        # each angle weighs the same, however long the joint stays there
+        thin = slice(None, None, max(1, len(q) // ROWS))
+        weight = np.abs(data.dq[thin, joint])
+        weight = np.sqrt(np.minimum(weight, np.percentile(weight, 90)))
+        base = np.stack([np.ones_like(q), q, data.direction(joint)], axis=1)[thin]
+        base, r = base * weight[:, None], residual[thin] * weight
+        turning = weight * data.direction(joint)[thin]
+        angle = q[thin, None] * count
+        waves = np.stack([np.sin(angle), np.cos(angle)])
+        found: list[Shape] = []
+        for side, tail in ((weight, ()), (turning, (1.0,))):
+            power = _shown(waves * side[:, None], base, r)
+            around = np.concatenate([[-np.inf], power, [-np.inf]])
+            peak = (power >= around[:-2]) & (power > around[2:]) & (count >= low)
+            best = np.argsort(np.where(peak, -power, np.inf), kind="stable")[:BEST]
+            found += [(float(count[k]), *tail) for k in best if peak[k]]
+        return found
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Never: the periods tried are the best of all."""
+        return False
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return a [N·m], k [1/rev], φ [rad]."""
+        return {
+            "ripple_nm": float(np.hypot(*coefficients)),
+            "periods_per_rev": shape[0],
+            "phase_rad": float(np.arctan2(coefficients[1], coefficients[0])),
+        }
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Take MuJoCo's cogging, of which a joint has one."""
+        j = part.joint - 1
+        if len(part.shape) > 1:
+            draft.leave_out(part, "MuJoCo's ripple does not turn with the motion")
+        elif draft.ripple[j, 0] > 0:
+            why = "MuJoCo has room for one ripple per joint, a stronger one stands"
+            draft.leave_out(part, why)
+        else:  # MuJoCo's cogging drives the joint; ours is what the motor must overcome
+            v = self.parameters_of(part)
+            draft.ripple[j] = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
+
+    def contribution_order(self, part: Part) -> tuple[int, float]:
+        """Return the strongest first: it is the one that MuJoCo takes."""
+        return 1, -float(np.hypot(part.coefficients[0], part.coefficients[1]))
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether the joint turns too little."""
+        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.travel_span
+        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+
+
+def _shown(waves: Array, base: Array, r: Array) -> Array:
+    """Return (K,) what each of K waves explains of a residual, with columns that are there anyway.
+
+    Args:
+        waves: (2, T, K) weighted sines and cosines.
+        base: (T, 3) weighted columns.
+        r: (T,) weighted residual.
+    """
+    count = waves.shape[2]
+    xx, xr = np.empty((count, 5, 5)), np.empty((count, 5))
+    for i in range(2):
+        for j in range(2):
+            xx[:, i, j] = np.einsum("tk,tk->k", waves[i], waves[j])
+        xx[:, i, 2:] = xx[:, 2:, i] = waves[i].T @ base
+        xr[:, i] = waves[i].T @ r
+    xx[:, 2:, 2:], xr[:, 2:] = base.T @ base, base.T @ r
+    solved = np.linalg.solve(xx + RIDGE, xr[..., None])[..., 0]
+    return np.asarray(np.einsum("kp,kp->k", xr, solved))

@@ -1,0 +1,89 @@
+"""Friction that lags reversals: a bristle ζ' = (q̇ − |q̇| ζ)/d in place of sign(q̇)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, reversals
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.signals.bristle import bristles
+from stiction_envs.gap.signals.dataset import Data
+
+DISTANCES = np.geomspace(1e-3, 1e-3 * 50**1.25, 11)
+"""Presliding distances that are tried [rad]: a filtered log sees a sign under the shortest, and no
+gear yields over the longest, 0.13 rad."""
+
+
+def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
+    """Return (T,) how far the joint has gone since it last reversed [rad]."""
+    out = np.zeros(len(data.t))
+    for run in data.runs():
+        q = data.q[run, joint]
+        sign = np.sign(np.diff(q, prepend=q[0]))
+        turned = np.flatnonzero(np.diff(sign) != 0) + 1
+        start = np.zeros(len(q), dtype=int)
+        start[turned] = turned
+        start = np.maximum.accumulate(start)
+        out[run] = np.abs(q - q[start])
+    return out
+
+
+class PreslidingHysteresis(Cause):
+    """A joint that yields before it slides."""
+
+    name: ClassVar[str] = "presliding_hysteresis"
+    what: ClassVar[str] = "friction lags reversals (bristle)"
+    approximate: ClassVar[bool] = True
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
+    needs: ClassVar = (CoulombFriction.name,)
+    parameters: ClassVar = (
+        Parameter("bristle_stiffness", "N·m/rad", 0.0),
+        Parameter("bristle_damping", "N·m·s/rad", 0.0),
+    )
+    view: ClassVar = View(
+        "way since the last reversal [rad]",
+        since_reversal,
+        folded=True,
+        note="friction builds up over some way after a reversal",
+        limit=lambda shape: 8 * shape[0],
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the bristle adds to dry friction of 1 N·m, and its rate [rad/s]."""
+        path, distance = data.reversal_path[:, [joint]], np.array([[shape[0]]])
+        zeta = bristles(path, data.runs(), distance, data.settings.motion)[:, 0, 0]
+        lag = zeta - data.dry_friction_ratio(joint)
+        return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return presliding distances F_c/σ0 [rad]; under the shortest a log sees a sign."""
+        return [(float(x),) for x in DISTANCES]
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""
+        return {"bristle_stiffness": float(coefficients[0]) / shape[0]}
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Set the bristle's stiffness, and its damping if there is any."""
+        draft.bristle[part.joint - 1] = part.coefficients[0] / part.shape[0]
+        draft.damping[part.joint - 1] = part.coefficients[1] or np.nan
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether nothing lags: without damping it may well be."""
+        return bool(coefficients[0] <= 0)
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether reversals are missing."""
+        missing = lacks_both_directions(data, joint)
+        count = reversals(data.dq[:, joint], data.settings.motion.reversal_speed)
+        if not missing and count < 2:
+            missing = f"joint {joint + 1} reverses only {count} times"
+        return missing

@@ -1,0 +1,118 @@
+"""Friction that falls or rises with time: τ = r t sign(q̇).
+
+Logs of one session share the time t since it began; of logs that are days apart each starts cold.
+Where their clocks tell that they may be of one session, both are tried, and the data choose.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft
+from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.motion import lacks_both_directions
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.signals.dataset import Data
+
+SHORTEST_LOG = 10.0
+"""In which it is looked for [s]."""
+
+
+OF_LOG, OF_SESSION = 0.0, 1.0
+"""Since when time counts, as a nonlinear parameter."""
+
+
+def _time(data: Data, shape: Shape) -> Array:
+    """Return (T,) time since each log began, or its session [s]."""
+    recording = data.recording
+    return recording.since_session if shape == (OF_SESSION,) else recording.since_log
+
+
+class WarmUpDrift(Cause):
+    """Dry friction that changes along the log, as a gear that warms up."""
+
+    name: ClassVar[str] = "warm_up_drift"
+    what: ClassVar[str] = "friction falls or rises with time or temperature"
+    approximate: ClassVar[bool] = True
+    what_to_record: ClassVar[str] = (
+        "the same motion repeated for tens of minutes, from cold, on one clock"
+    )
+    refinable: ClassVar[bool] = False
+    needs: ClassVar = (CoulombFriction.name,)
+    parameters: ClassVar = (Parameter("drift_nm_per_s", "N·m/s"),)
+    view: ClassVar = View(
+        "time [s]",
+        lambda data, joint, shape: _time(data, shape),
+        folded=True,
+        note="friction changes along the log",
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return time in the direction of motion."""
+        return data.smooth(data.growth(joint, _time(data, shape)))[:, None]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return since when time may count: one choice where no clock tells sessions from logs."""
+        recording = data.recording
+        same = np.array_equal(recording.since_log, recording.since_session)
+        return [()] if same else [(OF_LOG,), (OF_SESSION,)]
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Return false: a choice has no end."""
+        return False
+
+    def assumption(self, data: Data, shape: Shape) -> str:
+        """Return since when time counts, where there are several logs."""
+        if shape:
+            fits = "fits better than the time since {} began"
+            if shape == (OF_SESSION,):
+                return f"with the time since the session began, which {fits.format('each log')}"
+            return f"with the time since each log began, which {fits.format('the session')}"
+        if len(np.unique(data.recording.log)) < 2:
+            return ""
+        why = "their pauses are long" if data.recording.common_clock else "no clock is common"
+        return f"each log is assumed to start cold: {why}"
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return r [N·m/s]."""
+        return {"drift_nm_per_s": float(coefficients[0])}
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Write the drift as the start of a slow exponential, if friction stays positive."""
+        j, rate = part.joint - 1, float(part.coefficients[0])
+        late = LATE * draft.duration
+        level = float(draft.coulomb[j].mean())
+        warm = level + rate * late
+        rise = -rate * late / warm if warm > LEAST_FRICTION < level else -1.0
+        ok = rise > -0.9 and draft.warm[j, 0] == 0
+        when = "mid-record" if ok else "the start of the record"
+        draft.leave_out(part, f"MJCF has no clock: the level at {when} stands", tables=not ok)
+        if ok:
+            draft.warm[j] = rise, late
+            draft.coulomb[j] *= warm / level
+            draft.stiction[j] *= warm / level
+
+    def contribution_order(self, part: Part) -> tuple[int, float]:
+        """Return last: it needs the level it drifts from."""
+        return 2, 0.0
+
+    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array | None:
+        """Return the level half-way through the logs."""
+        j = part.joint - 1
+        if draft.warm[j, 0] == 0:
+            return None
+        return part.coefficients[0] * (draft.duration / 2) * data.smooth(data.direction(j))
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether the log is too short."""
+        seconds = float(np.ptp(data.recording.since_session))
+        if seconds < SHORTEST_LOG:
+            return f"the log is only {seconds:.1f} s long"
+        span = float(np.ptp(data.q[:, joint]))
+        if span < data.settings.motion.travel_span:
+            return f"joint {joint + 1} turns by {span:.3f} rad only"
+        return lacks_both_directions(data, joint)

@@ -1,0 +1,1 @@
+"""Gears that are loose or soft: a cause per file."""

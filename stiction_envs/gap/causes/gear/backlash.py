@@ -1,0 +1,271 @@
+"""A dead zone where the transmitted torque changes sign: in the gap the motor drives no link."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.compiled import compiled
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.gear.deflection import (
+    gravity_slope,
+    mass_matrix,
+    own_torque_of,
+    seen_by,
+    torque_of,
+)
+from stiction_envs.gap.causes.motion import rests, reversals
+from stiction_envs.gap.causes.view import View, load
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.reversal_path import play
+
+DRAGGED, LOST = 0.0, -1.0
+"""In the place of a damping ratio, for links that friction holds while the motor crosses the gap
+after a reversal: all of the load is missing, or the link just stays behind."""
+
+
+AT_ONCE = 32
+"""Gaps that are opened at once: more take more memory than they save time."""
+
+
+GAPS = np.geomspace(0.002, 0.1, 161)
+"""That are tried [rad]. When a link lands hangs on the gap: 2.5 % of it more, and the
+blows of a fast motion are elsewhere."""
+SIZED = 8
+"""Every so many of them the size of what they add is worked out, which changes slowly."""
+FLANK = 10000.0
+"""Stiffness of a gear's flanks [N·m/rad]. Harmonic drives of 100 N·m and more have as much."""
+DAMPINGS = (0.05, 0.1, 0.2, 0.4, 1.0)
+"""Damping ratios of a link that strikes a flank, that are tried [-]: the motor gives way, and takes
+up much of the blow."""
+USUAL_DAMPING = 0.2
+"""That of a gap of which none is known [-]."""
+BEST = 6
+"""Shapes that go on to the selection."""
+LEAST = 0.2
+"""Size of what comes over what the model predicts, at least [-]: blows predicted a little early or
+late count for less."""
+MOST = 1.5
+"""The same, at most [-]."""
+FLANKS = (0.5, 0.7, 1.0, 1.4, 2.0)
+"""Stiffnesses over `FLANK` that the interval of a gap allows for [-]: the softer the flank, the
+wider a gap looks: known to a factor of two."""
+PROFILE_REACH = 1.35
+"""How far from the gap that was found others are tried for its interval, as a factor [-]."""
+PROFILE_COUNT = 31
+"""Of them."""
+RESIDUAL_LEFT = 2.0
+"""Times the noise floor that a joint's residual must exceed for a search [-]."""
+
+
+def crossings(data: Data, joint: int, gaps: Array, damping: float, flank: float) -> Array:
+    """Return (T, K) the link's angle less the motor's, δ, in a joint with each of K gaps [rad].
+
+    The load L presses the link on one flank of stiffness K, which yields. When L changes sign the
+    link flies over to the other flank, and comes back from it:
+    M δ̈ = −L, and beyond the gap −L − K(δ ∓ gap/2) − Dδ̇. L is the load at the motor's angle and
+    its slope with gravity, to first order in δ. Derived here.
+    """
+    mass, load = mass_matrix(data)[:, joint, joint], data.rigid[:, joint]
+    slope = gravity_slope(data)[:, joint, joint]
+    out = np.empty((len(mass), len(gaps)))
+    for run in data.runs():
+        _fly(load[run], slope[run], mass[run], gaps / 2, damping, flank, data.dt, out[run])
+    return out
+
+
+@compiled
+def _fly(
+    load: Array,
+    slope: Array,
+    mass: Array,
+    half: Array,
+    ratio: float,
+    flank: float,
+    h: float,
+    out: Array,
+) -> None:
+    """Put `crossings` of one run into ``out`` (T, K), from rest on the flank.
+
+    In flight by velocity Verlet, exact for a load that is constant over a sample; on the flank by
+    implicit Euler, stable however stiff.
+    """
+    x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
+    out[0] = x
+    for i in range(1, len(load)):
+        k = flank / mass[i]
+        damped = 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
+        for g in range(len(half)):  # inside: the processor takes several gaps at once
+            over = x[g] - min(max(x[g], -half[g]), half[g])
+            before = -(load[i - 1] + slope[i - 1] * x[g]) / mass[i - 1]
+            fly = x[g] + h * u[g] + 0.5 * h * h * before
+            after = -(load[i] + slope[i] * fly) / mass[i]
+            press = (u[g] + h * (-(load[i] + slope[i] * x[g]) / mass[i] - k * over)) / damped
+            free = over == 0.0
+            u[g] = u[g] + 0.5 * h * (before + after) if free else press
+            x[g] = fly if free else x[g] + h * press
+            out[i, g] = x[g]
+
+
+def dragged(data: Data, joint: int, gaps: Array) -> Array:
+    """Return (T, K) part of the load, −1 or 0, that K gaps miss after reversals of the motor."""
+    out = np.zeros((len(data.q), len(gaps)))
+    for run in data.runs():
+        _missing(data.reversal_path[run, joint], gaps, out[run])
+    return out
+
+
+@compiled
+def _missing(path: Array, gaps: Array, out: Array) -> None:
+    """Put `dragged` of one run into ``out`` (T, K), which is zero."""
+    side, turn, turned = 0.0, 0.0, False
+    for i in range(1, len(path)):
+        step = np.sign(path[i] - path[i - 1])
+        if step != 0.0 and step != side:
+            if side != 0.0:
+                turn, turned = path[i - 1], True
+            side = step
+        if turned:
+            way = abs(path[i] - turn)
+            for g in range(len(gaps)):
+                out[i, g] = -1.0 if way < gaps[g] else 0.0
+
+
+def lost(data: Data, joint: int, gaps: Array) -> Array:
+    """Return (T, K) the link's angle less the motor's where friction holds the link [rad].
+
+    The motor drags it along by a slot of each of K gaps: play as in Tao and Kokotović, "Adaptive
+    control of systems with actuator and sensor nonlinearities", 1996.
+    """
+    out = np.zeros((len(data.q), len(gaps)))
+    for run in data.runs():
+        path = data.reversal_path[run, joint]
+        out[run] = play(path, gaps / 2) - path[:, None]
+    return out
+
+
+class Backlash(Cause):
+    """Play in a gear."""
+
+    name: ClassVar[str] = "backlash"
+    what: ClassVar[str] = "dead zone at reversals"
+    approximate: ClassVar[bool] = True
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    what_to_record: ClassVar[str] = (
+        "slow motion through the pose in which the joint's load changes sign"
+    )
+    coupled: ClassVar[bool] = True
+    dependent_parameters: ClassVar[int] = 1
+    multimodal: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
+    view: ClassVar = View("transmitted torque [N·m]", load, note="a dent about zero load")
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the gap adds to all joints."""
+        gap, damping = (*shape, USUAL_DAMPING)[:2]
+        if damping == DRAGGED:
+            torque = np.zeros_like(data.q)
+            torque[:, joint] = data.rigid[:, joint] * dragged(data, joint, np.array([gap]))[:, 0]
+        else:
+            delta = self._deltas(data, joint, np.array([gap]), damping)[:, 0]
+            torque = torque_of(data, joint, delta)
+        return data.smooth(torque)[..., None]
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return what the gap adds to its own joint."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the gaps and dampings that the residual of the joint itself shows best."""
+        ok, gaps = data.block >= 0, GAPS
+        if residual[ok].std() < RESIDUAL_LEFT * data.noise[joint]:
+            return []
+        # the filter is symmetric: a product with what it leaves is one with the filtered residual
+        target = data.smooth(np.where(ok, residual, 0.0))
+        some = np.unique([*range(0, len(gaps), SIZED), len(gaps) - 1])
+        scored = []
+        # a link that friction holds stays behind only where the motor moves
+        held = () if rests(data, joint) else (DRAGGED, LOST)
+        seen = {DRAGGED: target * data.rigid[:, joint]}
+        other = seen_by(data, joint, target)
+        for damping in (*DAMPINGS, *held):
+            along = np.concatenate(
+                [
+                    seen.get(damping, other)
+                    @ self._deltas(data, joint, gaps[k : k + AT_ONCE], damping)
+                    for k in range(0, len(gaps), AT_ONCE)
+                ]
+            )
+            opened = self._deltas(data, joint, gaps[some], damping)
+            torque = self._own(data, joint, opened, damping)
+            size = np.square(data.smooth(torque)[ok]).sum(axis=0)
+            size = np.interp(np.log(gaps), np.log(gaps[some]), size)
+            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+            left = c * c * size - 2 * c * along
+            scored += [(float(x), float(g), damping) for x, g in zip(left, gaps, strict=True)]
+        return [(gap, damping) for _, gap, damping in sorted(scored)[:BEST]]
+
+    def profile(
+        self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
+    ) -> tuple[Array, Array]:
+        """Return gaps (K,) [rad] and (K,) what is left with each, whatever flank and damping.
+
+        Nobody knows how stiff the flanks are and how they damp a blow, and both shift when the link
+        lands.
+        """
+        damping = (*shape, USUAL_DAMPING)[1]
+        gaps = shape[0] * np.geomspace(1 / PROFILE_REACH, PROFILE_REACH, PROFILE_COUNT)
+        kinds = [(damping, FLANK)]
+        if damping not in (DRAGGED, LOST):
+            kinds = [(d, FLANK * f) for d in DAMPINGS for f in FLANKS]
+        left = np.full(len(gaps), np.inf)
+        for kind, flank in kinds:
+            torque = self._own(data, joint, self._deltas(data, joint, gaps, kind, flank), kind)
+            torque = data.smooth(torque)
+            along, size = torque.T @ (weight * residual), np.square(torque).T @ weight
+            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+            left = np.minimum(left, c * c * size - 2 * c * along)
+        return gaps, left + float(np.sum(weight * residual**2))
+
+    def _deltas(
+        self, data: Data, joint: int, gaps: Array, damping: float, flank: float | None = None
+    ) -> Array:
+        """Return (T, K) for K gaps the part of the load that is missing where it is dragged, else δ
+        [rad]; ``flank`` is not the usual stiffness [N·m/rad]."""
+        if damping == DRAGGED:
+            return dragged(data, joint, gaps)
+        if damping == LOST:
+            return lost(data, joint, gaps)
+        return crossings(data, joint, gaps, damping, flank or FLANK)
+
+    def _own(self, data: Data, joint: int, opened: Array, damping: float) -> Array:
+        """Return (T, k) what `_deltas` of k gaps add to the joint itself, before the filter."""
+        if damping == DRAGGED:
+            return np.asarray(data.rigid[:, joint, None] * opened)
+        return own_torque_of(data, joint, opened)
+
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours on the grid of gaps."""
+        step = float(GAPS[1] / GAPS[0])
+        return shape[0] / step, shape[0] * step
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Return whether the gap is at the end of what was tried, or next to it."""
+        return not GAPS[1] * edge < shape[0] < GAPS[-2] / edge
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return the model's own size, and some room for what it leaves out."""
+        return np.array([LEAST]), np.array([MOST])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the gap [rad]."""
+        return {"gap_rad": shape[0]}
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether nothing turns."""
+        loads = reversals(data.rigid[:, joint], data.noise[joint])
+        if loads < 3 and reversals(data.dq[:, joint], data.settings.motion.reversal_speed) < 2:
+            return f"neither motion nor load of joint {joint + 1} changes sign"
+        return ""

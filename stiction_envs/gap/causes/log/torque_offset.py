@@ -1,0 +1,45 @@
+"""A constant torque bias."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.causes.motion import rests
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.view import View, angle
+from stiction_envs.gap.signals.dataset import Data
+
+
+class TorqueOffset(Cause):
+    """Zero of a sensor, or a calibration."""
+
+    name: ClassVar[str] = "torque_offset"
+    what: ClassVar[str] = "constant torque bias (sensor, calibration)"
+    what_to_record: ClassVar[str] = (
+        "static poses on both sides of the joint's range, and rests in motion"
+    )
+    shown_at_rest: ClassVar[bool] = True
+    removed_first: ClassVar[bool] = True
+    parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
+    view: ClassVar = View("joint angle [rad]", angle, note="the same torque everywhere")
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return ones."""
+        return np.ones((len(data.t), 1))
+
+    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return friction on a joint that only holds: it bears whatever it came to rest with."""
+        return (CoulombFriction.name,) if rests(data, joint) else ()
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the offset [N·m]."""
+        return {"offset_nm": float(coefficients[0])}
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Add a torque that the motor must overcome."""
+        draft.offset[part.joint - 1] += part.coefficients[0]

@@ -1,0 +1,152 @@
+"""Smooth torque over the joint angle: τ = c_0 + Σ_k (a_k cos k q + b_k sin k q), k = 1 to `order`.
+
+The pull of a cable or hose that bends, or a torque sensor that reads the angle: the same in both
+directions of motion, of any sign, where `external_spring` is a straight line that pulls back and
+`position_dependent_friction` repeats within the joint's range. Harmonics of the whole turn and not
+splines: they predict angles that were left out as well (the iiwa's joint 3, simulated humps and
+waves), ask for no knots, and MuJoCo holds them exactly.
+
+Beware of the first harmonic. It is what gravity of a wrong mass looks like on a joint that moves by
+itself; only other joints that turn it against gravity tell the two.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
+from stiction_envs.gap.causes.log.torque_scale import TorqueScale
+from stiction_envs.gap.causes.motion import rests
+from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
+from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.registry import registered
+from stiction_envs.gap.causes.view import View, angle
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+
+MOST_ORDER = 3
+"""Harmonics of a turn that are tried at most: a fourth never predicts left-out angles better: the
+Panda, the iiwa, simulated humps."""
+DISTINCT = 1e-08
+"""Least eigenvalue of the correlations of its columns from which on the logs tell them apart [-]:
+ten times the ridge of the fits."""
+ASIDE = 0.5
+"""How far beyond the angles of the logs it must be believed, on either side, in their span [-]."""
+BEYOND = 10.0
+"""Torque there over that at the angles of the logs, both peak to peak, above which harmonics only
+cancel each other in the logs [-]. More than twice that of a cosine at its crest."""
+LEVEL = 0.05
+"""Part of gravity across a joint's axis from which on a mass can pull at it [-]."""
+
+
+class PositionDependentTorque(Cause):
+    """A cable, a hose, a sensor."""
+
+    name: ClassVar[str] = "position_dependent_torque"
+    what: ClassVar[str] = "smooth torque over the joint angle (cable, hose, sensor)"
+    what_to_record: ClassVar[str] = (
+        "slow sweeps over the joint's whole range, there and back, with the other joints in "
+        "several poses that turn it against gravity"
+    )
+    is_linear: ClassVar[bool] = False
+    refinable: ClassVar[bool] = False
+    multimodal: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    simpler_over_angle: ClassVar[tuple[str, ...]] = (
+        ExternalSpring.name,
+        TorqueScale.name,
+        TorqueOffset.name,
+    )
+    parameters: ClassVar = (
+        Parameter("coefficients_nm", "N·m", size=7),
+        Parameter("order", "1", size=0),
+    )
+    view: ClassVar = View(
+        "joint angle [rad]", angle, note="a smooth curve, the same in both directions"
+    )
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return ones, then cosine and sine of each harmonic."""
+        x = harmonics(data.q[:, joint], int(shape[0]))
+        return np.concatenate([x[:, :1], data.smooth(x[:, 1:])], axis=1)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the orders whose harmonics differ along these angles, highest first."""
+        rows = data.block >= 0
+        out: list[Shape] = []
+        for k in range(MOST_ORDER, 0, -1):
+            x = self.columns(data, joint, (float(k),))[rows]
+            x /= np.maximum(np.linalg.norm(x, axis=0), 1e-12)
+            if np.linalg.eigvalsh(x.T @ x)[0] > DISTINCT:
+                out.append((float(k),))
+        return out
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return no bounds for the coefficients of the highest order."""
+        free = np.full(1 + 2 * MOST_ORDER, np.inf)
+        return -free, free
+
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Whether harmonics cancel at the angles of the logs and are huge elsewhere."""
+        low, high = np.percentile(data.q[data.block >= 0, joint], [1, 99])
+        more = ASIDE * (high - low)
+        seen, wider = np.linspace(low, high, 100), np.linspace(low - more, high + more, 200)
+        most = BEYOND * np.ptp(series(coefficients, seen))
+        return bool(np.ptp(series(coefficients, wider)) > most)
+
+    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
+        """Never: left-out ranges of the angle say whether an order is too high."""
+        return False
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
+        return {"coefficients_nm": [float(x) for x in coefficients], "order": int(shape[0])}
+
+    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
+        """Return what wrong masses and a tilt are called, if this joint moves by itself."""
+        alone = all(rests(data, j) for j in range(data.n) if j != joint)
+        if not alone or data.recording.derived(_across)[joint] < LEVEL:
+            return ()
+        return tuple(c.name for c in registered() if c.changes_arm)
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Take one cogging motor per harmonic, and an offset, that the motor must overcome."""
+        j, (mean, *waves) = part.joint - 1, part.coefficients
+        draft.offset[j] += mean
+        for k, (a, b) in enumerate(zip(waves[::2], waves[1::2], strict=True), start=1):
+            # MuJoCo's cogging a sin(k q + φ) drives the joint
+            draft.waves.append((j, float(np.hypot(a, b)), float(k), float(np.arctan2(-a, -b))))
+        draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml, but for its mean")
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether the joint turns too little."""
+        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.wide_span
+        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+
+
+def harmonics(q: Array, order: int) -> Array:
+    """Return (T, 1 + 2 order) ones, then cosine and sine of each harmonic of angles (T,)."""
+    k = np.multiply.outer(q, np.arange(1, order + 1))
+    waves = np.stack([np.cos(k), np.sin(k)], axis=2).reshape(len(q), -1)
+    return np.concatenate([np.ones((len(q), 1)), waves], axis=1)
+
+
+def series(coefficients: Array, q: Array) -> Array:
+    """Return (T,) torque of coefficients (1 + 2 order,) at angles (T,) [N·m]."""
+    return np.asarray(harmonics(q, len(coefficients) // 2) @ coefficients)
+
+
+def _across(recording: Recording) -> Array:
+    """Return (n,) largest part of gravity across each joint's axis along the logs [-]."""
+    model, out = recording.pinocchio, np.zeros(recording.n)
+    work, gravity = model.createData(), model.gravity.linear
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
+    for q in recording.q[:: max(1, len(recording.q) // 50)]:
+        axes = pin.computeJointJacobians(model, work, q)[3:]
+        out = np.maximum(out, np.linalg.norm(np.cross(axes.T, down), axis=1))
+    return out

@@ -1,0 +1,304 @@
+"""Pictures of a diagnosis: each cause against the variable that shows it, each joint's residual."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from stiction_envs.gap.candidates import ARM
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
+from stiction_envs.gap.report.result import Picture
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.reporting.png import save_small
+
+Array = NDArray[np.float64]
+BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
+LINES: tuple[tuple[str, Any], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
+DOTS = 1500
+"""Samples drawn per panel."""
+BINS = 36
+JOINTS = 3
+"""Joints drawn per cause, the clearest first."""
+LONG = 4000
+"""Samples drawn of a trace."""
+
+
+def _thin(count: int, most: int) -> NDArray[np.int64]:
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+def _binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array]:
+    """Return centres, means, quartiles of bins of equal width within the 0.5th percentiles."""
+    low, high = np.percentile(x, [0.5, 99.5])
+    if not high > low:
+        return x[:0], x[:0], x[:0], x[:0]
+    which = np.clip(((x - low) / (high - low) * bins).astype(int), 0, bins - 1)
+    inside = (x >= low) & (x <= high)
+    out = []
+    for k in range(bins):
+        y_k = y[inside & (which == k)]
+        if len(y_k) >= max(5, len(y) // (100 * bins)):
+            centre = low + (k + 0.5) * (high - low) / bins
+            out.append((centre, y_k.mean(), *np.percentile(y_k, [25, 75])))
+    return tuple(np.array(out).reshape(-1, 4).T)  # type: ignore[return-value]
+
+
+def _dots(axes: Axes, x: Array, y: Array, colour: str, label: str) -> None:
+    """Draw samples, the mean and the quartiles of bins; the axis leaves out far-off samples."""
+    at = _thin(len(x), DOTS)
+    axes.plot(x[at], y[at], ".", ms=2, color=colour, alpha=0.35, mew=0, rasterized=True)
+    centre, middle, low, high = _binned(x, y)
+    axes.fill_between(centre, low, high, color=colour, alpha=0.25, lw=0)
+    axes.plot(centre, middle, color=colour, lw=1.6, label=label)
+    left, right = np.percentile(x, [0.3, 99.7])
+    if right > left:
+        room = 0.06 * (right - left)
+        axes.set_xlim(left - room, right + room)
+
+
+def tidy(axes: Axes, *, zero: bool = True) -> None:
+    """Give axes a grid, no frame, and a line at zero."""
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    if zero:
+        axes.axhline(0, color="0.6", lw=0.7, zorder=0)
+
+
+def _figure(width: float, height: float, *, top: float, bottom: float) -> Figure:
+    """Return a figure whose panels leave room for labels, in inches.
+
+    Layouts that matplotlib works out take as long as all the drawing.
+    """
+    figure = Figure(figsize=(width, height))
+    figure.subplots_adjust(
+        left=0.75 / width,
+        right=1 - 0.15 / width,
+        top=1 - top / height,
+        bottom=bottom / height,
+        hspace=0.3,
+    )
+    return figure
+
+
+def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
+    """Draw a cause: residual without it and its torque above, residual with it below.
+
+    Args:
+        d: the diagnosis.
+        cause: one of its causes.
+        path: PNG to write.
+    """
+    data, view = d.data, d.library.causes[cause.name].view
+    effect = _torques(d, cause.name)
+    clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
+    of = [j - 1 for j in cause.joints] or list(range(data.n))
+    shown = sorted(sorted(of, key=lambda j: -clear[j])[:JOINTS])
+    figure = _figure(max(6.8, 1.4 + 3.4 * len(shown)), 5.6, top=0.6, bottom=0.85)
+    grid = figure.subplots(2, len(shown), squeeze=False, sharex="col", sharey="col")
+    for column, j in enumerate(shown):
+        term = next(t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM))
+        after = data.residual[:, j] - d.torque(j)
+        before, alone = after + effect[:, j], effect[:, j]
+        x = alone if view.of is None else view.of(data, j, term.shape)
+        rows = np.ones(len(x), dtype=bool)
+        if view.folded:
+            rows = np.abs(data.dq[:, j]) > 1e-3
+            direction = np.sign(data.dq[:, j])
+            before, after, alone = (y * direction for y in (before, after, alone))
+        if view.limit is not None:
+            rows &= np.abs(x) < view.limit(term.shape)
+        x, before, after, alone = x[rows], before[rows], after[rows], alone[rows]
+        upper, lower = grid[0, column], grid[1, column]
+        _dots(upper, x, before, BEFORE, "residual without it")
+        centre, middle, *_ = _binned(x, alone)
+        upper.plot(centre, middle, color=CAUSE, lw=1.4, ls=(0, (4, 2)), label="the cause")
+        _dots(lower, x, after, AFTER, "residual with it")
+        upper.set_title(f"joint {j + 1}", fontsize=10, loc="left")
+        lower.set_xlabel(view.label, fontsize=9)
+        lower.xaxis.set_major_locator(MaxNLocator(6))
+        low, high = np.percentile(np.concatenate([before, after]), [0.5, 99.5])
+        low, high = min(low, 0.0), max(high, 0.0)
+        room = 0.15 * (high - low) + 1e-9
+        upper.set_ylim(low - room, high + room)
+        tidy(upper)
+        tidy(lower)
+    folded = " in the direction of motion" if view.folded else ""
+    for row, text in enumerate(("without", "with")):
+        grid[row, 0].set_ylabel(f"residual{folded},\n{text} the cause [N·m]", fontsize=9)
+    handles = [Line2D([], [], color=c, ls=s) for c, s in LINES]
+    names = ["residual without it", "what the cause predicts", "residual with it"]
+    figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8.5, frameon=False)
+    figure.suptitle(f"{cause.name}: {view.note}", fontsize=10.5)
+    save_small(figure, path)
+    return Picture(
+        path.name,
+        f"{cause.name}: residual torque{folded} against {view.label}. Above without this cause "
+        "(all others taken out), dashed what the cause predicts; below with it. "
+        f"Line: mean, band: quartiles. Look for: {view.note}.",
+    )
+
+
+def _torques(d: Diagnosis, cause: str) -> Array:
+    """Return (T, n) torque of one cause."""
+    out = np.zeros_like(d.data.q)
+    for term, mine in zip(d.terms, d.library.split(d.terms, d.coefficients), strict=True):
+        if term.cause == cause:
+            for j in d.library.affected_joints(term):
+                out[:, j] += d.library.columns(term, j) @ mine
+    return out
+
+
+def draw_joint(d: Diagnosis, joint: int, path: Path) -> Picture:
+    """Draw a joint's torque and its residual against everything.
+
+    Args:
+        d: the diagnosis.
+        joint: from 0.
+        path: PNG to write.
+    """
+    data = d.data
+    before = data.residual[:, joint]
+    after = before - d.torque(joint)
+    figure = _figure(11.5, 8.2, top=0.55, bottom=0.5)
+    grid = figure.add_gridspec(3, 3)
+    top, under = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
+    at = clock(data)
+    trace(top, at, data.tau[:, joint], data, MEASURED, "measured", 1.6)
+    trace(top, at, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
+    trace(top, at, data.nominal[:, joint] + d.torque(joint), data, AFTER, "extended", 0.9)
+    top.set_ylabel("torque [N·m]")
+    still = not np.isfinite(data.dt)
+    top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
+    top.legend(fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    _spectrum(under, data, before, after, float(data.noise[joint]))
+    time = figure.add_subplot(grid[1, 0])
+    for y, colour in ((before, BEFORE), (after, AFTER)):
+        trace(time, at, y, data, colour, "", 0.8)
+    _limits(time, before)
+    time.set_xlabel("number of the pose" if still else "time [s]")
+    views: list[tuple[str, Array]] = [
+        ("angle [rad]", data.q[:, joint]),
+        ("speed [rad/s]", data.dq[:, joint]),
+        ("transmitted torque [N·m]", data.rigid[:, joint]),
+        ("acceleration [rad/s²]", data.ddq[:, joint]),
+    ]
+    places = [(1, 1), (1, 2), (2, 1), (2, 2)]
+    all_axes = [top, time]
+    for (label, x), place in zip(views, places, strict=True):
+        axes = figure.add_subplot(grid[place])
+        _dots(axes, x, before, BEFORE, "nominal")
+        _dots(axes, x, after, AFTER, "extended")
+        _limits(axes, before)
+        axes.set_xlabel(label)
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+        all_axes.append(axes)
+    box = figure.add_subplot(grid[2, 0])
+    _directions(box, data.dq[:, joint], before, after)
+    _limits(box, before)
+    all_axes.append(box)
+    for axes in all_axes:
+        tidy(axes)
+    for axes in (time, box):
+        axes.set_ylabel("residual [N·m]")
+    for axes in figure.axes:
+        axes.tick_params(labelsize=8)
+        axes.xaxis.label.set_fontsize(9)
+        axes.yaxis.label.set_fontsize(9)
+    figure.legend(
+        handles=[Line2D([], [], color=BEFORE), Line2D([], [], color=AFTER)],
+        labels=["residual of the nominal model", "residual of the extended model"],
+        loc="upper right",
+        ncols=2,
+        fontsize=9,
+        frameon=False,
+    )
+    figure.suptitle(f"joint {joint + 1}", x=0.02, ha="left", fontsize=12)
+    save_small(figure, path)
+    return Picture(path.name, f"Joint {joint + 1}: torque, and residual against everything.")
+
+
+def clock(data: Data) -> Array:
+    """Return (T,) time with the segments put one after another [s]; numbers of poses."""
+    if not np.isfinite(data.dt):
+        return np.arange(float(len(data.t)))
+    step = np.diff(data.t, prepend=data.t[0])
+    new = np.diff(data.segment, prepend=data.segment[0]) != 0
+    return np.cumsum(np.where(new | (step < 0), 0.0, step))
+
+
+def trace(
+    axes: Axes, x: Array, y: Array, data: Data, colour: str, label: str, width: float
+) -> None:
+    """Draw a signal (T,) over x (T,), thinned out, with gaps between segments; poses as dots."""
+    at = _thin(len(x), LONG)
+    if not np.isfinite(data.dt):
+        axes.plot(x[at], y[at], ".", ms=3, mew=0, color=colour, label=label)
+        return
+    y = y[at].copy()
+    y[np.flatnonzero(np.diff(data.segment[at]))] = np.nan
+    axes.plot(x[at], y, color=colour, lw=width, label=label)
+
+
+def _limits(axes: Axes, y: Array) -> None:
+    limit = 1.3 * float(np.percentile(np.abs(y), 99.5)) + 1e-9
+    axes.set_ylim(-limit, limit)
+
+
+def _spectrum(axes: Axes, data: Data, before: Array, after: Array, noise: float) -> None:
+    if not np.isfinite(data.dt):
+        _sizes(axes, before, after)
+        return
+    run = max(data.runs(), key=lambda r: r.stop - r.start)
+    length = min(run.stop - run.start, 4096)
+    for y, colour in ((before, BEFORE), (after, AFTER)):
+        f, power = welch(y[run], fs=1 / data.dt, nperseg=length, detrend="linear")
+        axes.loglog(f[1:], np.sqrt(power[1:]), color=colour, lw=1)
+    axes.axvline(data.cutoff, color="0.4", lw=0.9, ls=":")
+    axes.set_xlim(f[1], min(4 * data.cutoff, 0.5 / data.dt))
+    shown = (f > 0) & (f < 2 * data.cutoff)
+    low = float(np.sqrt(np.maximum(power[shown], 1e-300)).min()) if shown.any() else 1e-6
+    axes.set_ylim(bottom=max(low, 1e-3 * noise) / 3)
+    axes.set_xlabel("frequency [Hz] (dotted: filter)")
+    axes.set_ylabel("residual [N·m/√Hz]")
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _sizes(axes: Axes, before: Array, after: Array) -> None:
+    """Draw how residuals of poses are spread, which have no spectrum."""
+    ends = np.percentile(np.concatenate([before, after]), [0.5, 99.5])
+    for y, colour in ((before, BEFORE), (after, AFTER)):
+        axes.hist(y, bins=40, range=tuple(ends), color=colour, histtype="step", lw=1.4)
+    axes.set_xlabel("residual [N·m]")
+    axes.set_ylabel("poses")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _directions(axes: Axes, speed: Array, before: Array, after: Array) -> None:
+    groups = [("−", speed < -2e-3), ("rest", np.abs(speed) <= 2e-3), ("+", speed > 2e-3)]
+    for k, (_, rows) in enumerate(groups):
+        for y, shift, colour in ((before, -0.17, BEFORE), (after, 0.17, AFTER)):
+            if rows.sum() < 5:
+                continue
+            box = axes.boxplot(
+                y[rows],
+                positions=[k + shift],
+                widths=0.28,
+                showfliers=False,
+                whis=(5, 95),
+                patch_artist=True,
+                medianprops={"color": "0.1"},
+            )
+            box["boxes"][0].set(facecolor=colour, alpha=0.5)
+    axes.set_xticks(range(3), [g[0] for g in groups])
+    axes.set_xlim(-0.6, 2.6)
+    axes.set_xlabel("direction of motion (box: quartiles, whiskers: 5 to 95 %)")

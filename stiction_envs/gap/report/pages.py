@@ -1,0 +1,302 @@
+"""Numbers, tables and pictures that go into the templates of reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.causes import cause_named, parameter_units
+from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.report.figures import draw_cause, draw_joint
+from stiction_envs.gap.report.result import PLOTS, FoundCause, Picture, where
+from stiction_envs.gap.report.score_figures import draw_check, draw_forward, draw_summary
+from stiction_envs.gap.tables.found import TableDiagnosis
+from stiction_envs.gap.validation import check as checks
+from stiction_envs.gap.validation.check import Check
+from stiction_envs.gap.validation.forward import REPLAY, SECONDS, ForwardValidation
+from stiction_envs.gap.validation.least_squares import LeastSquares
+from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseSection:
+    """What a report says of one cause."""
+
+    name: str
+    where: str
+    evidence: str
+    gain_percent: float
+    confused_with: tuple[str, ...]
+    what_would: list[str]
+    """Measurements that tell it from these, a clause each."""
+    picture: str
+    parameters: str
+
+
+def _section(
+    cause: FoundCause,
+    parameters: Mapping[str, Mapping[str, Estimate]],
+    units: Mapping[str, str],
+    what_would: Mapping[str, str],
+    picture: Picture | None = None,
+) -> CauseSection:
+    """Return a cause's section; parameters are by joint, in words."""
+    rows = [
+        [place, f"`{name}` [{units.get(name.split()[0], '–')}]", *_values(e)]
+        for place, found in parameters.items()
+        for name, e in found.items()
+    ]
+    header = ["where", "parameter", "value", "95 % interval", ""]
+    return CauseSection(
+        name=cause.name,
+        where=where(cause.joints),
+        evidence=cause.evidence,
+        gain_percent=cause.gain_percent,
+        confused_with=tuple(cause.confused_with),
+        what_would=[f"from {other}: {text}" for other, text in what_would.items()],
+        picture=_shown(picture) if picture else "",
+        parameters=table_text(header, rows) if rows else "",
+    )
+
+
+def _values(e: Estimate) -> list[str]:
+    """Return value, interval, and whether it is on its bound."""
+    bound = "**on its bound**" if e.on_bound else ""
+    if isinstance(e.value, int):  # a choice, not a measure
+        return [str(e.value), "", bound]
+    values, intervals = (e.value, e.ci95) if isinstance(e.value, list) else ([e.value], [e.ci95])
+    spans = ", ".join(f"{short(low)} to {short(high)}" for low, high in intervals)
+    return [", ".join(short(x) for x in values), spans, bound]
+
+
+def _shown(picture: Picture) -> str:
+    """Return a picture and its caption in Markdown."""
+    alt = picture.file.removesuffix(".png").replace("_", " ")
+    return f"![{alt}]({PLOTS}/{picture.file})\n\n{picture.caption}"
+
+
+# ---- torque tables -------------------------------------------------------------------------------
+
+
+def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
+    """Return what the report of torque tables shows; draw its picture."""
+    nominal, extended, noise = (
+        np.array([x[j] for j in d.joints]) for x in (d.nominal, d.extended, d.noise_floor)
+    )
+    pictures = {"summary": ""}
+    if np.isfinite(nominal).any():
+        caption = "Mean error over friction; each frequency and scale predicted from the others."
+        label = "held-out error over friction [%]"
+        path = plots / "summary.png"
+        drawn = draw_summary(nominal, extended, noise, path, label, caption, d.joints)
+        pictures["summary"] = _shown(drawn)
+    return {
+        "headline": headline,
+        "pictures": pictures,
+        "causes": [
+            _section(c, {where(c.joints): c.parameters}, c.units, c.confused_with) for c in d.causes
+        ],
+        "errors": table_text(
+            ["joint", "nominal [%]", "extended [%]", "noise floor [%]"],
+            [
+                [f"joint {j}", *(short(x) for x in row)]
+                for j, *row in zip(d.joints, nominal, extended, noise, strict=True)
+            ],
+        ),
+    }
+
+
+# ---- logs ----------------------------------------------------------------------------------------
+
+
+def log_page(
+    d: Diagnosis,
+    plots: Path,
+    *,
+    headline: str,
+    forward: ForwardValidation | str,
+    check: Check | None = None,
+    left_out: LeftOutMotion | None = None,
+    lines: LeastSquares | None = None,
+) -> dict[str, Any]:
+    """Return what the report of logs shows; draw its pictures.
+
+    Args:
+        d: the diagnosis.
+        plots: folder of the pictures.
+        headline: the verdict in two sentences.
+        forward: both models in simulation, or why they were not simulated.
+        check: of the model on logs that took no part, where there are any.
+        left_out: errors with one motion left out, where there are several.
+        lines: the thesis's least squares, where they were asked for.
+    """
+    caption = "Root mean square residual on data that was not fitted."
+    path, label = plots / "summary.png", "held-out residual [N·m]"
+    drawn = draw_summary(d.nominal_rms, d.extended_rms, d.noise, path, label, caption)
+    pictures = {"summary": drawn}
+    for j in range(d.data.n):
+        pictures[f"joint {j + 1}"] = draw_joint(d, j, plots / f"joint_{j + 1}.png")
+    page: dict[str, Any] = {}
+    if isinstance(forward, ForwardValidation):
+        pictures["forward"] = draw_forward(forward, plots / "forward.png")
+        page["forward_errors"] = _forward_errors(forward)
+    if check is not None:
+        pictures["check"] = draw_check(check, plots / "check.png")
+        page["check_verdict"] = checks.describe(check)
+        page["check_errors"], page["check_causes"] = _check_errors(check, d), _check_causes(check)
+    if left_out is not None:
+        page["left_out_errors"] = _left_out_errors(left_out, d)
+        page["left_out_causes"] = _left_out_causes(left_out)
+    if lines is not None:
+        page["squares_lines"], page["squares_rms"] = _lines(lines), _line_residuals(lines, d)
+    sections = []
+    for c in d.causes:
+        by_joint = {"arm" if j == 0 else f"joint {j}": x for j, x in sorted(c.parameters.items())}
+        picture = draw_cause(d, c, plots / f"cause_{c.name}.png")
+        names = [c.name, *c.confused_with]
+        motions = {x: (d.library.causes.get(x) or cause_named(x)).what_to_record for x in names}
+        what_would = {x: f"{motions[c.name]}; {motions[x]}" for x in c.confused_with}
+        sections.append(_section(c, by_joint, parameter_units(), what_would, picture))
+    return page | {
+        "headline": headline,
+        "pictures": {name: _shown(x) for name, x in pictures.items()},
+        "causes": sections,
+        "residuals": _residuals(d),
+        "forward": forward,
+        "seconds": SECONDS,
+        "replay": REPLAY,
+        "check": check,
+        "check_worse": d.settings.check.worse,
+        "left_out": left_out,
+        "squares": lines,
+        "about_logs": [
+            *_about(d.logs),
+            *_about(check.logs if check else (), " (check)"),
+            *_notes(d),
+        ],
+    }
+
+
+def _residuals(d: Diagnosis) -> str:
+    rows, close = [], d.settings.verdict.close
+    for j, (before, after, noise) in enumerate(
+        zip(d.nominal_rms, d.extended_rms, d.noise, strict=True), 1
+    ):
+        gain = f"{number(100 * (1 - after / before), 0)} %"
+        left = f"{after / noise:.1f} × the noise" + ("" if after > close * noise else ", explained")
+        rows.append([f"joint {j}", short(before), short(after), gain, short(noise), left])
+    return table_text(["joint", "nominal", "extended", "gain", "noise floor", "left"], rows)
+
+
+def _forward_errors(forward: ForwardValidation) -> str:
+    n, e = forward.nominal, forward.extended
+    columns = zip(
+        *(n.position_rms, e.position_rms, forward.position_gain),
+        *(n.torque_rms, e.torque_rms, forward.torque_gain),
+        strict=True,
+    )
+    rows = [
+        [f"joint {j}", short(a), short(b), f"{number(c, 0)} %",
+         short(x), short(y), f"{number(z, 0)} %"]
+        for j, (a, b, c, x, y, z) in enumerate(columns, 1)
+    ]  # fmt: skip
+    means = [f"**{number(x.mean(), 0)} %**" for x in (forward.position_gain, forward.torque_gain)]
+    rows.append(["mean gain", "", "", means[0], "", "", means[1]])
+    header = ["joint", "replay, nominal [rad]", "extended [rad]", "gain"]
+    return table_text([*header, "tracking, nominal [N·m]", "extended [N·m]", "gain"], rows)
+
+
+def _check_errors(check: Check, d: Diagnosis) -> str:
+    rows = []
+    for j, (before, after) in enumerate(zip(check.nominal_rms, check.extended_rms, strict=True)):
+        change = percent(100 * (after / before - 1), 0) if before > 0 else "–"
+        cells = [short(before), short(after), change, short(check.noise[j])]
+        said = "**worse**" if j + 1 in check.worse_joints else "holds"
+        rows.append([f"joint {j + 1}", *cells, short(d.extended_rms[j]), said])
+    header = ["joint", "nominal [N·m]", "extended [N·m]", "change", "noise floor [N·m]"]
+    return table_text([*header, "held out in the diagnosis [N·m]", ""], rows)
+
+
+def _check_causes(check: Check) -> str:
+    rows = []
+    for x in check.transfers:
+        for j in np.flatnonzero(x.torque > checks.LEAST_TORQUE * check.noise):
+            harm = "**does not transfer**" if x.fails else "makes it worse"
+            cells = [short(v) for v in (x.torque[j], x.without[j], check.extended_rms[j])]
+            marked = harm if j + 1 in x.harmed else ""
+            rows.append([x.name, f"joint {j + 1}", *cells, number(x.share[j], 2), marked])
+    header = ["cause", "", "its torque [N·m]", "error without it [N·m]", "with it [N·m]"]
+    return table_text([*header, "share", ""], rows) if rows else ""
+
+
+def _left_out_errors(left_out: LeftOutMotion, d: Diagnosis) -> str:
+    rows = []
+    for j, before in enumerate(left_out.nominal_rms):
+        k = int(np.nanargmax(left_out.extended[:, j]))
+        worst = (
+            f"{short(left_out.extended[k, j])} (`{left_out.motions[k]}`, "
+            f"nominal {short(left_out.nominal[k, j])})"
+        )
+        cells = [short(x) for x in (before, d.extended_rms[j], left_out.extended_rms[j])]
+        rows.append([f"joint {j + 1}", *cells, worst])
+    header = ["joint", "nominal [N·m]", "blocks of time left out [N·m]"]
+    return table_text([*header, "motions left out [N·m]", "of them the worst [N·m]"], rows)
+
+
+def _left_out_causes(left_out: LeftOutMotion) -> str:
+    rows = []
+    for c in left_out.causes:
+        named = listed(f"`{x}`" for x in c.motions)
+        many = named if len(c.motions) < 3 else f"{len(c.motions)} motions"
+        verdict = f"**{c.verdict}**" if c.verdict == "does not transfer" else c.verdict
+        cells = [short(c.without_nm), short(c.with_nm), number(c.share, 2)]
+        rows.append([c.name, f"joint {c.joint}", many or "none", *cells, verdict])
+    header = ["cause", "", "judged on", "error without it [N·m]", "with it [N·m]", "share", ""]
+    return table_text(header, rows) if rows else ""
+
+
+def _lines(squares: LeastSquares) -> str:
+    rows = [
+        [
+            f"joint {x.joint} ({x.direction.replace('-', '−')})",
+            *(str(x.rows), short(x.intercept), short(x.slope), short(x.r2)),
+        ]
+        for x in squares.lines
+    ]
+    header = ["joint", "samples", "intercept [N·m]", "slope [N·m·s/rad]", "R²"]
+    return table_text(header, rows)
+
+
+def _line_residuals(squares: LeastSquares, d: Diagnosis) -> str:
+    both = zip(squares.rms, d.extended_rms, strict=True)
+    rows = [[f"joint {j}", short(a), short(b)] for j, (a, b) in enumerate(both, 1)]
+    return table_text(["joint", "its lines leave [N·m]", "the tool leaves [N·m]"], rows)
+
+
+def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
+    """Return what each log holds, what was corrected in it and what was not."""
+    out = []
+    for log in logs:
+        name = f"`{Path(log.source).name}`"
+        rows, seconds = len(log.t), 0.0 if log.static else float(log.t[-1] - log.t[0])
+        what = f"{rows} poses at rest" if log.static else f"{rows} rows, {seconds:.1f} s"
+        out.append(f"{name}{kind}: {what}")
+        out += [f"{name}: {c.text}" for c in log.corrections]
+        out += [f"{name}: not corrected: {text}" for text in log.warnings]
+    return out
+
+
+def _notes(d: Diagnosis) -> list[str]:
+    """Return what the diagnosis says that no log says of itself."""
+    said = tuple(x for log in d.logs for x in (*(c.text for c in log.corrections), *log.warnings))
+    return [x for x in dict.fromkeys(d.notes) if not x.endswith(said)]

@@ -1,0 +1,230 @@
+"""A diagnosis with all that is written of it, of logs or of torque tables."""
+
+from __future__ import annotations
+
+import abc
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+from stiction_envs.gap.extended_model import Extension
+from stiction_envs.measured.logs.sources import LogSources
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.markdown import joints, listed, number, table_text
+from stiction_envs.reporting.result import Result
+from stiction_envs.reporting.templates import write_md_and_html
+
+TEMPLATES = Path(__file__).parent / "templates"
+PLOTS = "plots"
+HEADLINES = {
+    "explained": "The named causes explain what the simulation gets wrong, down to the noise.",
+    "partly explained": "The named causes explain part of what the simulation gets wrong.",
+    "no discrepancy": "The simulation agrees with the {data}; no cause is significant.",
+    "cannot tell": "These {data} cannot tell what the simulation gets wrong.",
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture of a report and what it shows."""
+
+    file: str
+    caption: str
+
+
+class FoundCause(Protocol):
+    """What causes of logs and of tables have in common."""
+
+    @property
+    def name(self) -> str:
+        """As in ``diagnosis.json``."""
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """From 1; none for the arm as a whole."""
+
+    @property
+    def gain_percent(self) -> float:
+        """What is lost when it alone is taken out [%]."""
+
+    @property
+    def evidence(self) -> str:
+        """One sentence that can be checked in the data."""
+
+    @property
+    def confused_with(self) -> Iterable[str]:
+        """Causes that the data cannot tell from it."""
+
+
+class Found(Protocol):
+    """What diagnoses of logs and of tables have in common."""
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm."""
+
+    @property
+    def verdict(self) -> str:
+        """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
+
+    @property
+    def causes(self) -> Sequence[FoundCause]:
+        """Strongest first."""
+
+    @property
+    def gain_percent(self) -> float:
+        """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DiagnosisResult(Result):
+    """What a simulation gets wrong about measured data."""
+
+    template: ClassVar[str]
+    """Of the report, in ``templates/``."""
+    data: ClassVar[str]
+    """What was measured: "logs" or "torque tables"."""
+    diagnosis: Found
+    """With what it was worked out from."""
+    nominal_name: str
+    """What was judged: "rigid", "shipped" or a file's name."""
+    sources: LogSources
+    provenance: dict[str, Any]
+    threads: int = 0
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm."""
+        return self.diagnosis.robot
+
+    @property
+    def verdict(self) -> str:
+        """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
+        return self.diagnosis.verdict
+
+    @property
+    def causes(self) -> Sequence[FoundCause]:
+        """Strongest first."""
+        return self.diagnosis.causes
+
+    @property
+    def gain_percent(self) -> float:
+        """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
+        return self.diagnosis.gain_percent
+
+    def headline(self, amount: str = "") -> str:
+        """Return the verdict in a sentence, and what the causes explain.
+
+        Args:
+            amount: of the error before and after, a clause.
+        """
+        text = HEADLINES[self.verdict].format(data=self.data)
+        if not self.causes:
+            return text
+        names = listed(f"{c.name} ({where(c.joints)})" for c in self.causes)
+        share = number(self.gain_percent, 0)
+        return f"{text} {names}, strongest first, take {share} % off the held-out error{amount}."
+
+    @property
+    @abc.abstractmethod
+    def summary(self) -> str:
+        """The verdict in sentences."""
+
+    @property
+    @abc.abstractmethod
+    def note(self) -> str:
+        """What the report says at its top, where friction is assumed."""
+
+    @property
+    @abc.abstractmethod
+    def extension(self) -> Extension:
+        """The model with its causes."""
+
+    @abc.abstractmethod
+    def page(self, plots: Path) -> dict[str, Any]:
+        """Draw the pictures of the report; return what its template asks for.
+
+        Args:
+            plots: folder of the pictures.
+        """
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return what the report says of how the result was made, besides inputs and versions."""
+        return [("nominal", self.nominal_name)]
+
+    def validate(self, say: Callable[[str, float], None]) -> None:
+        """Do what takes long before the report is written; ``say`` is told what."""
+
+    def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
+        """Write ``diagnosis.json``, ``model.xml``, ``model.toml``, the report and its pictures.
+
+        Args:
+            folder: an existing one.
+            progress: called with a stage and its part done.
+        """
+        say = progress or (lambda *_: None)
+        say("extended model", 0.0)
+        extension = self.extension
+        self.validate(say)
+        say("report", 0.0)
+        hashes = self.sources.hashes(self.provenance)
+        write_json(folder / "diagnosis.json", self.to_json())
+        write_text_atomic(folder / "model.xml", extension.xml)
+        title = f"{self.robot} as its {self.data} show it"
+        meta = {"title": title, "units": "SI", "verdict": self.verdict}
+        write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
+        (folder / PLOTS).mkdir(exist_ok=True)
+        inputs = [
+            (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
+            for name, sha in hashes.items()
+        ]
+        made = [*inputs, ("commit", str(self.provenance["git_commit"])), *self.rows()]
+        made += [(k, str(v)) for k, v in self.provenance["versions"].items() if v]
+        write_md_and_html(
+            folder,
+            TEMPLATES / self.template,
+            f"Diagnosis of {self.robot}: {self.verdict}",
+            note=self.note,
+            d=self.diagnosis,
+            data=self.data,
+            plots=PLOTS,
+            nominal_name=self.nominal_name,
+            extension=extension,
+            provenance=table_text(["", ""], made),
+            **self.page(folder / PLOTS),
+        )
+        say("report", 1.0)
+
+    def __repr__(self) -> str:
+        names = ", ".join(c.name for c in self.causes) or "no cause"
+        return f"<{type(self).__name__} of {self.robot}: {self.verdict}, {names}>"
+
+    def __str__(self) -> str:
+        keys = ("name", "joints", "gain_percent", "confused_with")
+        causes = [{k: getattr(c, k) for k in keys} for c in self.causes]
+        return describe(self.verdict, self.summary, causes)
+
+
+def where(numbers: tuple[int, ...]) -> str:
+    """Return ``joint 3``, ``joints 1 and 2`` or ``whole arm``."""
+    return joints(numbers) if numbers else "whole arm"
+
+
+def describe(verdict: str, summary: str, causes: Iterable[Mapping[str, Any]]) -> str:
+    """Return verdict and causes as readable lines, a cause in a line.
+
+    Args:
+        verdict: one of the four.
+        summary: it in sentences.
+        causes: entries of ``diagnosis.json``.
+    """
+    lines = [f"{verdict}: {summary}", ""]
+    for cause in causes:
+        confused = ", ".join(cause["confused_with"])
+        also = f"  (or {confused})" if confused else ""
+        of = ",".join(map(str, cause["joints"])) or "arm"
+        lines.append(f"{cause['gain_percent']:6.1f} %  {cause['name']:<28} joints {of}{also}")
+    return "\n".join(lines)

@@ -1,0 +1,75 @@
+"""A diagnosis of torque tables with all that is written of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.tables.extended import extended_friction
+from stiction_envs.gap.tables.found import TableDiagnosis
+from stiction_envs.reporting.markdown import sentence
+from stiction_envs.robots import Arm
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TableResult(DiagnosisResult):
+    """What a simulation gets wrong about torque tables."""
+
+    template = "tables.md.j2"
+    data = "torque tables"
+    diagnosis: TableDiagnosis
+    """With errors per joint."""
+    arm: Arm
+    friction: FrictionParameters
+    """Nominal."""
+
+    @property
+    def note(self) -> str:
+        """What the report says at its top, where friction is assumed."""
+        return friction_note(self.arm, self.friction)
+
+    @property
+    def summary(self) -> str:
+        """The verdict in sentences."""
+        reason = self.diagnosis.reason
+        return f"{self.headline()} {sentence(reason)}" if reason else self.headline()
+
+    @cached_property
+    def extension(self) -> Extension:
+        """The arm with its causes."""
+        friction, changed, missing = extended_friction(
+            self.arm, self.friction, self.diagnosis.causes
+        )
+        found = {k: f"stiction diagnose: {v} in torque tables" for k, v in changed.items()}
+        sources = dict.fromkeys(QUANTITIES, f"nominal friction: {self.nominal_name}") | found
+        arm = self.arm
+        return Extension(
+            xml=plain_mjcf(build(arm, friction), friction_name="a diagnosis of torque tables"),
+            friction=friction,
+            sources=sources,
+            nominal=Nominal(friction=friction, robot=arm.name, payload=arm.payload, tilt=arm.tilt),
+            missing=missing,
+            friction_missing=missing,
+            left_out=np.zeros((0, arm.n)),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return ``diagnosis.json``."""
+        return self.diagnosis.to_json()
+
+    def page(self, plots: Path) -> dict[str, Any]:
+        """Draw the picture of the report; return what its template asks for."""
+        from stiction_envs.gap.report.pages import table_page
+
+        return table_page(self.diagnosis, plots, headline=self.summary)

@@ -1,0 +1,206 @@
+"""The face of a table cause: everything that the project knows of it, in one class.
+
+A table cause is something that a simulation gets wrong about breakaway torques. To add one, derive
+from `TableCause` (or `SimulatedCause`) and call `stiction_envs.gap.tables.causes.register` with an
+instance; nothing else names it. It states one unknown x at a time (`Hypothesis`), which acts as
+
+* other values of a `quantity` that the joint is simulated with,
+* a torque that is `added` to the readings, or
+* a factor on friction, given as its logarithm by `level`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.sje.protocol import LOADS, Configuration
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.tables.readings import Comparison, TableData
+from stiction_envs.gap.tables.whole_arm import Quantity
+from stiction_envs.reporting.markdown import joints
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Wheres = tuple[Configuration, ...]
+SAME_DAY = "base and dithered torques measured in turn on one day"
+OTHER_JOINTS = "the same dither on the other joints: a filter acts on all of them"
+THIRD_POSE = "base torques in a third pose with another load"
+BASE_AGAIN = "the base torque measured again"
+
+
+class TableCause(ABC):
+    """Something that a simulation gets wrong about breakaway torques; see the module's text."""
+
+    name: ClassVar[str]
+    """In files and reports: small letters, digits and underscores."""
+    parameter: ClassVar[str]
+    """Name of its number in ``diagnosis.json``."""
+    units: ClassVar[Mapping[str, str]] = {}
+    """Of its parameters, where they have any."""
+    logarithmic: ClassVar[bool] = True
+    """Whether x is the logarithm of its number."""
+    quantity: ClassVar[Quantity | None] = None
+    """What the joint is simulated with other values of; None where no simulation is needed."""
+    repeatable: ClassVar[bool] = False
+    """Whether one joint may have several of its statements, of different poses."""
+    tell_apart: ClassVar[Mapping[str, str]] = {}
+    """By other causes: the measurement that tells it from them. One of the two names it."""
+
+    def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
+        """Yield its hypotheses, given the configurations that were measured of each joint."""
+        yield from (Hypothesis(self, where) for where in wheres.values())
+
+    @abstractmethod
+    def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
+        """Return the range of x."""
+
+    def added(self, data: TableData, rows: Index) -> Array | None:
+        """Return (rows,) torque that it adds to readings per unit of x; None where it adds none."""
+        return None
+
+    def level(self, data: TableData, rows: Index, x: Array) -> Array | None:
+        """Return (m, rows) logarithm of its factor on friction for x (m,); None for one."""
+        return None
+
+    @abstractmethod
+    def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
+        """Return one sentence that can be checked in the tables.
+
+        Args:
+            some: its hypotheses.
+            x: of each.
+            seen: predictions with and without them.
+        """
+
+    def more_parameters(
+        self, estimate: Estimate, joint: int, data: TableData
+    ) -> dict[str, Estimate]:
+        """Return its other numbers, which follow from the first."""
+        return {}
+
+    def indistinguishable_from(self, some: Sequence[Hypothesis]) -> tuple[str, ...]:
+        """Return names of causes that are the same, whatever was measured."""
+        return ()
+
+    def in_friction(
+        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
+    ) -> dict[str, Array | float]:
+        """Return the friction parameters of a joint (from 0) with it; none where it is no friction.
+
+        Args:
+            friction: without it.
+            poses: of the experiment.
+            j: the joint.
+            values: its numbers by name.
+        """
+        return {}
+
+    def outside_model(self, values: Mapping[str, float]) -> str:
+        """Return why no model of the arm holds it, a clause; nothing where one does."""
+        return ""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One statement, with one unknown x: a logarithm of a factor or cut-off, or N·m."""
+
+    cause: TableCause
+    where: Wheres
+    """The configurations that it is about."""
+
+    @property
+    def name(self) -> str:
+        """Of the cause."""
+        return self.cause.name
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The joints, in order."""
+        return tuple(sorted({w.joint for w in self.where}))
+
+    @property
+    def scope(self) -> str:
+        """Its poses and directions in words."""
+        if len(self.where) == 1:
+            return f"{self.where[0].load} {self.where[0].direction}"
+        loads = sorted({w.load for w in self.where})
+        return loads[0] if len(loads) == 1 else "both poses"
+
+
+class SimulatedCause(TableCause):
+    """A cause that only a simulation can follow: a factor on a friction parameter of a joint."""
+
+    quantity: ClassVar[Quantity]
+    parameter = "factor"
+    absolute: ClassVar[str] = ""
+    """Name of the same number in units of the friction parameter."""
+
+    def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
+        """Return the range of the quantity."""
+        return float(np.log(self.quantity.low)), float(np.log(self.quantity.high))
+
+    def changed_to(self, value: float) -> str:
+        """Return what the quantity is, in words."""
+        return f"{value:.2f} times the {self.quantity.fields[0].replace('_', ' ')}"
+
+    def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
+        """Return where the cause matters most, in per cent of change as the tables print it."""
+        data, h = seen.data, some[0]
+        r = data.readings
+        rows, frequency = r.of_joints(h.joints), r.frequency
+        effect = np.abs(seen.with_it - seen.without) / data.unit
+        clearest = max(
+            {float(f) for f in frequency[rows] if f},
+            key=lambda f: effect[rows][frequency[rows] == f].mean(),
+        )
+        at = [int(i) for i in rows if frequency[i] == clearest]
+        measured, before, after = (
+            100 * np.mean([v[i] / r.base_of(v, i) - 1 for i in at])
+            for v in (r.torque, seen.without, seen.with_it)
+        )
+        return (
+            f"{clearest:g} Hz dither changes the torque of {joints(h.joints)} by "
+            f"{measured:+.1f} % on average over {len(at)} readings; the simulation says "
+            f"{before:+.1f} %, and with {self.changed_to(float(np.exp(x[0])))} {after:+.1f} %"
+        )
+
+    def more_parameters(
+        self, estimate: Estimate, joint: int, data: TableData
+    ) -> dict[str, Estimate]:
+        """Return the absolute number."""
+        if not self.absolute:
+            return {}
+        unit = data.nominal(self.quantity.fields[0], joint)
+        low, high = estimate.ci95
+        interval = unit * low, unit * high
+        value = unit * float(np.mean(estimate.value))
+        return {self.absolute: Estimate(value=value, ci95=interval, on_bound=estimate.on_bound)}
+
+    def in_friction(
+        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
+    ) -> dict[str, Array | float]:
+        """Return the friction parameters times the factor."""
+        factor = only(values, self.parameter)
+        return {f: getattr(friction, f)[j] * factor for f in self.quantity.fields}
+
+
+def only(values: Mapping[str, float], key: str) -> float:
+    """Return a parameter, whatever poses its name says it was found in."""
+    return next(v for k, v in values.items() if k.split()[0] == key)
+
+
+def of_pose(values: Mapping[str, float], load: str) -> float:
+    """Return the factor on the friction of a pose; 1 where none was found."""
+    scopes = (f"factor {load}", "factor", "factor both poses")
+    return float(np.prod([values[k] for k in scopes if k in values]))
+
+
+__all__ = ["LOADS", "Comparison", "Hypothesis", "SimulatedCause", "TableCause", "TableData"]

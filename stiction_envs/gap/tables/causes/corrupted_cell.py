@@ -1,0 +1,54 @@
+"""One bad reading."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from stiction_envs.gap.tables.causes.base import (
+    Comparison,
+    Hypothesis,
+    TableCause,
+    TableData,
+    Wheres,
+)
+
+
+class CorruptedCell(TableCause):
+    """A reading far off what the model, its neighbours and repeats say.
+
+    It has no number to fit: `diagnosis` looks for it in what all other causes leave.
+    """
+
+    name, parameter = "corrupted_cell", ""
+
+    def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
+        """Yield none."""
+        yield from ()
+
+    def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
+        """Return no range."""
+        return 0.0, 0.0
+
+    def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
+        """Return nothing: `describe` says it of a reading."""
+        return ""
+
+    def outside_model(self, values: Mapping[str, float]) -> str:
+        """Return that it is of no arm."""
+        return "a bad reading"
+
+    def describe(self, i: int, seen: Comparison) -> str:
+        """Return what is read, what is expected, and how well the others around it are met."""
+        r, x = seen.data.readings, seen.data.readings.all[i]
+        off = 100 * (r.torque - seen.with_it) / seen.data.unit
+        near = [k for k, y in enumerate(r.all) if y.where == x.where and k != i]
+        what = f"{x.frequency:g} Hz, {x.amplitude:.4g} N·m" if x.cell else "base torque"
+        expected = x.where.sign * seen.with_it[i]
+        return (
+            f"joint {x.where.joint} {x.where.load} {x.where.direction}, {what}: "
+            f"{x.where.sign * x.torque:.4f} N·m is read where {expected:.4f} N·m is expected; the "
+            f"other {len(near)} readings of this pose and direction are within "
+            f"{np.abs(off[near]).max():.0f} % of the friction, this one is {off[i]:+.0f} % off"
+        )

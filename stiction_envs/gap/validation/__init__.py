@@ -1,0 +1,1 @@
+"""Tests of a finished diagnosis: other logs, simulation, the thesis's lines."""

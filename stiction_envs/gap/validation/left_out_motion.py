@@ -1,0 +1,263 @@
+"""One motion left out: coefficients from the other logs, error on the one that they have not seen.
+
+Blocks of one log share its motion. Coefficients that fit a motion rather than the arm come out well
+on held-out blocks and badly here. The causes are those that all logs together asked for; what is
+judged is their coefficients. Poses at rest are a motion of their own.
+
+Of some coefficients the other logs hold next to nothing: friction of a joint that moves in one log
+only, the inertia of a payload that the others move slowly. With N the normal equations of all logs
+and M those of the others, the directions v of M v = λ N v are independent in both. One along which
+the others' estimate is not significant by its scatter between blocks (jackknife), or rests on a
+single block, stays at zero. A cause is judged on a motion where at least half of its torque there
+can be seen and is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+from scipy.stats import t as student
+
+from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.normal_equations import RIDGE, share_found, solve
+from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
+
+Array = NDArray[np.float64]
+SINGLE_BLOCK = 0.05
+"""Part of the information on coefficients that must lie outside any one block for them to be
+predicted on a motion that is left out [-]."""
+KNOWN = 0.5
+"""Part of a cause's torque on a motion, root mean square, that the others must know for it to be
+judged there [-]."""
+INFORMED = 1e-6
+"""Part of all motions' information below which there is none but rounding [-]."""
+STIFF = 1e3
+"""Weight of the prior on what other motions do not show, over all motions' information [-]."""
+TRANSFERS, HARMS, UNCLEAR, ONE_MOTION = (
+    *("transfers", "does not transfer", "cannot tell"),
+    "one motion shows it",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseElsewhere:
+    """One cause on one joint, on motions that its coefficients have not seen."""
+
+    name: str
+    joint: int
+    """From 1."""
+    motions: tuple[str, ...]
+    """Names of those it is judged on."""
+    without_nm: float
+    """Error there without it, root mean square [N·m]; NaN where it is judged on none."""
+    with_nm: float
+    """The same with it [N·m]."""
+    share: float
+    """Part of its torque that the motions show [-]."""
+    verdict: str
+    """``transfers``, ``does not transfer``, ``cannot tell`` or ``one motion shows it``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeftOutMotion:
+    """Every motion under the fit to the others."""
+
+    motions: tuple[str, ...]
+    """Names of the logs."""
+    nominal: Array
+    """(L, n) error of the nominal model on each [N·m]; NaN where a log has no rows that count."""
+    extended: Array
+    """(L, n) the same of the extended model, coefficients from the others [N·m]."""
+    nominal_rms: Array
+    """(n,) over all [N·m]."""
+    extended_rms: Array
+    """(n,) over all [N·m]."""
+    causes: tuple[CauseElsewhere, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return ``left_out_motion`` of ``diagnosis.json``."""
+        return {
+            "motions": list(self.motions),
+            "nominal_rms_nm": self.nominal_rms.tolist(),
+            "extended_rms_nm": self.extended_rms.tolist(),
+            "causes": [
+                {
+                    "name": c.name,
+                    "joint": c.joint,
+                    "judged_on": list(c.motions),
+                    "without_nm": c.without_nm if c.motions else None,
+                    "with_nm": c.with_nm if c.motions else None,
+                    "verdict": c.verdict,
+                }
+                for c in self.causes
+            ],
+        }
+
+
+def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
+    """Return the errors on each log under the fit to the others; None for a single log."""
+    library, grams = d.library, d.library.grams
+    log_of = _log_of_blocks(library)
+    numbers = np.unique(log_of)
+    if len(numbers) < 2:
+        return None
+    names = list(dict.fromkeys(t.cause for t in d.terms))
+    shape = (len(grams.joints), grams.blocks)
+    errors, sums = np.zeros((2, *shape)), np.zeros((len(names), 3, *shape))
+    judged = np.zeros((len(names), *shape), dtype=bool)
+    none = np.zeros_like(d.coefficients)
+    count = np.stack([g.count for g in grams.joints])
+    for log in numbers:
+        mine = log_of == log
+        others = (~mine).astype(float)
+        c, known = _fit(d, d.terms, others)
+        errors[0][:, mine] = _sums(library, d.terms, none, none)[2][:, mine]
+        errors[1][:, mine] = _sums(library, d.terms, c, none)[2][:, mine]
+        for i, name in enumerate(names):
+            own = library.own(d.terms, [t for t in d.terms if t.cause == name])
+            rest = none.copy()
+            rest[~own], _ = _fit(d, [t for t in d.terms if t.cause != name], others)
+            sums[i][:, :, mine] = _sums(library, d.terms, rest, c - rest)[:, :, mine]
+            part, whole = (
+                _sums(library, d.terms, none, x * own)[1][:, mine].sum(axis=1)
+                for x in (known, d.coefficients)
+            )
+            seen = whole > LEAST_TORQUE**2 * count[:, mine].sum(axis=1)
+            judged[i][:, mine] = ((part >= KNOWN**2 * whole) & seen)[:, None]
+    titles = [Path(d.logs[k].source).name for k in numbers]
+    noise, total = d.data.noise, count.sum(axis=1)
+    nominal_rms, extended_rms = (np.sqrt(e.sum(axis=1) / total) * noise for e in errors)
+    by_log = (log_of[:, None] == numbers).astype(float)
+    with np.errstate(invalid="ignore"):
+        each = np.sqrt((errors @ by_log) / (count @ by_log)) * noise[:, None]
+    return LeftOutMotion(
+        motions=tuple(titles),
+        nominal=each[0].T,
+        extended=each[1].T,
+        nominal_rms=nominal_rms,
+        extended_rms=extended_rms,
+        causes=tuple(
+            _judged(d, name, j, sums[i, :, j], judged[i, j], log_of, titles)
+            for i, name in enumerate(names)
+            for j in _acts_on(d, name)
+        ),
+    )
+
+
+def _acts_on(d: Diagnosis, name: str) -> list[int]:
+    """Return the joints (from 0) on which a cause has a torque that can be seen."""
+    own = d.library.own(d.terms, [t for t in d.terms if t.cause == name])
+    none = np.zeros_like(d.coefficients)
+    size = _sums(d.library, d.terms, none, d.coefficients * own)[1].sum(axis=1)
+    count = np.array([g.count.sum() for g in d.library.grams.joints])
+    return [int(j) for j in np.flatnonzero(np.sqrt(size / np.maximum(count, 1)) > LEAST_TORQUE)]
+
+
+def _judged(
+    d: Diagnosis,
+    name: str,
+    joint: int,
+    sums: Array,
+    on: NDArray[np.bool_],
+    log_of: NDArray[np.int64],
+    titles: Sequence[str],
+) -> CauseElsewhere:
+    """Return what came true of a cause on a joint, in the blocks (B,) on which it is judged."""
+    noise = float(d.data.noise[joint])
+    pe, pp, ee = sums[:, on]
+    numbers = np.unique(log_of)
+    motions = tuple(titles[int(k)] for k in np.flatnonzero(np.isin(numbers, log_of[on])))
+    without = with_it = share = float("nan")
+    verdict = ONE_MOTION
+    if motions and pp.sum() > 0:
+        count = max(float(d.library.grams.joints[joint].count[on].sum()), 1e-300)
+        before = float(ee.sum())
+        grown = max(before - 2 * float(pe.sum()) + float(pp.sum()), 0.0)
+        without, with_it = (float(np.sqrt(x / count) * noise) for x in (before, grown))
+        a, error = (float(x[0]) for x in share_found(pe[:, None], pp[:, None]))
+        room = float(student.ppf(1 - CHANCE, max(len(pe) - 1, 1))) * error
+        share, verdict = a, UNCLEAR
+        if a + room < 0.5 and grown > (1 + HARM) * before:
+            verdict = HARMS
+        elif a - room > 0.5:
+            verdict = TRANSFERS
+    return CauseElsewhere(
+        name=name,
+        joint=joint + 1,
+        motions=motions,
+        without_nm=without,
+        with_nm=with_it,
+        share=share,
+        verdict=verdict,
+    )
+
+
+def _log_of_blocks(library: RegressorLibrary) -> NDArray[np.int64]:
+    """Return (B,) number of the log that each block is of."""
+    recording = library.data.recording
+    kept = recording.block >= 0
+    out = np.full(library.grams.blocks, -1, dtype=np.int64)
+    out[recording.block[kept]] = recording.log[kept]
+    return out
+
+
+def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array, Array]:
+    """Return coefficients (P,) from blocks of a weight (B,), and what these know of all blocks'.
+
+    Directions that the blocks do not show are held at zero by a stiff prior, so that bounds stay
+    what they are.
+    """
+    if not terms:
+        return np.zeros(0), np.zeros(0)
+    grams, model = d.library.grams, d.library.model_columns(terms)
+    xx, xr = grams.system(model, weight)
+    whole, _ = grams.system(model)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    across = np.outer(scale, scale)
+    metric = whole / across + RIDGE * np.eye(len(xr))
+    share, v = eigh(xx / across, metric)
+    informed, share = share > INFORMED, np.maximum(share, INFORMED)
+    value = np.where(informed, v.T @ (xr / scale) / share, 0.0)
+    # a block's part of the information, and how far the estimate moves when it is left out
+    some = np.flatnonzero(weight > 0)
+    blocks_xx, blocks_xr = (x[some] for x in grams.block_systems(model))
+    directions = v / scale[:, None]
+    each, along = directions.T @ blocks_xx @ directions, blocks_xr @ directions
+    part = np.minimum(np.einsum("bii->bi", each) / share, 1.0)
+    moved = (along - each @ value) / (share * np.maximum(1 - part, SINGLE_BLOCK))
+    spread = np.sqrt(np.square(moved).sum(axis=0) * len(some) / max(len(some) - 1, 1))
+    limit = float(student.ppf(1 - CHANCE / 2, max(len(some) - 1, 1)))
+    known = informed & (np.abs(value) > limit * spread) & (part.max(axis=0) < 1 - SINGLE_BLOCK)
+    unknown = metric @ v[:, ~known]
+    held = xx + STIFF * across * (unknown @ unknown.T)
+    c = solve(held, xr, np.array(model.low), np.array(model.high))
+    best = grams.fit(model) * scale
+    return c, np.asarray(v[:, known] @ (v[:, known].T @ metric @ best) / scale)
+
+
+def _sums(
+    library: RegressorLibrary, terms: Sequence[Candidate], before: Array, more: Array
+) -> Array:
+    """Return Σpe, Σpp and Σee (3, joints, B) in units of noise variance.
+
+    e is what coefficients ``before`` (P,) leave, p the torque of ``more`` (P,).
+    """
+    model = library.model_columns(terms)
+    out = np.zeros((3, len(library.grams.joints), library.grams.blocks))
+    for j, (gram, columns, where) in enumerate(
+        zip(library.grams.joints, model.columns, model.coefficients, strict=True)
+    ):
+        cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
+        xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
+        a, c = more[at], before[at]
+        out[0, j] = xr @ a - xx @ c @ a
+        out[1, j] = xx @ a @ a
+        out[2, j] = gram.rr - 2 * xr @ c + xx @ c @ c
+    return out

@@ -1,0 +1,90 @@
+"""Two logs to try `stiction diagnose` with: ``python -m stiction_envs.hidden.example_logs``.
+
+A Panda with joint friction, rotors and a payload, none of which a rigid simulation has. Writes
+``log.csv`` (a Fourier series, 26 s at 500 Hz), ``other.csv`` (a faster one, 20 s) and the truth,
+``hidden.json``, into a new folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.hidden.hidden_logs import make_case
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import write_json
+
+SEED = 7
+
+
+def write_example(folder: Path, *, seconds: float = 26.0, second: float = 20.0) -> None:
+    """Write both logs and what is hidden in them.
+
+    Args:
+        folder: that is not there yet.
+        seconds: length of ``log.csv`` [s].
+        second: length of ``other.csv`` [s].
+
+    Raises:
+        StictionError: the folder is there already; it might hold somebody's logs.
+    """
+    if folder.exists():
+        raise StictionError(f"{folder}: exists already: expected a new folder")
+    case = make_case(
+        SEED, ("payload",), motion="fourier", seconds=seconds, known=True, size=0.6, second=second
+    )
+    known = case.nominal
+    assert isinstance(known, FrictionParameters)
+    (payload,) = case.hidden
+    truth: dict[str, Any] = {
+        "payload": payload.values,
+        "coulomb_friction": {"coulomb_nm": known.stiction[:, 0].tolist()},
+        "viscous_friction": {"viscous_nms": known.viscous[:, 0].tolist()},
+        "link_inertia": {"armature_kgm2": known.rotor_inertia.tolist()},
+    }
+    folder.mkdir(parents=True)
+    for name, (log,) in (("log.csv", case.logs), ("other.csv", case.second)):
+        write_text_atomic(folder / name, csv_text(log))
+    write_json(folder / "hidden.json", truth)
+
+
+def csv_text(log: JointLog) -> str:
+    """Return time, angles and torques as the columns that `read_logs` asks for."""
+    numbers = range(1, log.n + 1)
+    names = ["t", *(f"q{j}" for j in numbers), *(f"tau{j}" for j in numbers)]
+    text = io.StringIO()
+    table = np.column_stack([log.t, log.q, log.tau])
+    np.savetxt(text, table, fmt="%.6f", delimiter=",", header=",".join(names), comments="")
+    return text.getvalue()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code: 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m stiction_envs.hidden.example_logs",
+        description="Write two simulated logs of a Panda that a rigid simulation gets wrong.",
+    )
+    parser.add_argument(
+        "folder", nargs="?", type=Path, default=Path("example"), help="default: example"
+    )
+    folder = parser.parse_args(arguments).folder
+    try:
+        write_example(folder)
+    except StictionError as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 2
+    print(f"written to {folder}: log.csv, other.csv; the truth is in hidden.json")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""Logs of arms whose links differ from the nominal; their torques are MuJoCo's."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm
+from stiction_envs.robots.inertias import with_inertias
+from stiction_envs.robots.regressor import (
+    from_pseudo_inertia,
+    inertial_parameters,
+    pseudo_inertia,
+)
+
+COULOMB = np.array([0.5, 0.6, 0.4, 0.5, 0.3, 0.2, 0.25])
+VISCOUS = 0.3 * COULOMB
+OFFSET = 0.1 * COULOMB
+
+
+def perturbed(arm: Arm, size: float, seed: int) -> Arm:
+    """The arm with other links that can exist: J → A J Aᵀ with A near the identity."""
+    phi = inertial_parameters(arm.pinocchio())
+    j = pseudo_inertia(phi)
+    root = np.linalg.cholesky(j)
+    a = np.eye(4) + size * np.random.default_rng(seed).normal(size=j.shape)
+    half = root @ a
+    return with_inertias(arm, from_pseudo_inertia(half @ half.transpose(0, 2, 1)))
+
+
+def torque(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+    """(T, n) of MuJoCo's inverse dynamics, without limits and contacts."""
+    model = arm.model()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out
+
+
+def direction(dq: np.ndarray) -> np.ndarray:
+    """Sign of the speed; at rest that of the last motion."""
+    out = np.sign(np.where(np.abs(dq) > 1e-9, dq, 0.0))
+    for k in range(1, len(out)):
+        out[k] = np.where(out[k] == 0, out[k - 1], out[k])
+    return out
+
+
+def presliding(q: np.ndarray, distance: float) -> np.ndarray:
+    """Dry friction over its level that builds up over a ``distance`` [rad] after a reversal."""
+    out = np.zeros_like(q)
+    for k in range(1, len(q)):
+        way = q[k] - q[k - 1]
+        out[k] = out[k - 1] + (np.sign(way) - out[k - 1]) * -np.expm1(-np.abs(way) / distance)
+    return out
+
+
+def log(
+    true: Arm,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rate: float,
+    *,
+    noise: float,
+    seed: int,
+    angle_noise: float = 1e-5,
+    presliding_distance: float = 2e-4,
+) -> JointLog:
+    """What a robot would log: friction on top, noise of torque [N·m] and angle [rad].
+
+    ``presliding_distance`` [rad] is that of our engine's friction, which the fit assumes.
+    """
+    q, dq, ddq = state
+    n = q.shape[1]
+    rng = np.random.default_rng(seed)
+    tau = torque(true, q, dq, ddq)
+    tau += COULOMB[:n] * presliding(q, presliding_distance) + VISCOUS[:n] * dq + OFFSET[:n]
+    return JointLog(
+        source="excited.csv",
+        t=np.arange(len(q)) / rate,
+        q=q + angle_noise * rng.normal(size=q.shape),
+        dq=None,
+        tau=tau + noise * rng.normal(size=q.shape),
+    )
+
+
+def truth(true: Arm) -> np.ndarray:
+    """(10 n + 3 n,) parameters of links, Coulomb, viscous and offset."""
+    n = true.n
+    links = inertial_parameters(true.pinocchio()).ravel()
+    return np.concatenate([links, COULOMB[:n], VISCOUS[:n], OFFSET[:n]])
+
+
+def from_pose_to_pose(
+    arm: Arm, reach: np.ndarray, seconds: float, rate: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rest-to-rest moves of 1.5 s to random poses within ``reach`` of the rest pose."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    q = np.tile(arm.rest, (len(t), 1))
+    dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    last = arm.rest
+    for start in np.arange(0.3, seconds - 1.5, 1.8):
+        goal = arm.rest + rng.uniform(-1, 1, arm.n) * reach
+        x = np.clip((t - start) / 1.5, 0, 1)[:, None]
+        q += (goal - last) * x**3 * (10 - 15 * x + 6 * x**2)
+        dq += (goal - last) * 30 * x**2 * (1 - x) ** 2 / 1.5
+        ddq += (goal - last) * 60 * x * (1 - x) * (1 - 2 * x) / 1.5**2
+        last = goal
+    return q, dq, ddq

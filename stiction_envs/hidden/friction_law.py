@@ -1,0 +1,78 @@
+"""The friction law in plain numpy: the yardstick the engine is tested against.
+
+LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995): a bristle of deflection z [rad] with
+
+    g(v)  = F_c + (F_s − F_c) exp(−(v/v_s)²)                       [N·m]
+    dz/dt = v − σ0 |v| z / g(v)                                    [rad/s]
+    τ_f   = σ0 z + σ1 dz/dt + σ2 v                                 [N·m], opposes v
+
+Here every level may differ by direction, and grow with the transmitted torque L:
+F(L) = F + k clip(L). Nothing in this file imports MuJoCo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LuGre:
+    """One law, or many at once: all fields broadcast against the velocity."""
+
+    stiction: ArrayLike
+    """F_s, stiction level for v > 0 [N·m]."""
+    coulomb: ArrayLike
+    """F_c, Coulomb level for v > 0 [N·m]."""
+    stribeck_velocity: ArrayLike
+    """v_s [rad/s]."""
+    bristle_stiffness: ArrayLike
+    """σ0 [N·m/rad]."""
+    bristle_damping: ArrayLike
+    """σ1 [N·m·s/rad]."""
+    viscous: ArrayLike = 0.0
+    """σ2 [N·m·s/rad]."""
+    asymmetry: ArrayLike = 1.0
+    """Level for v < 0 over the level for v > 0 [-]."""
+    load_coefficient: ArrayLike = 0.0
+    """Growth of F_s per N·m of transmitted torque [-]; F_c grows in the same ratio."""
+    load: ArrayLike = field(default=0.0)
+    """Transmitted torque L ≥ 0 [N·m]."""
+
+    def level(self, v: ArrayLike) -> Array:
+        """Return g(v), the friction level of steady sliding without viscous part [N·m]."""
+        v = np.asarray(v, float)
+        f_s, f_c = np.asarray(self.stiction, float), np.asarray(self.coulomb, float)
+        side = np.where(v < 0, self.asymmetry, 1.0)
+        growth = 1.0 + np.asarray(self.load_coefficient) * np.asarray(self.load) / f_s
+        stribeck = np.exp(-((v / np.asarray(self.stribeck_velocity)) ** 2))
+        return side * growth * (f_c + (f_s - f_c) * stribeck)
+
+    def steady(self, v: ArrayLike) -> Array:
+        """Return the torque of steady sliding at v, g(v) sign(v) + σ2 v [N·m]."""
+        v = np.asarray(v, float)
+        return self.level(v) * np.sign(v) + np.asarray(self.viscous) * v
+
+    def bristle_rate(self, z: ArrayLike, v: ArrayLike) -> Array:
+        """Return dz/dt [rad/s] at bristle deflection z [rad] and velocity v [rad/s]."""
+        v = np.asarray(v, float)
+        return v - np.asarray(self.bristle_stiffness) * np.abs(v) * z / self.level(v)
+
+    def torque(self, z: ArrayLike, v: ArrayLike) -> Array:
+        """Return the friction torque [N·m] that opposes v, at deflection z [rad]."""
+        return (
+            np.asarray(self.bristle_stiffness) * np.asarray(z)
+            + np.asarray(self.bristle_damping) * self.bristle_rate(z, v)
+            + np.asarray(self.viscous) * np.asarray(v)
+        )
+
+    def advance(self, z: ArrayLike, v: ArrayLike, dt: float) -> Array:
+        """Return z after dt [s] at constant v: the exact solution of the bristle equation."""
+        z, v = np.asarray(z, float), np.asarray(v, float)
+        a = -np.asarray(self.bristle_stiffness) * np.abs(v) / self.level(v)
+        gain = np.where(np.abs(a) > 1e-12, np.expm1(a * dt) / np.where(a == 0, 1.0, a), dt)
+        return np.exp(a * dt) * z + gain * v

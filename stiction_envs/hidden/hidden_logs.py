@@ -1,0 +1,357 @@
+"""Joint logs with something hidden in them: MuJoCo moves a Panda, a log is what a robot writes.
+
+Shares no code with the diagnosis: forward simulation by ``mj_step``, friction by the reference law,
+every cause put in where it acts. The robot's makers know its dry and viscous friction and rotors
+(`Case.nominal`), or there is none (``"rigid"``); what is hidden comes on top.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.friction.parameters import FrictionParameters, from_table
+from stiction_envs.hidden.friction_law import LuGre
+from stiction_envs.hidden.hidden_effects import (
+    EFFECTS,
+    FRICTION,
+    PRESLIDING_DISTANCE,
+    ROTOR,
+    Draw,
+    World,
+)
+from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.robots import Arm, load_arm
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+STEPS_PER_ROW = 2
+"""Steps per logged row: 500 Hz."""
+SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
+"""Of `MOTIONS`, those that go all over the range: on which a model is to hold."""
+TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """One hidden cause: the truth."""
+
+    name: str
+    """Of the cause, as the diagnosis should say it."""
+    joint: int
+    """From 1; 0 for the whole arm."""
+    values: dict[str, float | list[float]]
+    """Under the names of ``diagnosis.json``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """What a blind test sees, and the truth."""
+
+    logs: list[JointLog]
+    robot: Arm
+    """As its makers know it, but for friction."""
+    nominal: FrictionParameters | str
+    hidden: tuple[Hidden, ...]
+    effect: Array
+    """(7,) root mean square of what the hidden causes do to the torques [N·m]."""
+    alone: Array
+    """(k, 7) the same of each by itself, along the same motion [N·m]."""
+    motion: str
+    seed: int
+    second: list[JointLog]
+    """Of another motion of the same arm, with the same hidden; [] where none was asked for."""
+    second_motion: str
+    unhidden: list[JointLog]
+    """The same motion as `second`, of an arm in which nothing is hidden: what the truth leaves."""
+
+
+def make_case(
+    seed: int,
+    causes: tuple[str, ...] = (),
+    *,
+    motion: str | None = None,
+    seconds: float = 26.0,
+    known: bool | None = None,
+    joint: int | None = None,
+    size: float | None = None,
+    second: float = 0.0,
+) -> Case:
+    """Hide some causes of random size, joint and sign in a log.
+
+    Args:
+        seed: of everything.
+        causes: names of `EFFECTS`.
+        motion: of `MOTIONS` or `BLIND_MOTIONS`; by default one that excites all of them.
+        seconds: length of the log [s].
+        known: whether the robot has known friction and rotors; by default as the causes need, or
+            at random.
+        joint: from 1; random by default.
+        size: of the effect, 0 (just visible) to 1 (large); random by default.
+        second: length of a log of another kind of motion [s]; 0 for none.
+    """
+    rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
+    if motion is None:
+        options = list(MOTIONS)
+        for name in causes:
+            motions = EFFECTS[name].motions
+            options = [m for m in options if m in motions] or list(motions)
+        motion = str(rng.choice(options))
+    if known is None:
+        known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
+    world = World()
+    if known:
+        world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
+        world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
+        world.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
+    bare = copy.deepcopy(world)
+    worlds = [copy.deepcopy(world) for _ in causes]
+    hidden = []
+    for name, single in zip(causes, worlds, strict=True):
+        large = rng.random() if size is None else size
+        # the same draw, hidden with the others and by itself
+        again = copy.deepcopy(rng)
+        hidden.append(_hide(world, name, joint, large, seconds, rng))
+        _hide(single, name, joint, large, seconds, again)
+    t = np.arange(0, seconds, STEP)
+    wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
+    q, tau, effect = _simulate(world, t, wanted)
+    alone = [effect] if len(causes) == 1 else [_simulate(w, t, wanted)[2] for w in worlds]
+    alone = [_visible_size(w, q, x) for w, x in zip(worlds, alone, strict=True)]
+    if len(causes) == 1:
+        effect = alone[0]
+    log = _log(q, tau, t, rng, f"case_{seed}")
+    others: list[JointLog] = []
+    unhidden: list[JointLog] = []
+    other = ""
+    if second:
+        other = str(rng.choice([m for m in SECOND_MOTIONS if m != motion]))
+        later = np.arange(0, second, STEP)
+        wanted = MOTIONS[other](rng, later)
+        for arm, logs in ((world, others), (bare, unhidden)):
+            q, tau, _ = _simulate(arm, later, wanted)
+            logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
+    nominal: FrictionParameters | str = "rigid"
+    if known:
+        levels = {
+            "stiction": world.coulomb,
+            "coulomb_ratio": 1.0,
+            "stribeck_velocity": 0.01,
+            "viscous": world.viscous,
+            "bristle_stiffness": world.coulomb / PRESLIDING_DISTANCE,
+            "rotor_inertia": world.rotor,
+        }
+        entries = {k: {"value": v, "assumed": True} for k, v in levels.items()}
+        nominal = from_table(entries, "known to the robot's makers", 7)
+    return Case(
+        logs=[log],
+        robot=load_arm("panda", payload=_place(world.phantom)),
+        nominal=nominal,
+        hidden=tuple(hidden),
+        effect=effect,
+        alone=np.array(alone).reshape(-1, 7),
+        motion=motion,
+        seed=seed,
+        second=others,
+        second_motion=other,
+        unhidden=unhidden,
+    )
+
+
+def _place(body: tuple[float, Array] | None) -> tuple[float, float, float, float] | None:
+    """Return mass and centre of a body as `load_arm` takes them."""
+    if body is None:
+        return None
+    x, y, z = (float(c) for c in body[1])
+    return body[0], x, y, z
+
+
+def _visible_size(w: World, q: Array, effect: Array) -> Array:
+    """Return (7,) size of an effect, of a smooth torque only what no straight line over angle is.
+
+    Along a motion in which a joint hardly turns every smooth torque is an offset or a spring.
+    """
+    out = effect.copy()
+    torque = w.smooth_torque(q)
+    for j in np.flatnonzero(torque.any(axis=0)):
+        line = np.polynomial.Polynomial.fit(q[:, j], torque[:, j], 1)
+        out[j] = float(np.sqrt(np.mean(np.square(torque[:, j] - line(q[:, j])))))
+    return out
+
+
+def _hide(
+    world: World,
+    name: str,
+    joint: int | None,
+    size: float,
+    seconds: float,
+    rng: np.random.Generator,
+) -> Hidden:
+    """Hide one cause in a world; the truth."""
+    effect = EFFECTS[name]
+    number = joint or int(rng.choice(effect.joints))
+    sign = float(rng.choice([-1.0, 1.0]))
+    draw = Draw(joint=number - 1, sign=sign, size=size, seconds=seconds, rng=rng)
+    values = effect.hide(world, draw)
+    return Hidden(
+        name=effect.cause,
+        joint=0 if effect.arm_wide else number,
+        values={k: v if isinstance(v, list) else float(v) for k, v in values.items()},
+    )
+
+
+def _build(w: World) -> mujoco.MjModel:
+    spec = load_arm("panda").spec()
+    for i, joint in enumerate(list(spec.joints)):
+        joint.armature = w.rotor[i] + w.armature[i]
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    spec.option.timestep = STEP
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    lean, towards = w.tilt
+    g = 9.81
+    spec.option.gravity = [
+        g * np.sin(lean) * np.cos(towards),
+        g * np.sin(lean) * np.sin(towards),
+        -g * np.cos(lean),
+    ]
+    for number, (more, shift) in w.links.items():
+        link = spec.body(f"link{number}")
+        # another density, moved within the link: a body that exists
+        link.fullinertia = np.array(link.fullinertia) * (1 + more / link.mass)
+        link.mass, link.ipos = link.mass + more, link.ipos + shift
+    for mass, com in (x for x in (w.payload, w.phantom) if x is not None):
+        site = next(s for s in spec.sites if s.name == "flange")
+        small = 0.4 * mass * 0.03**2
+        load = site.parent.add_body(pos=site.pos, quat=site.quat)
+        load.mass, load.ipos, load.inertia = mass, com, [small] * 3
+        load.explicitinertial = True
+    loose = w.soft or w.gap
+    if loose is not None:
+        joint = list(spec.joints)[loose[0]]
+        inner = joint.parent.add_joint(name="inner", axis=joint.axis, pos=joint.pos)
+        inner.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if w.soft is not None:
+            inner.stiffness = [w.soft[1], 0, 0]
+            inner.damping = [2 * 0.1 * np.sqrt(w.soft[1] * 0.1), 0, 0]
+    return spec.compile()
+
+
+def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
+    """Return motor angles and logged torques at the rows, and the size of what is hidden."""
+    true = dataclasses.replace(w, phantom=None)
+    model, plain = _build(true), _build(World(rotor=w.rotor))
+    # the robot's own controller knows that there is no such body
+    assumed = _build(World(rotor=w.rotor, phantom=w.phantom)) if w.phantom else None
+    assumed_data = mujoco.MjData(assumed or plain)
+    d, plain_data = mujoco.MjData(model), mujoco.MjData(plain)
+    # what the gears carry: friction that grows with load feels a payload and a tilt too
+    heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt, links=w.links))
+    heavy_data = mujoco.MjData(heavy)
+    loose = (w.soft or w.gap or (None,))[0]
+    outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
+    speed = np.gradient(wanted, STEP, axis=0)
+    pull = np.gradient(speed, STEP, axis=0)
+    d.qpos[outer] = plain_data.qpos[:] = wanted[0]
+    inside = None if loose is None else loose + 1
+    coulomb = w.coulomb + w.more_coulomb
+    sticks = bool(coulomb.any())
+    inertia = np.maximum(w.rotor + w.armature, 0.02)
+    stiff = np.where(coulomb > 0, coulomb, 1.0) / w.distance
+    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
+    on = coulomb > 0
+    # two laws in one: the true joints, and what the makers know of them
+    on = np.stack([on, w.coulomb > 0])
+    known_level = np.maximum(w.coulomb, 1e-9)
+    stiff = np.stack([stiff, known_level / PRESLIDING_DISTANCE])
+    plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / PRESLIDING_DISTANCE * np.maximum(w.rotor, 0.02))
+    damping = np.stack([damping, plain_damping])
+    over_angle = bool(w.harmonics.any() or w.hump[:, 0].any())
+    z = np.zeros((2, 7))
+    q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
+    mass, load = np.empty((7, 7)), np.zeros(7)
+    force = np.zeros(model.nv)
+    for k in range(len(t)):
+        x, v = d.qpos[outer], d.qvel[outer]
+        before = v
+        plain_data.qpos[:], plain_data.qvel[:] = x, v
+        mujoco.mj_fwdPosition(plain, plain_data)
+        mujoco.mj_fwdVelocity(plain, plain_data)
+        mujoco.mj_fullM(plain, plain_data, mass)
+        want = pull[k] + 100 * (speed[k] - v) + 2500 * (wanted[k] - x)
+        command = mass @ want + plain_data.qfrc_bias + w.coulomb * np.tanh(speed[k] / 0.01)
+        # angles at t belong to the speed half a step before: friction is due at t
+        v = v + 0.5 * STEP * pull[k]
+        friction = w.viscous * v + w.more_viscous * v
+        known = w.viscous * v
+        if sticks:
+            level = coulomb + w.drift * t[k] + w.load * np.abs(load)
+            level = level + w.asymmetry * np.sign(v)
+            top = np.maximum(level + w.stribeck, 1e-9)
+            law = LuGre(
+                stiction=np.array([top, known_level]),
+                coulomb=np.array([np.maximum(level, 1e-9), known_level]),
+                stribeck_velocity=w.stribeck_velocity,
+                bristle_stiffness=stiff,
+                bristle_damping=damping,
+            )
+            both = np.where(on, law.torque(z, v), 0.0)
+            friction, known = friction + both[0], known + both[1]
+            z = np.where(on, law.advance(z, v, STEP), 0.0)
+        extra = w.spring * (x - w.spring_rest)
+        if over_angle:
+            extra = extra + w.smooth_torque(x)
+        if w.ripple.any():
+            extra = extra + w.ripple * np.sin(w.periods * x + w.phase)
+        force[outer] = command - friction - extra
+        if w.gap is not None and inside is not None:
+            open_, rate = d.qpos[inside], d.qvel[inside]
+            press = open_ - np.clip(open_, -w.gap[1] / 2, w.gap[1] / 2)
+            force[inside] = -8000.0 * press - (15.0 * rate if press else 0.0)
+        d.qfrc_applied[:] = force
+        q[k], tau[k] = x, command
+        mujoco.mj_step(model, d)
+        acceleration = (d.qvel[outer] - before) / STEP
+        bias = plain_data.qfrc_bias
+        if assumed is not None:
+            assumed_data.qpos[:], assumed_data.qvel[:] = x, before
+            mujoco.mj_fwdPosition(assumed, assumed_data)
+            mujoco.mj_fwdVelocity(assumed, assumed_data)
+            mujoco.mj_fullM(assumed, assumed_data, mass)
+            bias = assumed_data.qfrc_bias
+        nominal[k] = mass @ acceleration + bias + known
+        if w.load.any():
+            heavy_data.qpos[:], heavy_data.qvel[:] = x, plain_data.qvel
+            mujoco.mj_fwdPosition(heavy, heavy_data)
+            mujoco.mj_fwdVelocity(heavy, heavy_data)
+            mujoco.mj_fullM(heavy, heavy_data, mass)
+            load = mass @ pull[k] + heavy_data.qfrc_bias - w.rotor * pull[k]
+    logged = tau.copy()
+    if w.delay:
+        for j in range(7):
+            logged[:, j] = np.interp(t + w.delay, t, logged[:, j])
+    logged = w.scale * logged + w.offset
+    width = 50
+    window = np.ones(width) / width
+    off = np.stack([np.convolve(x, window, "valid") for x in (logged - nominal).T])
+    effect = np.sqrt(np.mean(off[:, 500:-100] ** 2, axis=1))
+    return q[::STEPS_PER_ROW], logged[::STEPS_PER_ROW], effect
+
+
+def _log(q: Array, tau: Array, t: Array, rng: np.random.Generator, name: str) -> JointLog:
+    """Write down angles and torques as a robot does."""
+    rows = t[::STEPS_PER_ROW]
+    stamps = rows + np.clip(rng.normal(0, 0.02, len(rows)), -0.2, 0.2) * STEP * STEPS_PER_ROW
+    angle = np.round((q + rng.normal(0, 3e-6, q.shape)) / 5e-6) * 5e-6
+    torque = np.round((tau + TAU_NOISE * rng.normal(size=q.shape)) / 0.01) * 0.01
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.npz"
+        np.savez(path, t=stamps, q=angle, tau=torque)
+        return read_logs([path], 7, limits=load_arm("panda").limits)[0]

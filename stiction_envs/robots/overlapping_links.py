@@ -1,0 +1,71 @@
+"""Links of a user's arm that touch in every pose: neighbours whose shapes overlap, not collisions.
+
+MoveIt's set-up assistant leaves out such pairs, found in the same way: in poses drawn at random.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.precomputed import store
+
+POSES = 200
+"""Poses that are drawn."""
+SHARE = 0.95
+"""Share of them in which two links touch that are left out (MoveIt's `default_fraction`, 0.95)."""
+Pair = tuple[str, str]
+
+
+def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> list[Pair]:
+    """Add a contact exclusion for every pair of links that touches in (nearly) all poses.
+
+    Args:
+        root: the ``mujoco`` element of an arm of n hinges; changed in place.
+        position: (n, 2) ranges that poses are drawn from [rad].
+
+    Returns:
+        Names of the links, pair by pair.
+    """
+    text = ET.tostring(root, encoding="unicode")
+    of = store.digest(text, position, POSES, SHARE)
+    found = store.recall("touching", of)
+    if not found:
+        model = mujoco.MjModel.from_xml_string(text)
+        found = {"bodies": [list(pair) for pair in _overlapping(model, position)]}
+        store.keep("touching", of, found)
+    model = mujoco.MjModel.from_xml_string(text) if found["bodies"] else None
+    pairs = [] if model is None else [_names(model, *map(int, b)) for b in found["bodies"]]
+    if pairs:
+        contact = root.find("contact")
+        contact = ET.SubElement(root, "contact") if contact is None else contact
+        for one, two in pairs:
+            ET.SubElement(contact, "exclude", name=f"touching {one} {two}", body1=one, body2=two)
+    return pairs
+
+
+def excluded_pairs(xml: str) -> list[Pair]:
+    """Return the pairs that `exclude_overlapping` left out of an MJCF."""
+    excluded = ET.fromstring(xml).iter("exclude")
+    mine = [e for e in excluded if e.get("name", "").startswith("touching ")]
+    return [(e.get("body1", ""), e.get("body2", "")) for e in mine]
+
+
+def _names(model: mujoco.MjModel, one: int, two: int) -> Pair:
+    return model.body(one).name, model.body(two).name
+
+
+def _overlapping(model: mujoco.MjModel, position: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return the ids of the bodies of such pairs."""
+    data, count = mujoco.MjData(model), Counter[tuple[int, int]]()
+    low, high = position.T
+    for q in np.random.default_rng(0).uniform(low, high, (POSES, model.nq)):
+        data.qpos[:] = q
+        mujoco.mj_fwdPosition(model, data)
+        bodies = np.sort(model.geom_bodyid[data.contact.geom], axis=1)
+        count.update({(int(a), int(b)) for a, b in bodies})
+    return sorted(pair for pair, k in count.items() if k >= SHARE * POSES)

@@ -1,0 +1,60 @@
+"""Every citation lands: sections of docs/sources.md, and modules that TOMLs name."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "sources.md").read_text("utf-8")
+SECTIONS = set(re.findall(r"^##+ (\d(?:\.\d)?)\.? ", PAGE, re.MULTILINE))
+CITED = re.compile(r"sources\.md ((?:\d(?:\.\d)?(?:, | and )?)+)")
+PLACES = ("stiction_envs", "tuning", "benchmarks", "tests")
+
+
+def files(*kinds: str) -> list[Path]:
+    found = [p for place in PLACES for p in (ROOT / place).rglob("*") if p.suffix in kinds]
+    return [p for p in found if p != Path(__file__)]
+
+
+def sections(text: str) -> list[str]:
+    """Return the numbers that follow ``sources.md``, line ends in comments left out."""
+    flat = re.sub(r"\s*\n[ #]*", " ", text)
+    return [n for group in CITED.findall(flat) for n in re.findall(r"\d(?:\.\d)?", group)]
+
+
+def test_every_cited_section_is_there():
+    cited = {n: p for p in files(".py", ".toml", ".xml", ".j2") for n in sections(p.read_text())}
+    assert len(cited) > 20
+    assert {n: str(p) for n, p in cited.items() if n not in SECTIONS} == {}
+
+
+def test_no_citation_lacks_its_section():
+    """`sources.md` is never cited as a whole."""
+    loose = [
+        str(p)
+        for p in files(".py", ".toml", ".xml", ".j2")
+        if re.search(r"sources\.md(?! \d)", re.sub(r"\s*\n[ #]*", " ", p.read_text()))
+    ]
+    assert loose == []
+
+
+def test_a_missing_section_is_found():
+    assert sections('source = "sources.md 3.4 and 9.9, 1.5 [G]"') == ["3.4", "9.9", "1.5"]
+    assert "9.9" not in SECTIONS
+
+
+@pytest.mark.parametrize("path", files(".toml"), ids=lambda p: str(p.relative_to(ROOT)))
+def test_modules_that_a_toml_names_exist(path: Path):
+    names = re.findall(r"\b(?:stiction_envs|benchmarks)(?:\.[a-z_]\w*)+", path.read_text())
+    assert [n for n in names if find_spec(n) is None] == []
+
+
+def test_nothing_cites_what_is_not_in_the_repository():
+    command = ["git", "grep", "-l", "physics\\" + ".md"]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ran.stdout.split() == []

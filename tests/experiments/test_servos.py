@@ -1,0 +1,167 @@
+"""Servos that hold an arm: as stiff as its friction asks for, damped as far as the step allows."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.servos import Servos
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.plant import Plant
+from stiction_envs.robots import ARMS, load_arm
+
+LIGHT = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <default><joint axis="0 1 0" range="-3 3" actuatorfrcrange="-{limit} {limit}"/></default>
+  <worldbody><body name="one"><joint name="a"/>
+    <inertial mass="0.3" pos="0 0 0.1" diaginertia="1e-3 1e-3 1e-4"/>
+    <body name="two" pos="0 0 0.2"><joint name="b"/>
+      <inertial mass="0.1" pos="0 0 0.1" diaginertia="1e-4 1e-4 1e-5"/>
+    </body></body></worldbody>
+</mujoco>
+"""
+BENT = np.array([[0.3, 1.2], [0.0, 0.0], [-1.0, 2.5]])
+
+
+@pytest.fixture
+def light(tmp_path):
+    """Make a light arm of two joints, without rotors, of a torque limit and a stiction [N·m]."""
+
+    def make(limit=100.0, stiction=0.02, rotor=0.0):
+        path = tmp_path / f"light{limit}.xml"
+        path.write_text(LIGHT.format(limit=limit), encoding="utf-8")
+        friction = (
+            load_friction("generic", 2)
+            .rigid()
+            .replace(
+                stiction=np.full((2, 2), stiction),
+                bristle_stiffness=np.full(2, 0.2),
+                rotor_inertia=np.full(2, rotor),
+                viscous=np.zeros((2, 2)),
+            )
+        )
+        return build(load_arm(path), friction)
+
+    return make
+
+
+def servos_at(sticking, q):
+    servos = Servos(sticking, load_protocol("own"))
+    stiffness = servos.stiffness(np.zeros(q.shape))
+    inertia, mass = servos.inertia(q)
+    return stiffness, servos.damping(stiffness, inertia, mass), inertia, mass
+
+
+@pytest.mark.parametrize("robot", ARMS)
+def test_a_heavy_arm_is_damped_critically_as_stiff_as_its_torque_limit(robot):
+    """Limit case: neither friction nor the step has a say."""
+    arm = load_arm(robot)
+    sticking, p = build(arm), load_protocol(robot)
+    servos = Servos(sticking, p)
+    plant = Plant(sticking, 1, threads=1)
+    stiffness = servos.stiffness(servos.resistance(*plant.load))
+    np.testing.assert_array_equal(stiffness[0], p.hold_stiffness * arm.limits.torque)
+    inertia, mass = servos.inertia(arm.rest[None])
+    np.testing.assert_array_equal(
+        servos.damping(stiffness, inertia, mass), 2 * np.sqrt(stiffness * inertia)
+    )
+
+
+def test_a_lone_joint_is_stopped_within_a_step_at_most(light):
+    """Locked, joint b has inertia J: its damper may take h C / J = 1 at most, less what sticks."""
+    sticking = light(limit=1e4)
+    servos = Servos(sticking, load_protocol("own"))
+    inertia, mass = servos.inertia(BENT)
+    mass[:, 0, 1] = mass[:, 1, 0] = 0.0
+    mass[:, 0, 0] = 1e6
+    stiffness = np.tile([0.0, 1.0], (3, 1))
+    h, j = sticking.timestep, mass[:, 1, 1]
+    bristle = sticking.bristle_damping_of(sticking.parameters)[1]
+    sigma0 = sticking.parameters.bristle_stiffness[1]
+    stuck = (h * bristle + h * h / 2 * (stiffness[:, 1] + sigma0)) / j
+    inertia[:] = 1e4  # asks for far more than the step allows
+    damping = servos.damping(stiffness, inertia, mass)[:, 1]
+    np.testing.assert_allclose(h * damping / j, 1 - stuck / 2, rtol=1e-9)
+
+
+def test_the_step_of_a_light_arm_is_stable_where_critical_damping_is_not(light):
+    sticking = light()
+    stiffness, damping, inertia, mass = servos_at(sticking, BENT)
+    h, p = sticking.timestep, sticking.parameters
+    sigma1 = sticking.bristle_damping_of(p)
+
+    def least(damping):
+        bound = h * (damping + sigma1) + h * h / 2 * (stiffness + p.bristle_stiffness)
+        return np.linalg.eigvalsh(2 * mass - bound[:, :, None] * np.eye(2)).min()
+
+    assert least(2 * np.sqrt(stiffness * inertia)) < 0
+    assert least(damping) > 0
+
+
+def test_a_light_arm_comes_to_rest_where_it_is_held(light):
+    """What the criterion promises, in the engine: released 0.1 rad off, joints come back."""
+    sticking = light()
+    stiffness, damping, inertia, _ = servos_at(sticking, BENT)
+
+    def left(damping):
+        plant = Plant(sticking, len(BENT), threads=1)
+        plant.reset(np.arange(3), BENT + 0.1)
+        plant.set_servo(np.arange(3), stiffness, damping, BENT)
+        late = plant.run(np.zeros((3, 2000, 2)))[:, 1500:]
+        return np.abs(late - BENT[:, None]).max()
+
+    assert left(damping) < 1e-3
+    assert left(2 * np.sqrt(stiffness * inertia)) > 0.1
+
+
+def test_friction_near_the_torque_limit_does_not_keep_a_joint_from_its_pose(light):
+    """Of a limit of 1 N·m friction takes half, as in a gripper: 1.2 N·m/rad would leave 0.4 rad."""
+    sticking = light(limit=1.0, stiction=0.5, rotor=0.1)
+    p = load_protocol("own")
+    servos = Servos(sticking, p)
+    plant = Plant(sticking, 1, threads=1)
+    resistance = servos.resistance(*plant.load)
+    np.testing.assert_allclose(resistance, 0.5)
+    stiffness = servos.stiffness(resistance)
+    assert (resistance / stiffness < p.start_tolerance).all()
+    damping = servos.damping(stiffness, *servos.inertia(np.zeros((1, 2))))
+    plant.reset(np.array([0]), [[0.15, 0.15]])
+    plant.set_servo(np.array([0]), stiffness, damping, 0.0)
+    at = plant.run(np.zeros((1, 3000, 2)))[0, -1]
+    assert (np.abs(at) < p.start_tolerance).all()
+
+
+def test_offset_counts_in_both_directions(light):
+    sticking = light()
+    load = np.array([[2.0, 3.0]])
+    p = sticking.parameters.replace(
+        offset=np.array([0.3, -0.3]), gravity_error=np.array([0.1, 0.1]), load_high=np.ones(2)
+    )
+    other = build(sticking.arm, p)
+    found = Servos(other, load_protocol("own")).resistance(-load, load)
+    np.testing.assert_allclose(found, [[0.02 + 0.2, 0.02 + 0.4]])
+
+
+def test_the_margin_is_what_tolerance_and_scatter_ask_for():
+    """`torque_margin` follows from the protocol: what resists is beaten within the tolerance."""
+    p, margin = load_protocol("own"), experiment_settings().servos.torque_margin
+    reach = p.start_tolerance - 3 * p.pose_scatter
+    least = (1 + 3 * p.friction_scatter) / (p.hold_stiffness * reach)
+    assert least < margin < 1.1 * least
+
+
+def test_springs_of_elastic_joints_are_part_of_the_mass_matrix():
+    sticking = build(load_arm("panda"))
+    elastic = load_friction("panda", 7).replace(joint_stiffness=np.full(7, 1e4))
+    model = build(sticking.arm, elastic)
+    inertia, mass = Servos(model, load_protocol("panda")).inertia(sticking.arm.rest[None])
+    assert mass.shape == (1, 14, 14)
+    data = mujoco.MjData(model.model)
+    data.qpos[model.motor] = sticking.arm.rest
+    mujoco.mj_forward(model.model, data)
+    rotors = elastic.rotor_inertia
+    links = mass[0][np.ix_(model.spring, model.spring)]
+    np.testing.assert_allclose(np.diagonal(links) + rotors, inertia[0], rtol=1e-9)

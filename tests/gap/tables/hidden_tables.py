@@ -1,0 +1,174 @@
+"""Torque tables of an arm that is not quite the nominal one: what the diagnosis has to find.
+
+The whole arm runs the thesis's experiment, with scatter and measurement noise of its own seed,
+after its true model was changed. Shares nothing with the diagnosis but the experiment itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    Protocol,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.gap.tables.readings import Cell
+from stiction_envs.measured import BaseTable, DitheredRow, thesis_base
+from stiction_envs.robots import load_arm
+
+SETTINGS = ((80.0, 1.0), (50.0, 1.0), (30.0, 1.0), (15.0, 1.0), (30.0, 1.2), (15.0, 1.2))
+"""(frequency [Hz], amplitude over base torque): Table 4.6 and part of 4.7."""
+RAMP_RATE = 0.14
+"""Twice the protocol's, so that the tests take half the time [N·m/s]."""
+
+
+@lru_cache
+def protocol() -> Protocol:
+    """Return what the tables are measured with."""
+    return load_protocol("panda").replace(ramp_rate=RAMP_RATE)
+
+
+@lru_cache
+def nominal() -> FrictionParameters:
+    """Return the friction of the nominal arm."""
+    return load_friction("panda")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What differs from the nominal arm; factors 1 and offsets 0 are the nominal arm."""
+
+    joint: int = 0
+    """Where it differs; 0 for the whole arm."""
+    lowpass_hz: float | None = None
+    rotor_inertia: float = 1.0
+    bristle_stiffness: float = 1.0
+    offset_nm: float = 0.0
+    """Constant torque."""
+    gravity_nm: float = 0.0
+    """Offset in the load pose, in proportion to the signed load elsewhere."""
+    asymmetry_nm: float = 0.0
+    """Dry friction: more in direction +, less in direction −."""
+    day: float = 1.0
+    """Friction of the day of the dithered measurements over that of the base torques."""
+    day_at: tuple[tuple[str, str], ...] = ()
+    """Pose and direction where the day differs; none for all four."""
+    corrupted: tuple[str, str, float, float] | None = None
+    """Pose, direction, frequency and scale of the one bad reading: 6 % of the torque is left."""
+
+    def at(self, joint: int) -> Truth:
+        """Return what of it concerns a joint."""
+        if self.joint in (0, joint):
+            return self
+        return Truth()
+
+    def friction(self, arm: FrictionParameters, joint: int, load: float) -> FrictionParameters:
+        """Return the true friction, given the signed load [N·m] of the load pose."""
+        p = {
+            k: np.array(getattr(arm, k))
+            for k in ("rotor_inertia", "bristle_stiffness", "offset", "gravity_error", "stiction")
+        }
+        j = joint - 1
+        p["rotor_inertia"][j] *= self.rotor_inertia
+        p["bristle_stiffness"][j] *= self.bristle_stiffness
+        p["offset"][j] += self.offset_nm
+        p["gravity_error"][j] += self.gravity_nm / load
+        p["stiction"][j] += self.asymmetry_nm * np.array([1.0, -1.0])
+        return arm.replace(**p)
+
+
+def amplitude(where: Configuration, scale: float) -> float:
+    """Return the dither amplitude [N·m] that was commanded."""
+    return round(scale * abs(float(thesis_base("panda").tau[where.index])), 4)
+
+
+def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[Cell]]:
+    """Return the base table and the dithered cells of some joints (1..7), of one truth per joint.
+
+    The base torques of the other joints are the thesis's; nothing is said about them.
+    """
+    tau = thesis_base("panda").tau.copy()
+    cells = []
+    for joint in joints:
+        mine = next((t.at(joint) for t in truths if t.at(joint) != Truth()), Truth())
+        read = _read(joint, mine, seed)
+        for where in configurations(7, [joint]):
+            tau[where.index] = read[where, 0.0, 0.0]
+        for (where, frequency, scale), value in read.items():
+            if not frequency:
+                continue
+            base = float(tau[where.index])
+            if mine.corrupted == (where.load, where.direction, frequency, scale):
+                value *= 0.06
+            cells.append(
+                Cell(
+                    DitheredRow(
+                        robot="panda",
+                        joint=joint,
+                        load=where.load,
+                        direction=where.direction,
+                        frequency_hz=frequency,
+                        scale=scale,
+                        amplitude_nm=amplitude(where, scale),
+                        tau_base_nm=base,
+                        tau_sje_nm=value,
+                        change_pct=100 * (value / base - 1),
+                        table="hidden",
+                        amplitude_set="scale",
+                        outlier=False,
+                    )
+                )
+            )
+    return BaseTable("panda", tau), cells
+
+
+@lru_cache
+def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, float, float], float]:
+    """Return the mean torque [N·m] by configuration, frequency and scale; 0, 0 is the base."""
+    clean = dataclasses.replace(truth, joint=joint, corrupted=None)
+    if truth != clean:
+        # the same readings, whatever happened to one of them afterwards
+        return _read(joint, clean, seed)
+    arm = load_arm("panda")
+    load = float(SingleJointExperiment(arm, friction=nominal()).poses.signed[joint - 1, 0])
+    friction = truth.friction(nominal(), joint, load)
+    cells: list[tuple[Configuration, float, float]] = []
+    for where in configurations(7, [joint]):
+        cells += [(where, 0.0, 0.0)]
+        cells += [(where, f, s) for f, s in SETTINGS]
+    # a replica of its own, so that no two cells share their scatter
+    jobs = {
+        c: Job(c[0], c[1], amplitude(c[0], c[2]) if c[1] else 0.0, replica=k)
+        for k, c in enumerate(cells)
+    }
+    out = {}
+    if truth.day != 1.0:
+        # all of the other day is as it was
+        out = dict(_read(joint, dataclasses.replace(truth, day=1.0, day_at=()), seed))
+        friction = friction.replace(
+            stiction=friction.stiction * truth.day,
+            load_coefficient=friction.load_coefficient * truth.day,
+        )
+        for c in cells:
+            if c[1] and (not truth.day_at or (c[0].load, c[0].direction) in truth.day_at):
+                del out[c]
+    experiment = SingleJointExperiment(
+        arm,
+        friction=friction,
+        protocol=protocol(),
+        interface=TorqueInterface.of(arm, lowpass_hz=truth.lowpass_hz),
+        scatter=True,
+        seed=seed,
+    )
+    mean = {m.job: m.mean for m in experiment.run([jobs[c] for c in cells if c not in out])}
+    return {c: out.get(c, mean.get(jobs[c], np.nan)) for c in cells}

@@ -1,0 +1,110 @@
+"""An arm is what its files say, not what they are called."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from stiction_envs.cli.view import usual_dither
+from stiction_envs.envs.agents import usual_table
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import load_protocol
+from stiction_envs.experiments.sje.push import Push
+from stiction_envs.friction.parameters import QUANTITIES, load_friction
+from stiction_envs.friction.sticking import friction_file, sticking_model
+from stiction_envs.gap.extended_model import load_model
+from stiction_envs.gap.model_file import Nominal, dump, resolve
+from stiction_envs.robots import ARMS, load_arm
+from tests.robots.arms import chain
+from tuning.protocol.report import thesis_rows
+from tuning.protocol.stages import ThesisTuner
+from tuning.search.bounds import Bounds
+from tuning.search.reference_tables import other_tables
+from tuning.settings import tuning_settings
+
+
+@pytest.fixture(scope="module")
+def stranger(tmp_path_factory) -> Path:
+    """Another robot of seven joints whose file is called as the Panda's."""
+    path = tmp_path_factory.mktemp("strangers") / "panda.xml"
+    path.write_text(chain(7), "utf-8")
+    return path
+
+
+def same_friction(one, other) -> bool:
+    return all(np.array_equal(getattr(one, q), getattr(other, q)) for q in QUANTITIES)
+
+
+def test_a_strangers_file_is_no_arm_of_ours_whatever_its_name(stranger: Path):
+    arm = load_arm(stranger)
+    assert (arm.name, arm.registered_name, arm.title) == ("panda.xml", None, "panda.xml")
+    assert friction_file(stranger) == friction_file(arm) == friction_file("no such arm")
+    model = sticking_model(stranger)
+    assert same_friction(model.parameters, load_friction(None))
+    assert not same_friction(model.parameters, load_friction("panda"))
+    assert usual_dither(model) != list(thesis_final_dither())
+
+
+def test_its_protocol_is_that_of_any_arm(stranger: Path):
+    """The iiwa's ramp begins at an averaged torque; of the Panda nothing is special."""
+    path = stranger.with_name("iiwa7.xml")
+    shutil.copyfile(stranger, path)
+    usual, model = load_protocol(None), sticking_model(path)
+    assert load_protocol("iiwa7") != usual
+    assert SingleJointExperiment(model).protocol == usual
+    assert GeneratedTrajectoryExperiment(model).approach == usual
+    assert Push(model).approach_protocol == usual
+
+
+def test_a_model_of_it_is_none_of_the_panda(stranger: Path, tmp_path: Path):
+    arm = load_arm(stranger)
+    path = tmp_path / "model.toml"
+    path.write_text(dump(Nominal(friction=load_friction(None), robot=arm.name)), "utf-8")
+    with pytest.raises(StictionError, match=r"of robot 'panda\.xml': expected robot="):
+        load_model(path)
+    with pytest.raises(StictionError, match=r"of robot panda\.xml, but the arm is panda"):
+        resolve(path, load_arm("panda"))
+    assert resolve(path, arm).robot == arm.name
+
+
+def test_its_environment_knows_nothing_of_the_thesis(stranger: Path):
+    env = gym.make("stiction_envs:PandaSJE-v0", robot=str(stranger))
+    assert usual_table(env) != thesis_final_dither()
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa7"])
+def test_a_copy_of_an_arm_of_the_package_is_that_arm(tmp_path: Path, name: str):
+    copy = tmp_path / "mine.xml"
+    shutil.copyfile(ARMS[name].model, copy)
+    arm = load_arm(copy)
+    assert arm.registered_name == arm.name == name
+    assert arm.fingerprint == load_arm(name).fingerprint
+    assert friction_file(copy) == friction_file(name)
+    shutil.copyfile(ARMS[name].toml, copy.with_suffix(".toml"))
+    assert load_arm(copy).registered_name == name
+    copy.with_suffix(".toml").write_text("[limits.torque]\nvalue = 20\n", "utf-8")
+    other = load_arm(copy)
+    assert (other.name, other.registered_name) == ("mine", None)
+    np.testing.assert_array_equal(other.limits.torque, 20)
+
+
+def test_tuning_it_shows_nothing_of_the_thesis(stranger: Path):
+    experiment = SingleJointExperiment(stranger)
+    tuner = cast(ThesisTuner, SimpleNamespace(experiment=experiment))
+    assert thesis_rows(tuner) == []
+    found = other_tables(
+        experiment,
+        cast(Bounds, SimpleNamespace(largest=lambda joint, frequency: np.inf)),
+        own={},
+        settings=tuning_settings(),
+    )
+    assert list(found.others) == ["base torque"]

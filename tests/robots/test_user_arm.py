@@ -1,0 +1,272 @@
+"""Users' files: an MJCF or URDF becomes a rigid arm, or is refused in one clear line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.robots import Arm, load_arm
+from tests.robots.arms import MJCF, TETRA, URDF, chain
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """Folder with the users' arms of ``arms``."""
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
+    (tmp_path / "three.xml").write_text(MJCF)
+    (tmp_path / "two.urdf").write_text(URDF)
+    return tmp_path
+
+
+def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Position of the end effector, (3,), m."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    return data.site(arm.end_effector).xpos
+
+
+def _one_clear_line(error: StictionError, where: str) -> None:
+    assert "\n" not in str(error)
+    assert where in str(error)
+
+
+def test_own_mjcf_becomes_a_rigid_arm(own: Path):
+    arm = load_arm(own / "three.xml")
+    before, after = mujoco.MjModel.from_xml_path(str(own / "three.xml")), arm.model()
+    assert (arm.name, arm.registered, arm.n) == ("three", False, 3)
+    assert arm.joint_names == ("a", "b", "c")
+    assert arm.link_names == ("one", "link3", "three")
+    assert arm.end_effector == "attachment_site"
+    assert (after.nq, after.nu, after.ntendon, after.neq, after.nkey) == (3, 0, 0, 0, 0)
+    for passive in (after.dof_armature, after.dof_damping, after.dof_frictionloss):
+        assert not passive.any()
+    assert not after.jnt_stiffness.any()
+    assert not after.body_gravcomp.any()
+    # Nothing is rounded, and the fingers still weigh.
+    np.testing.assert_array_equal(after.body_mass, before.body_mass)
+    np.testing.assert_array_equal(after.body_inertia, before.body_inertia)
+    np.testing.assert_allclose(after.body_ipos, before.body_ipos, atol=1e-15)
+    # Joint a: actuator forcerange; b: actuatorfrcrange; c: motor with gear 10 and control +-2.
+    np.testing.assert_allclose(arm.limits.torque, [87, 55, 20])
+    np.testing.assert_allclose(arm.limits.position[0], np.deg2rad([-123.456789, 120]), rtol=1e-15)
+    np.testing.assert_allclose(arm.rest, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(arm.limits.velocity, 2.5)
+    assert np.isinf(arm.limits.torque_rate).all()
+
+
+def test_own_mjcf_moves_as_before(own: Path):
+    """Same flange pose and gravity torque as the file with all its parts, fingers shut."""
+    arm = load_arm(own / "three.xml")
+    before, after = mujoco.MjModel.from_xml_path(str(own / "three.xml")), arm.model()
+    before.body_gravcomp[:] = 0
+    one, two = mujoco.MjData(before), mujoco.MjData(after)
+    for q in np.random.default_rng(3).uniform(*arm.limits.position.T, size=(20, 3)):
+        one.qpos[:3], two.qpos[:] = q, q
+        mujoco.mj_forward(before, one)
+        mujoco.mj_forward(after, two)
+        np.testing.assert_allclose(one.qfrc_bias[:3], two.qfrc_bias, atol=1e-12)
+        np.testing.assert_allclose(
+            one.site("attachment_site").xmat, two.site("attachment_site").xmat, atol=1e-12
+        )
+
+
+def test_own_text_works_from_any_folder(own: Path, monkeypatch, tmp_path_factory):
+    text = load_arm(own / "three.xml").xml
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    assert mujoco.MjModel.from_xml_string(text).nmesh == 1
+
+
+def test_the_fingerprint_knows_the_files_that_the_text_names(own: Path):
+    before, seen = load_arm(own / "three.xml"), load_arm(own / "three.xml").fingerprint
+    assert before.fingerprint == seen
+    mesh = own / "assets" / "tetra.obj"
+    mesh.write_text(mesh.read_text("utf-8") + "# other\n", "utf-8")
+    after = load_arm(own / "three.xml")
+    assert after.xml == before.xml
+    assert after.fingerprint != seen
+    assert load_arm(own / "three.xml", tilt=(0.0, 0.1)).fingerprint != after.fingerprint
+
+
+def test_relative_paths_work(own: Path, monkeypatch):
+    monkeypatch.chdir(own)
+    assert load_arm("three.xml").model().nmesh == 1
+    assert load_arm("./two.urdf").n == 2
+
+
+def test_own_urdf(own: Path):
+    arm = load_arm(own / "two.urdf")
+    assert arm.joint_names == ("shoulder", "elbow")
+    assert arm.link_names == ("upper", "lower")
+    assert arm.end_effector == "flange"
+    # effort and velocity of the shoulder; the elbow has none and turns freely.
+    np.testing.assert_array_equal(arm.limits.torque, [33, 100])
+    np.testing.assert_array_equal(arm.limits.velocity, [2.2, 2.5])
+    np.testing.assert_allclose(arm.limits.position, [[-1.5, 2], [-np.pi, np.pi]])
+    assert not arm.model().jnt_limited[1]
+    assert not arm.model().dof_damping.any()
+    # The missing .dae is left out, the mesh that is there is not.
+    assert arm.model().nmesh == 1
+    np.testing.assert_allclose(
+        _flange(arm, np.zeros(2)), [0, -0.25 * np.sin(0.3), 0.5 + 0.25 * np.cos(0.3)]
+    )
+    height = _flange(load_arm(own / "two.urdf", tilt=(0, np.pi / 2)), np.zeros(2))
+    np.testing.assert_allclose(
+        height, [0.5 + 0.25 * np.cos(0.3), -0.25 * np.sin(0.3), 0], atol=1e-9
+    )
+
+
+def test_toml_beside_an_own_file(own: Path):
+    (own / "two.toml").write_text(
+        "[limits.torque]\nvalue = [7, 8]\n[limits.torque_rate]\nvalue = 500\n"
+        "[rest]\nvalue = [0.5, 0.25]\n[interface.controller_rate_hz]\nvalue = 250\n"
+    )
+    arm = load_arm(own / "two.urdf")
+    np.testing.assert_array_equal(arm.limits.torque, [7, 8])
+    np.testing.assert_array_equal(arm.limits.torque_rate, [500, 500])
+    np.testing.assert_array_equal(arm.rest, [0.5, 0.25])
+    assert (arm.controller_rate_hz, arm.lowpass_hz) == (250, 0)
+
+
+def test_payload_on_a_site_of_an_own_file(own: Path):
+    before, after = load_arm(own / "three.xml"), load_arm(own / "three.xml", payload=(2, 0, 0, 0.1))
+    model = after.model()
+    site, body = model.site("attachment_site"), model.body("payload")
+    assert body.parentid == site.bodyid
+    np.testing.assert_allclose(body.quat, site.quat)
+    assert model.body_mass.sum() == pytest.approx(before.model().body_mass.sum() + 2)
+
+
+BALL = chain(3).replace('type="hinge"', 'type="ball"', 1)
+FREE = chain(3).replace('<joint name="j1" type="hinge" axis="0 1 0"/>', "<freejoint name='f'/>")
+SLIDE = chain(3).replace('type="hinge"', 'type="slide"', 1)
+TWICE = chain(3).replace("<geom", '<joint name="extra" axis="1 0 0"/><geom', 1)
+BRANCH = '<body name="b"><joint name="side"/><geom size="0.1" mass="1"/></body>'
+BRANCHED = chain(3).replace('<body name="l2"', f'{BRANCH}<body name="l2"')
+
+REFUSED = {
+    "no_mass": (chain(3, mass="0"), r"moving link 'l\d' has no mass or inertia"),
+    "none": (chain(0), "0 hinge joints: expected 2 to 9"),
+    "one": (chain(1), "1 hinge joints: expected 2 to 9"),
+    "ten": (chain(10), "10 hinge joints: expected 2 to 9"),
+    "ball": (BALL, "joint 'j1' is a ball joint: expected hinges only"),
+    "free": (FREE, "joint 'f' is a free joint: expected hinges only"),
+    "slide": (SLIDE, "slide joint 'j1' is not behind the last hinge"),
+    "twice": (TWICE, "link 'l1' has two joints"),
+    "branch": (BRANCHED, "the chain branches: joint 'j2' is not behind joint 'side'"),
+    "ref": (chain(3).replace('axis="0 1 0"', 'axis="0 1 0" ref="10"', 1), "has a ref angle"),
+    "schema": ("<mujoco><bla/></mujoco>", "not a readable MJCF or URDF"),
+    "not_xml": ("hello", "not a readable MJCF or URDF"),
+    "mesh": (
+        chain(3, extra='<geom type="mesh" mesh="m"/>').replace(
+            "<worldbody>", '<asset><mesh name="m" file="missing.stl"/></asset><worldbody>'
+        ),
+        "MuJoCo cannot build it",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_files(tmp_path: Path, case: str):
+    text, message = REFUSED[case]
+    path = tmp_path / f"{case}.xml"
+    path.write_text(text)
+    with pytest.raises(StictionError, match=message) as caught:
+        load_arm(path)
+    _one_clear_line(caught.value, case)
+
+
+def test_accepted_neighbours_of_the_refused(tmp_path: Path):
+    for n in (2, 9):
+        (tmp_path / "fine.xml").write_text(chain(n))
+        arm = load_arm(tmp_path / "fine.xml")
+        assert arm.n == n
+        assert arm.end_effector == "flange"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[limits.torque]\nvalue = [1, 2, 3]", r"two\.toml, limits\.torque: shape \(3,\)"),
+        ("[limits.torque]\nvalue = [1, nan]", "contains NaN"),
+        ('[rest]\nvalue = ["a", "b"]', "not a list of numbers"),
+        ("[rest", "not a TOML file"),
+    ],
+)
+def test_bad_toml_beside_an_own_file(own: Path, text: str, message: str):
+    (own / "two.toml").write_text(text)
+    with pytest.raises(StictionError, match=message) as caught:
+        load_arm(own / "two.urdf")
+    _one_clear_line(caught.value, "two.toml")
+
+
+@pytest.mark.parametrize("robot", ["panda", "two.urdf"])
+def test_limits_and_rest_survive_being_written(own: Path, robot: str):
+    """Of an arm that is exported, and of one that is identified: bit for bit."""
+    arm = load_arm(robot if robot == "panda" else own / robot)
+    sticking = build(arm, load_friction("generic", arm.n))
+    texts = {"rigid": arm.carrying_xml(), "sticking": plain_mjcf(sticking, friction_name="x")}
+    for name, text in texts.items():
+        path = own / f"{name}.xml"
+        path.write_text(text, "utf-8")
+        again = load_arm(path)
+        for field in ("position", "velocity", "torque", "torque_rate"):
+            np.testing.assert_array_equal(getattr(again.limits, field), getattr(arm.limits, field))
+        np.testing.assert_array_equal(again.rest, arm.rest)
+
+
+BOUNDED = {
+    "limits.position": "rad",
+    "limits.velocity": "rad/s",
+    "limits.torque": "N·m",
+    "limits.torque_rate": "N·m/s",
+    "interface.controller_rate_hz": "Hz",
+    "interface.lowpass_hz": "Hz",
+    "rest": "rad",
+}
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, float("inf"), float("-inf")])
+@pytest.mark.parametrize("key", BOUNDED)
+def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
+    """What, where, what is expected; only a torque rate may be endless."""
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = {value}\n", encoding="utf-8")
+    if (key, value) == ("limits.torque_rate", float("inf")):
+        assert np.isinf(load_arm(path).limits.torque_rate).all()
+        return
+    line = rf"two\.toml, {re.escape(f'{key}: {value:g} {BOUNDED[key]}')}: expected "
+    with pytest.raises(StictionError, match=line):
+        load_arm(path)
+
+
+@pytest.mark.parametrize("value", [0, -5, 1e-308])
+@pytest.mark.parametrize("key", ["limits.velocity", "limits.torque", "limits.torque_rate"])
+def test_a_limit_has_to_be_positive(key, value, tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = [9, {value}]\n", encoding="utf-8")
+    with pytest.raises(StictionError, match=rf"{key}: {value:g} N?.*: expected 1e-09 to "):
+        load_arm(path)
+
+
+def test_a_range_in_the_model_file_itself_is_held_to_the_same(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    text = load_arm(path).carrying_xml()
+    odd = re.sub(r'(name="stiction_torque_limits"[^>]*data=")[^"]*', r"\g<1>1e308 1", text)
+    assert odd != text
+    path.write_text(odd, encoding="utf-8")
+    with pytest.raises(StictionError, match=r"two\.xml, limits\.torque: 1e\+308 N·m: expected"):
+        load_arm(path)

@@ -1,0 +1,272 @@
+from __future__ import annotations
+
+import json
+import sqlite3
+
+import numpy as np
+import optuna
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
+from tests.tuning.study.searches import killed, run_to_its_end, tune_small
+from tuning.protocol import figures
+from tuning.protocol.rules import final_amplitude, frequencies_of
+from tuning.protocol.tune import tune
+from tuning.settings import tuning_settings
+
+FILES = ("base", "frequency", "scale", "intermediate", "final", "verification")
+
+
+def run(arm, protocol, out, progress=None, **options):
+    return tune(
+        arm,
+        out=out,
+        protocol=protocol,
+        frequencies=(40.0, 15.0),
+        progress=progress,
+        **options,
+    )
+
+
+def contents(out):
+    names = [f"{f}.csv" for f in FILES] + ["report.md", "frequency.png", "verification.png"]
+    return {name: (out / name).read_bytes() for name in names}
+
+
+def studies(out):
+    """Return what the studies of a run hold, all but times."""
+    place = f"sqlite:///{out / 'optuna.db'}"
+    found = {}
+    for name in optuna.get_all_study_names(place):
+        trials = optuna.load_study(study_name=name, storage=place).get_trials()
+        found[name] = [(t.number, t.params, t.values, t.user_attrs) for t in trials]
+    return found
+
+
+class Interrupt:
+    """Progress that interrupts the run after some calls."""
+
+    def __init__(self, after):
+        self.left = after
+
+    def __call__(self, stage, done, total):
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_path):
+    whole = tmp_path / "whole"
+    calls = []
+    run(small_arm, fast, whole, progress=lambda *a: calls.append(a))
+    stages = list(dict.fromkeys(c[0] for c in calls))
+    assert stages == ["base", "grid", "verification"]
+    for share in (0.1, 0.45, 0.9):
+        out = tmp_path / f"torn{share}"
+        with pytest.raises(KeyboardInterrupt):
+            run(small_arm, fast, out, progress=Interrupt(int(share * len(calls))))
+        run(small_arm, fast, out)
+        assert contents(out) == contents(whole)
+        assert studies(out) == studies(whole)
+    calls.clear()
+    run(small_arm, fast, whole, progress=lambda *a: calls.append(a))
+    assert calls == [], "a finished run measured again"
+    assert {name: len(trials) for name, trials in studies(whole).items()} == {
+        "small-base": 2,
+        "small-joint1": 6,
+        "small-joint2": 6,
+        "small-verification": 4,
+    }
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments_it_gives_the_same_files(small_arm, tmp_path):
+    """kill −9 of the real process, from the first measurement to the last plot."""
+    model = str(tmp_path / "small.xml")
+
+    def begin(folder):
+        return tune_small, (model, None, folder)
+
+    def made(folder):
+        return (
+            contents(folder),
+            studies(folder),
+            {p.relative_to(folder) for p in folder.rglob("*")},
+        )
+
+    whole = tmp_path / "whole"
+    run_to_its_end(begin, whole)
+    expected = made(whole)
+
+    def finished(folder):
+        assert made(folder) == expected
+
+    killed(begin, finished, tmp_path, times=8, within=(0.1, 2.5), seed=5)
+
+
+@pytest.mark.slow
+def test_the_studies_are_the_record(small_arm, fast, tmp_path):
+    """Tables follow from the trials alone: a value that is changed there is found in them."""
+    out = tmp_path / "out"
+    run(small_arm, fast, out)
+    before = contents(out)
+    with sqlite3.connect(out / "optuna.db") as database:
+        query = "UPDATE trial_user_attributes SET value_json = ? WHERE trial_user_attribute_id = ?"
+        rows = database.execute(
+            "SELECT trial_user_attribute_id, value_json FROM trial_user_attributes "
+            "WHERE key = 'load+'"
+        ).fetchall()
+        for place, text in rows:
+            data = json.loads(text)
+            data["tau"] = [1.5 * x for x in data["tau"]]
+            database.execute(query, (json.dumps(data), place))
+    (out / "frequency.png").unlink()
+    run(small_arm, fast, out)
+    after = contents(out)
+    # 1.5 times the base asks for other amplitudes in the grid, which are not those measured
+    assert all(before[f"{name}.csv"] != after[f"{name}.csv"] for name in ("base", "scale"))
+
+
+def test_what_was_drawn_is_not_drawn_again(small_arm, fast, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(small_arm, fast, out)
+    before = contents(out)
+    drawn = []
+    draw = figures.save_full
+    monkeypatch.setattr(figures, "save_full", lambda f, path: drawn.append(path) or draw(f, path))
+    (out / "verification.png").unlink()
+    (out / "report.md").unlink()
+    run(small_arm, fast, out)
+    assert [path.name for path in drawn] == ["verification.png"]
+    assert contents(out) == before
+
+
+@pytest.mark.parametrize(
+    "storage", ["postgresql://tuner:s3cret@127.0.0.1:1/x", "sqlite:////nowhere/x.db", "x.txt"]
+)
+def test_a_storage_that_cannot_be_opened_leaves_no_folder(small_arm, fast, tmp_path, storage):
+    with pytest.raises(StictionError, match="storage") as caught:
+        run(small_arm, fast, tmp_path / "out", storage=storage, table=None)
+    assert "s3cret" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_journal_holds_the_studies_too(small_arm, fast, tmp_path):
+    place = str(tmp_path / "study.journal")
+    found = run(small_arm, fast, tmp_path / "a", storage=place)
+    assert not (tmp_path / "a" / "optuna.db").exists()
+    again = run(small_arm, fast, tmp_path / "b", storage=place)
+    assert again.final == found.final
+    with pytest.raises(StictionError, match="was made with other friction, bounds"):
+        run(small_arm, fast, tmp_path / "c", storage=place, seed=1)
+    assert not (tmp_path / "c").exists()
+
+
+def test_the_tables_are_consistent(small_arm, fast, tmp_path):
+    found = run(small_arm, fast, tmp_path / "out")
+    base = {(r.joint, r.load, r.direction): r for r in read_sje(tmp_path / "out" / "base.csv")}
+    assert len(base) == 8
+    scale = read_sje(tmp_path / "out" / "scale.csv")
+    assert len(scale) == 8 * 2 * 3
+    for row in scale:
+        b = base[row.joint, row.load, row.direction]
+        ratio = row.amplitude_nm / abs(b.tau_nm)
+        assert min(abs(ratio - s) for s in (0.8, 1.0, 1.2)) < 1e-12
+        assert row.reduction == pytest.approx(1 - abs(row.tau_nm) / abs(b.tau_nm), abs=1e-12)
+    final = read_amplitudes(tmp_path / "out" / "final.csv", n_joints=2)
+    for row in final:
+        mine = [r for r in scale if r.joint == row.joint]
+        at_one = {
+            f: np.mean(
+                [
+                    -r.reduction
+                    for r in mine
+                    if r.frequency_hz == f
+                    and abs(r.amplitude_nm / abs(base[r.joint, r.load, r.direction].tau_nm) - 1)
+                    < 1e-9
+                ]
+            )
+            for f in (40.0, 15.0)
+        }
+        assert row.frequency_hz == min(at_one, key=at_one.__getitem__)
+    assert list(found.final) == final
+
+
+def test_another_run_in_the_folder_is_refused(small_arm, fast, tmp_path):
+    storage = f"sqlite:///{tmp_path / 'study.db'}"
+    run(small_arm, fast, tmp_path / "out", storage=storage)
+    before = contents(tmp_path / "out")
+    for other in ({"seed": 1}, {"settings": {"thesis.cap_half_widths": 0.5}}):
+        with pytest.raises(StictionError, match="a run of stiction tune"):
+            run(small_arm, fast, tmp_path / "out", storage=storage, **other)
+        with pytest.raises(StictionError, match="was made with other friction, bounds, settings"):
+            run(small_arm, fast, tmp_path / "new", storage=storage, **other)
+    assert contents(tmp_path / "out") == before
+
+
+def test_the_final_rule_reproduces_the_thesis_choices():
+    """Applied to Table 4.9 the rule gives its finals; joint 2, set by hand there, within 10 %."""
+    base = thesis_base("panda")
+    rows = thesis_table("4.9")
+    for joint in range(1, 8):
+        mine = [r for r in rows if r["joint"] == joint]
+        intermediate = np.array([abs(r["tau_intermediate_Nm"]) for r in mine])
+        half = float(base.friction[joint - 1].min())
+        amplitude, reason = final_amplitude(
+            intermediate, half, frequency_hz=mine[0]["frequency_Hz"], torque_rate=1000.0
+        )
+        printed = abs(mine[0]["tau_final_Nm"])
+        if joint == 2:
+            assert amplitude == pytest.approx(printed, rel=0.1)
+            assert "dropped" in reason
+        else:
+            assert amplitude == printed
+
+
+def test_the_final_amplitude_obeys_the_torque_rate():
+    amplitude, reason = final_amplitude(
+        np.array([4.0, 4.0]), 10.0, frequency_hz=80.0, torque_rate=1000.0
+    )
+    assert amplitude == pytest.approx(1000 / (2 * np.pi * 80))
+    assert "torque rate" in reason
+
+
+def test_all_candidates_above_the_cap():
+    cap = tuning_settings().thesis.cap_half_widths
+    amplitude, _ = final_amplitude(np.array([9.0]), 1.0, frequency_hz=1.0, torque_rate=np.inf)
+    assert amplitude == cap
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sampler": "tpe"}, "expected grid"),
+        ({"scales": (0.0,)}, "scale 0.0: expected"),
+        ({"scales": ()}, "at least one"),
+        ({"frequencies": (15.0, 15.0)}, "must not repeat"),
+        ({"frequencies": (2000.0,)}, "2000"),
+        ({"table": thesis_base("panda")}, "7 joints"),
+    ],
+)
+def test_bad_input(small_arm, fast, tmp_path, options, message):
+    with pytest.raises(StictionError, match=message) as caught:
+        tune(small_arm, out=tmp_path / "out", protocol=fast, **options)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_path):
+    """A 600 Hz dither at 1 kHz is another frequency's alias; it must not become the table."""
+    found = tune(small_arm, out=tmp_path / "out", protocol=fast, frequencies=(600.0, 15.0))
+    assert [row.frequency_hz for row in found.final] == [15.0, 15.0]
+    assert len(found.to_json()["warnings"]) == 1
+    assert {r.frequency_hz for r in read_sje(tmp_path / "out" / "scale.csv")} == {600.0, 15.0}
+    assert "not chosen from: 600 Hz" in (tmp_path / "out" / "report.md").read_text()
+
+
+def test_frequencies_are_the_thesis_ones():
+    assert frequencies_of("panda") == (80.0, 50.0, 30.0, 15.0)
+    assert frequencies_of("iiwa7") == (200.0, 100.0, 50.0, 20.0)

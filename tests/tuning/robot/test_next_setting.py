@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from tests.tuning.robot.made_up import NOTHING, joint, read
+from tuning.robot.candidates import Candidates, Readings
+from tuning.robot.next_setting import (
+    best_measured,
+    chance_of_better,
+    expected_improvement,
+    may_stop,
+    next_settings,
+    open_settings,
+)
+from tuning.robot.posterior import Posterior, discrepancy_kernel, posterior_of
+from tuning.robot.prediction import grid
+from tuning.search.bounds import Bounds
+from tuning.settings import tuning_settings
+
+S = tuning_settings().robot
+PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
+
+
+def repeated(values: np.ndarray) -> np.ndarray:
+    return np.repeat(values[:, None], 4, axis=1)
+
+
+def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
+    cells = np.zeros((len(mean), 4))
+    every = np.ones(len(mean), dtype=bool)
+    return Posterior(
+        mean=mean, covariance=covariance, cell_mean=cells, cell_sd=cells, eligible=every
+    )
+
+
+def test_the_simulations_best_comes_first():
+    assert next_settings(joint(PREDICTED), NOTHING) == [4]
+
+
+def test_every_setting_is_asked_for_once():
+    c, truth = joint(PREDICTED), repeated(PREDICTED)
+    tried: list[int] = []
+    while asked := next_settings(c, read(truth, tried)):
+        tried += asked
+    assert sorted(tried) == [0, 1, 2, 3, 4]
+    assert may_stop(posterior_of(c, read(truth, tried)), read(truth, tried))
+
+
+def test_a_batch_begins_with_the_single_ask_and_repeats_nothing():
+    c = joint(PREDICTED)
+    readings = read(repeated(PREDICTED + 0.05), [4])
+    batch = next_settings(c, readings, 3)
+    assert batch[0] == next_settings(c, readings)[0]
+    assert len(set(batch)) == 3
+    assert 4 not in batch
+    assert len(next_settings(c, readings, 10)) == 4
+
+
+def test_a_failed_setting_is_neither_asked_again_nor_chosen():
+    c = joint(PREDICTED)
+    readings = read(repeated(PREDICTED), [1]).with_rows([(4, 0, 0.5), (4, 1, float("nan"))])
+    assert 4 not in next_settings(c, readings, 5)
+    assert best_measured(posterior_of(c, readings), readings) == 1
+    # measured again, and this time it moved
+    again = readings.with_rows([(4, 1, 0.5), (4, 2, 0.5), (4, 3, 0.5)])
+    assert best_measured(posterior_of(c, again), again) == 4
+
+
+def test_a_half_measured_setting_is_still_open():
+    readings = Readings.of([(0, 0, 0.8), (0, 1, 0.8)])
+    assert open_settings(readings, np.ones(5, dtype=bool))[0]
+    assert best_measured(posterior_of(joint(PREDICTED), readings), readings) is None
+
+
+def test_what_is_not_eligible_is_only_learnt_from():
+    eligible = np.array([True, True, True, True, False])
+    c = dataclasses.replace(joint(PREDICTED), eligible=eligible)
+    readings = read(repeated(PREDICTED - 0.2), [0, 4])
+    posterior = posterior_of(c, readings)
+    assert best_measured(posterior, readings) == 0
+    assert 4 not in next_settings(c, NOTHING, 5)
+    assert posterior.mean[1] < PREDICTED[1] - 0.1
+
+
+def test_expected_improvement_by_hand():
+    """Of N(0.02, 0.03²): μ Φ(μ/σ) + σ φ(μ/σ); of one that is certain, what it is better by."""
+    covariance = np.diag([0.0, 0.03**2, 0.0])
+    mean = np.array([0.9, 0.88, 0.85])
+    posterior = made(mean, covariance)
+    gain = expected_improvement(posterior, 0)
+    normal = np.random.default_rng(0).normal(0.02, 0.03, 400_000)
+    assert gain[1] == pytest.approx(np.maximum(normal, 0).mean(), rel=0.01)
+    assert gain[2] == pytest.approx(0.05)
+    assert gain[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_chance_of_better_by_hand():
+    """One untried setting, advantage N(0, 0.031²): better by 0.031 with 16 %."""
+    covariance = np.diag([0.0, 0.031**2])
+    posterior = made(np.full(2, 0.9), covariance)
+    readings = read(repeated(np.full(2, 0.9)), [0])
+    assert chance_of_better(posterior, readings) == pytest.approx(0.1587, abs=0.02)
+    assert not may_stop(posterior, readings)
+    sure = dataclasses.replace(posterior, mean=np.array([0.9, 0.97]))
+    assert may_stop(sure, readings)
+
+
+def test_it_does_not_stop_before_anything_is_measured():
+    assert not may_stop(posterior_of(joint(PREDICTED), NOTHING), NOTHING)
+
+
+def test_stopping_keeps_its_promise():
+    """Robots drawn from the posterior: at most 5 % have a better untried setting."""
+    c = joint(np.linspace(0.95, 0.75, 8))
+    rng = np.random.default_rng(3)
+    k = discrepancy_kernel(S)(c.features)
+    broken, count = 0, 60
+    for truth in rng.multivariate_normal(c.predicted.ravel(), k, size=count).reshape(-1, 8, 4):
+        noisy = truth + S.noise * rng.normal(size=truth.shape)
+        tried = [7]
+        while not may_stop(posterior_of(c, read(noisy, tried)), read(noisy, tried)):
+            tried += next_settings(c, read(noisy, tried))
+        readings = read(noisy, tried)
+        best = best_measured(posterior_of(c, readings), readings)
+        rest = [x for x in range(8) if x not in tried]
+        mean = truth.mean(axis=1)
+        broken += bool(rest and mean[best] - mean[rest].min() > S.tolerance)
+    # 5 % of 60 is 3, with a standard deviation of 1.7
+    assert broken <= 6
+
+
+@st.composite
+def joint_bounds(draw):
+    low = draw(st.floats(5.0, 60.0))
+    high = low * draw(st.floats(1.05, 20.0))
+    bands = draw(
+        st.lists(st.tuples(st.floats(1.0, 200.0), st.floats(1.01, 2.0)), max_size=3).map(
+            lambda found: tuple((a, a * width) for a, width in found)
+        )
+    )
+    most = draw(st.floats(0.1, 90.0))
+    least = draw(st.floats(0.0, 0.5)) * most
+    rate = draw(st.sampled_from([np.inf, 20.0, 200.0, 1000.0]))
+    return Bounds(
+        amplitude_nm=np.array([[least, most]]),
+        frequency_hz=np.array([[low, high]]),
+        torque_rate=np.array([rate]),
+        offset_nm=np.zeros(1),
+        gate_rad_s=(0.01, 1.0),
+        forbidden_hz=(bands,),
+        displacement_rad=np.array([np.nan]),
+        vibration_m=(np.nan, np.nan),
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(bounds=joint_bounds(), seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
+def test_nothing_beyond_the_limits_is_ever_asked_for(bounds, seed, count):
+    """Random bounds, random studies: torque, torque rate, frequencies, forbidden bands."""
+    try:
+        rows = grid(bounds, 1)
+    except StictionError:
+        return  # they leave nothing
+    rng = np.random.default_rng(seed)
+    s = len(rows)
+    frequency = np.array([r.frequency_hz for r in rows])
+    c = Candidates(
+        joint=1,
+        frequency_hz=frequency,
+        amplitude_nm=repeated(np.array([r.amplitude_nm for r in rows])),
+        predicted=rng.uniform(0.3, 1.1, (s, 4)),
+        displacement=rng.uniform(1e-5, 1e-3, (s, 4)),
+    )
+    told = [
+        (int(rng.integers(s)), int(rng.integers(4)), float(rng.choice([rng.uniform(), np.nan])))
+        for _ in range(rng.integers(20))
+    ]
+    low, high = bounds.frequency_hz[0]
+    for setting in next_settings(c, Readings.of(told), count):
+        f, a = frequency[setting], float(c.amplitude_nm[setting, 0])
+        assert low <= f <= high
+        assert bounds.amplitude_nm[0, 0] <= a <= bounds.amplitude_nm[0, 1]
+        assert 2 * np.pi * f * a <= bounds.torque_rate[0] * (1 + 1e-12)
+        assert not any(b_low < f < b_high for b_low, b_high in bounds.forbidden_hz[0])

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from tests.tuning.robot.made_up import NOTHING, joint, read
+from tuning.robot.candidates import Readings
+from tuning.robot.posterior import discrepancy_kernel, posterior_of
+from tuning.settings import tuning_settings
+
+S = tuning_settings().robot
+PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
+
+
+def test_nothing_measured_is_the_simulation():
+    posterior = posterior_of(joint(PREDICTED), NOTHING)
+    np.testing.assert_allclose(posterior.mean, PREDICTED)
+    # configurations' errors are independent, everything else is shared by a setting's four cells
+    alone = S.offset**2 + S.configuration**2 / 4 + S.shape**2 + S.setting**2
+    np.testing.assert_allclose(posterior.sd, np.sqrt(alone))
+
+
+def test_readings_without_noise_are_believed():
+    truth = np.random.default_rng(0).uniform(0.5, 1.0, (5, 4))
+    exact = dataclasses.replace(S, noise=1e-5)
+    posterior = posterior_of(joint(PREDICTED), read(truth, [0, 1, 2, 3, 4]), exact)
+    # a cell has no error of its own, so that readings can ask for more than it can follow
+    np.testing.assert_allclose(posterior.mean, truth.mean(axis=1), atol=1e-6)
+
+
+def test_one_reading_by_hand():
+    """Gain k/(k + σ²) of one cell's discrepancy (Rasmussen & Williams 2.25)."""
+    posterior = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.80)]))
+    k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
+    expected = 0.85 - 0.05 * k / (k + S.noise**2)
+    assert posterior.cell_mean[2, 1] == pytest.approx(expected)
+    assert posterior.cell_sd[2, 1] == pytest.approx(np.sqrt(k - k**2 / (k + S.noise**2)))
+
+
+def test_a_common_error_decides_nothing():
+    """A robot that is 0.1 above the simulation everywhere: the order stays, its level is learnt."""
+    truth = np.repeat(PREDICTED[:, None] + 0.1, 4, axis=1)
+    posterior = posterior_of(joint(PREDICTED), read(truth, [1, 3]))
+    assert list(np.argsort(posterior.mean)) == list(np.argsort(PREDICTED))
+    assert (posterior.mean[[0, 2, 4]] > PREDICTED[[0, 2, 4]] + 0.05).all()
+
+
+def test_what_is_far_away_is_corrected_less():
+    f = np.array([15.0, 16.0, 78.0])
+    posterior = posterior_of(joint(np.full(3, 0.9), f), read(np.full((3, 4), 0.7), [0]))
+    assert posterior.mean[0] < posterior.mean[1] < posterior.mean[2] < 0.9
+    assert posterior.sd[0] < posterior.sd[1] < posterior.sd[2]
+
+
+def test_advantage_knows_what_two_settings_share():
+    posterior = posterior_of(joint(PREDICTED), NOTHING)
+    mean, sd = posterior.advantage(1)
+    np.testing.assert_allclose(mean, PREDICTED[1] - PREDICTED)
+    assert sd[1] == 0
+    assert (sd[[0, 2, 3, 4]] < np.sqrt(2) * posterior.sd[0]).all()
+    # far apart only the setting's and the shape's own parts differ
+    assert sd.max() <= np.sqrt(2 * (S.setting**2 + S.shape**2)) + 1e-12
+
+
+def test_failed_readings_say_nothing():
+    one = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.5), (1, 0, float("nan"))]))
+    other = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.5)]))
+    np.testing.assert_array_equal(one.mean, other.mean)
+
+
+def test_repeats_narrow_the_belief():
+    once = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.8)]))
+    often = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.8)] * 6))
+    assert often.cell_sd[0, 0] < once.cell_sd[0, 0]
+    assert abs(often.cell_mean[0, 0] - 0.8) < abs(once.cell_mean[0, 0] - 0.8)
+
+
+def test_the_interval_holds_what_it_says():
+    """Robots drawn from the posterior itself: 95 % of untried settings are in the 95 % interval."""
+    c = joint(np.linspace(0.95, 0.7, 8))
+    k = discrepancy_kernel(S)(c.features)
+    rng = np.random.default_rng(1)
+    drawn = rng.multivariate_normal(c.predicted.ravel(), k, size=150).reshape(150, 8, 4)
+    inside = []
+    for truth in drawn:
+        readings = read(truth + S.noise * rng.normal(size=truth.shape), [0, 4, 7])
+        posterior = posterior_of(c, readings)
+        apart = (truth.mean(axis=1) - posterior.mean) / posterior.sd
+        inside.append(np.abs(apart[[1, 2, 3, 5, 6]]) < 1.96)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_candidates_are_checked():
+    good = joint(PREDICTED)
+    with pytest.raises(StictionError, match=r"displacement has shape \(4, 4\): expected \(5, 4\)"):
+        dataclasses.replace(good, displacement=np.ones((4, 4)))
+    with pytest.raises(StictionError, match="finite predictions"):
+        dataclasses.replace(good, predicted=np.full((5, 4), np.nan))
+
+
+def test_a_robot_unlike_the_simulation_is_not_believed_to_be_known():
+    """The widths of a Student-t process: (ν + dᵀ K⁻¹ d)/(ν + M), here of one reading by hand."""
+    k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
+    usual = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.85)]))
+    strange = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.35)]))
+    wider = (S.firmness + 0.5**2 / (k + S.noise**2)) / (S.firmness + 1)
+    assert wider > 2
+    np.testing.assert_allclose(strange.covariance, wider * usual.covariance, rtol=1e-9)

@@ -1,0 +1,105 @@
+"""Where a search may look: never past limits, rates and forbidden bands."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.measured import AmplitudeRow
+from tuning.search.bounds import bounds_of
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return SingleJointExperiment("panda")
+
+
+def put(path, text):
+    path.write_text(text)
+    return path
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    joint=st.integers(1, 7),
+    place=st.floats(0.0, 1.0),
+    share=st.floats(0.0, 1.0),
+)
+def test_no_setting_passes_torque_or_rate(panda, joint, place, share):
+    bounds, limits = bounds_of(panda), panda.sticking.arm.limits
+    d = bounds.space(joint)["frequency_hz"]
+    f = float(np.clip(d.low * (d.high / d.low) ** place, d.low, d.high))
+    row = bounds.setting(joint, {"frequency_hz": f, "amplitude": share})
+    assert 15.0 <= row.frequency_hz <= 80.0
+    assert 0.0 <= row.amplitude_nm <= limits.torque[joint - 1]
+    rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
+    assert rate <= limits.torque_rate[joint - 1] * (1 + 1e-12)
+
+
+def test_parameters_of_a_setting_are_read_back(panda):
+    bounds = bounds_of(panda)
+    row = AmplitudeRow(3, 30.0, 1.1)
+    again = bounds.setting(3, bounds.share(row))
+    assert again.frequency_hz == 30.0
+    assert again.amplitude_nm == pytest.approx(1.1, rel=1e-12)
+
+
+def test_frequencies_of_a_slow_controller_stay_below_half_its_rate():
+    bounds = bounds_of(SingleJointExperiment("iiwa7"))
+    assert bounds.frequency_hz[:, 1].max() < 100.0
+
+
+def test_a_file_changes_all_joints_or_one(panda, tmp_path):
+    file = put(
+        tmp_path / "bounds.toml",
+        "[all]\nfrequency_hz = [20, 60]\nforbidden_hz = [[38.0, 42.0]]\n"
+        "[joint.7]\namplitude_nm = [0.1, 0.5]\ndisplacement_rad = 3e-4\n"
+        "[arm]\nvibration_mm = 0.1\ngate_rad_s = [0.02, 0.5]\n",
+    )
+    bounds = bounds_of(panda, file)
+    assert np.all(bounds.frequency_hz == [20.0, 60.0])
+    assert bounds.amplitude_nm[6].tolist() == [0.1, 0.5]
+    assert bounds.displacement_rad[6] == 3e-4
+    assert np.isnan(bounds.displacement_rad[0])
+    assert bounds.vibration_m[0] == pytest.approx(1e-4)
+    assert np.isnan(bounds.vibration_m[1])
+    assert bounds.gate_rad_s == (0.02, 0.5)
+    assert bounds.forbidden(1, 40.0) == pytest.approx(2.0)
+    assert bounds.forbidden(1, 37.0) == pytest.approx(-1.0)
+
+
+def test_bounds_that_are_met_are_named(panda):
+    bounds = bounds_of(panda)
+    most = bounds.largest(7, 15.0)
+    words = bounds.met(AmplitudeRow(7, 15.0, most))
+    assert any("lowest frequency 15 Hz" in w for w in words)
+    assert any("largest amplitude" in w for w in words)
+    assert "torque rate" in bounds.met(AmplitudeRow(2, 80.0, bounds.largest(2, 80.0)))
+    assert bounds.met(AmplitudeRow(7, 30.0, 0.5)) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("[all\n", "TOML"),
+        ("[joints]\n", "table 'joints'"),
+        ("[joint.9]\n", "'9'"),
+        ("[all]\namplitude = [0, 1]\n", "'amplitude'"),
+        ("[arm]\nvibration = 1\n", "'vibration'"),
+        ("[all]\nfrequency_hz = [50, 20]\n", "low < high"),
+        ("[all]\nfrequency_hz = 50\n", r"expected \[low, high\]"),
+        ("[all]\nfrequency_hz = [20, 600]\n", "half the controller's rate"),
+        ("[joint.7]\namplitude_nm = [0, 50]\n", "torque limit"),
+        ("[joint.7]\namplitude_nm = [0, inf]\n", "finite number"),
+        ("[joint.2]\namplitude_nm = [20, 50]\nfrequency_hz = [70, 80]\n", "leave nothing"),
+        ("[all]\nforbidden_hz = [[10, 90]]\n", "leaves no frequency"),
+        ("[all]\ndisplacement_rad = 0\n", "more than 0"),
+        ("[arm]\ngate_rad_s = [-1, 1]\n", "0 < low"),
+    ],
+)
+def test_bad_bounds_are_one_clear_line(panda, tmp_path, text, what):
+    with pytest.raises(StictionError, match=what) as error:
+        bounds_of(panda, put(tmp_path / "bounds.toml", text))
+    assert "\n" not in str(error.value)

@@ -1,0 +1,20 @@
+"""What a search is held against on an arm that the thesis did not measure."""
+
+import pytest
+
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.method_settings import override
+from tuning.search.bounds import bounds_of
+from tuning.search.reference_tables import other_tables
+from tuning.settings import tuning_settings
+
+
+@pytest.mark.parametrize(("tried", "taken"), [((30.0,), 30.0), ((50.0, 20.0, 30.0), 30.0)])
+def test_the_limit_is_the_base_torque_at_the_second_slowest_frequency(
+    small_arm, fast, tried, taken
+):
+    experiment = SingleJointExperiment(small_arm, protocol=fast)
+    settings = override(tuning_settings(), {"thesis.frequencies_hz": tried})
+    found = other_tables(experiment, bounds_of(experiment), own={}, settings=settings)
+    assert [r.frequency_hz for r in found.limits] == [taken, taken]
+    assert found.others == {"base torque": found.limits}

@@ -1,0 +1,176 @@
+"""The whole search, on a small arm: what it finds, what it leaves behind, how it goes on."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import optuna
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, read_sje, write_amplitudes
+from tuning.search.options import Options
+from tuning.search.search import search
+
+QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
+
+
+def rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def small(small_arm, fast, tmp_path):
+    def run(out, **options):
+        settings = {**QUICK, **options.pop("settings", {})}
+        defaults = {"sampler": "tpe", "evaluations": 6}
+        return search(
+            small_arm,
+            out=tmp_path / out,
+            protocol=fast,
+            settings=settings,
+            **{**defaults, **options},
+        )
+
+    return run
+
+
+def test_what_is_found_keeps_the_limit_and_beats_no_dither(small, tmp_path):
+    found = small("out", sampler="random", evaluations=12)
+    folder = tmp_path / "out"
+    assert read_amplitudes(folder / "final.csv", n_joints=2) == list(found.final)
+    trials = rows(folder / "trials.csv")
+    assert len(trials) == 24
+    for row in found.final:
+        mine = [t for t in trials if t["joint"] == str(row.joint) and t["allowed"] == "1"]
+        best = min(mine, key=lambda t: float(t["value_0"]))
+        assert float(best["amplitude_nm"]) == row.amplitude_nm
+        assert float(best["left"]) < 1.0
+    verified = read_sje(folder / "verification.csv")
+    assert {r.joint for r in verified} == {1, 2}
+    assert found.summary["mean_reduction_percent"] > 0
+    for name in ("report.md", "landscape.png", "displacement.png", "history.png"):
+        assert (folder / name).exists()
+
+
+@pytest.mark.slow
+def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
+    class Stop(Exception):
+        pass
+
+    whole = small("whole")
+    for after in (2, 4):
+        calls = 0
+
+        def stop(stage, done, total, after=after):
+            nonlocal calls
+            calls += stage in ("sje", "grid", "verification")
+            if calls > after:
+                raise Stop
+
+        with pytest.raises(Stop):
+            small("parts", progress=stop)
+    parts = small("parts")
+    assert parts.final == whole.final
+    for name in ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md"):
+        one, other = (tmp_path / part / name for part in ("whole", "parts"))
+        assert one.read_bytes() == other.read_bytes(), name
+
+
+def test_a_forbidden_band_is_never_simulated(small, tmp_path):
+    bounds = tmp_path / "bounds.toml"
+    bounds.write_text("[all]\nforbidden_hz = [[14, 40]]\n")
+    found = small("out", sampler="random", evaluations=10, bounds=bounds)
+    trials = rows(tmp_path / "out" / "trials.csv")
+    inside = [t for t in trials if float(t["parameter_frequency_hz"]) < 40.0]
+    assert inside
+    assert all(t["allowed"] == "0" and t["left"] == "" for t in inside)
+    assert all(r.frequency_hz >= 40.0 for r in found.final if r.amplitude_nm)
+
+
+@pytest.mark.parametrize(
+    "price",
+    ["shaking", *(pytest.param(x, marks=pytest.mark.slow) for x in ("power", "torque_rate"))],
+)
+def test_two_objectives_make_a_front(small, tmp_path, price):
+    small("out", pareto=price, sampler="random", evaluations=8)
+    front = rows(tmp_path / "out" / "pareto.csv")
+    assert front
+    for one in front:
+        same = [r for r in front if r["study"] == one["study"]]
+        rate = 2 * math.pi * float(one["frequency_hz"]) * float(one["amplitude_nm"])
+        shaking = float(one["displacement_rad"])
+        prices = {"shaking": shaking, "torque_rate": rate, "power": rate * shaking / math.sqrt(2)}
+        assert float(one["value_1"]) == pytest.approx(prices[price])
+        assert not any(
+            float(r["value_0"]) < float(one["value_0"])
+            and float(r["value_1"]) <= float(one["value_1"])
+            for r in same
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"objective": "speed"}, "objective"),
+        ({"sampler": "annealing"}, "sampler"),
+        ({"evaluations": 0}, "1 or more"),
+        ({"gates": "one"}, "gte or both"),
+        ({"sampler": "nsga2"}, "pareto"),
+        ({"sampler": "gp", "pareto": "power"}, "two objectives"),
+        ({"pareto": "weight"}, "torque_rate"),
+        ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
+        ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
+        ({"free": ("phase",)}, "phase"),
+        ({"sampler": "grid", "objective": "gte"}, "objective sje"),
+        ({"sampler": "grid", "objective": "both"}, "objective sje"),
+    ],
+)
+def test_options_that_cannot_be_are_one_clear_line(options, what):
+    with pytest.raises(StictionError, match=what):
+        Options(**options)
+
+
+def test_a_study_of_another_search_is_not_continued(small, tmp_path):
+    storage = f"sqlite:///{tmp_path / 'study.db'}"
+    small("one", storage=storage, evaluations=2)
+    for other, message in (
+        ({"sampler": "random"}, "is of sampler tpe: expected random"),
+        ({"seed": 1}, "was made with other friction, bounds, settings or options"),
+    ):
+        with pytest.raises(StictionError, match=message):
+            small("two", storage=storage, evaluations=2, **other)
+
+
+def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
+    """A storage outlives a folder: what was measured of one table is never said of another."""
+    storage = f"sqlite:///{tmp_path / 'study.db'}"
+    table = tmp_path / "mine.csv"
+    reductions = []
+    for amplitude, out in ((0.4, "one"), (0.8, "two"), (0.4, "again")):
+        write_amplitudes(table, [AmplitudeRow(j, amplitude, 20.0) for j in (1, 2)])
+        small(out, storage=storage, evaluations=3, beside=[table])
+        found = rows(tmp_path / out / "comparison.csv")
+        reductions.append(
+            [r["value"] for r in found if r["table"] == "mine" and r["measure"] == "reduction"]
+        )
+    assert len(reductions[0]) == 2
+    assert reductions[0] == reductions[2] != reductions[1]
+    names = [s.study_name for s in optuna.get_all_study_summaries(storage)]
+    assert len([n for n in names if "verify" in n]) == 2, "the same tables were measured twice"
+
+
+@pytest.mark.slow
+def test_a_table_no_better_than_nothing_is_no_dither(small_arm, fast, tmp_path, monkeypatch):
+    monkeypatch.setattr("tuning.search.stages.score", lambda trial: 0.0)
+    found = search(
+        small_arm,
+        out=tmp_path / "out",
+        protocol=fast,
+        settings=QUICK,
+        objective="gte",
+        evaluations=2,
+    )
+    assert [r.amplitude_nm for r in found.final] == [0.0, 0.0]

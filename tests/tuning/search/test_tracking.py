@@ -1,0 +1,128 @@
+"""What a treatment leaves of the error at the goals, and how much it shakes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from tuning.search.bounds import bounds_of
+from tuning.search.tracking import TrackingObjective, Treatment
+
+PLACE = ("triangle", (200.0, 20.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return GeneratedTrajectoryExperiment("panda", seed=2)
+
+
+@pytest.fixture(scope="module")
+def make(experiment):
+    bounds = bounds_of(SingleJointExperiment("panda"))
+
+    def made(**options):
+        defaults = {"iterations": 1, "joints": (5, 7), "limits": thesis_final_dither()}
+        return TrackingObjective(
+            experiment,
+            options.pop("bounds", bounds),
+            [experiment.sticking.parameters],
+            [PLACE],
+            **{**defaults, **options},
+        )
+
+    return made
+
+
+def test_nothing_leaves_all_and_the_limiting_table_is_allowed(make):
+    objective = make()
+    nothing, limit = objective.measure([Treatment(), Treatment(dither=thesis_final_dither())])
+    assert nothing.left(objective.plain) == (1.0, 1.0)
+    assert limit.shaking == tuple(objective.vibration)
+    outcome = objective.outcome(limit, -np.inf)
+    assert outcome.constraints == (0.0, 0.0)
+    assert outcome.values[0] == outcome.measures["objective"] < 0
+
+
+@pytest.mark.parametrize("price", ["shaking", "power", "torque_rate"])
+def test_a_second_objective_is_what_it_is_called(make, price):
+    """Shaking is a constraint, unless it is the second objective."""
+    objective = make(pareto=price)
+    found = objective.measure([Treatment(dither=thesis_final_dither())])[0]
+    outcome = objective.outcome(found, -np.inf)
+    measures = {"shaking": "vibration_m", "power": "power_w", "torque_rate": "torque_rate_nm_s"}
+    assert outcome.values == (outcome.measures["objective"], outcome.measures[measures[price]])
+    assert outcome.values[1] > 0
+    twice = dataclasses.replace(found, vibration=2 * found.vibration)
+    over = objective.outcome(twice, -np.inf).constraints[0]
+    assert over == pytest.approx(0.0 if price == "shaking" else 1.0)
+    assert len(objective.outcome(None, 0.5).values) == 2
+
+
+def test_errors_are_those_of_the_experiment(make, experiment):
+    objective = make()
+    treatment = Treatment(dither=thesis_final_dither())
+    found = objective.measure([treatment])[0]
+    runs = experiment.run([Treatment().case(PLACE), treatment.case(PLACE)], iterations=1)
+    plain, dithered = (measure(r, experiment.protocol, experiment.motion) for r in runs)
+    ratio = np.linalg.norm(dithered.settling[0, :, :3], axis=1) / np.linalg.norm(
+        plain.settling[0, :, :3], axis=1
+    )
+    assert found.left(objective.plain)[0] == pytest.approx(np.exp(np.log(ratio).mean()))
+    by = found.by_friction(objective.plain)
+    assert by["resting_position"][0] == pytest.approx(ratio[-1])
+
+
+def test_an_outcome_does_not_depend_on_the_batch(make):
+    objective = make()
+    rng = np.random.default_rng(0)
+    space = objective.space()
+    settings = [{k: float(rng.uniform(d.low, d.high)) for k, d in space.items()} for _ in range(3)]
+    together = objective.evaluate([(0, s) for s in settings])
+    alone = [objective.evaluate([(0, s)])[0] for s in settings]
+    assert together == alone
+
+
+def test_forbidden_bands_are_not_simulated(make):
+    bounds = bounds_of(SingleJointExperiment("panda"))
+    band = ((20.0, 30.0),)
+    bounds = dataclasses.replace(bounds, forbidden_hz=((),) * 6 + (band,))
+    objective = make(bounds=bounds)
+    parameters = objective.parameters(())
+    parameters |= {"frequency_hz_7": 25.0, "amplitude_7": 0.2}
+    objective.measure = None  # would be called
+    outcome = objective.evaluate([(0, parameters)])[0]
+    assert max(outcome.constraints) == pytest.approx(5.0)
+
+
+def test_no_compensation_is_none_at_all(make):
+    objective = make(joints=(), compensation="push")
+    parameters = {**objective.parameters(()), "compensation": 0.0}
+    assert objective.treatment(parameters).dither == ()
+    outcome = objective.evaluate([(0, parameters)])[0]
+    assert outcome.measures["position_left"] == 1.0
+    full = objective.evaluate([(0, {**parameters, "compensation": 1.0})])[0]
+    assert full.measures["position_left"] < 0.9
+
+
+def test_gates_reach_the_table(make):
+    one = make(gates="one")
+    table = one.table({**one.parameters(thesis_final_dither()), "gate_rad_s": 0.05})
+    assert [row.gate_rad_s for row in table] == [0.05, 0.05]
+    each = make(gates="each")
+    parameters = each.parameters(thesis_final_dither(), 0.1)
+    table = each.table({**parameters, "gate_rad_s_7": 0.02})
+    assert [row.gate_rad_s for row in table] == [0.1, 0.02]
+
+
+def test_waveform_and_offset_reach_the_table(make):
+    free = make(free=("waveform", "offset"))
+    parameters = free.parameters(thesis_final_dither())
+    assert free.table(parameters) == make().table(make().parameters(thesis_final_dither()))
+    changed = {**parameters, "waveform_7": "square", "offset_nm_5": -0.1}
+    five, seven = free.table(changed)
+    assert (five.offset_nm, seven.offset_nm) == (-0.1, 0.0)
+    assert (five.waveform, seven.waveform) == ("sine", "square")

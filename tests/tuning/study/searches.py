@@ -1,0 +1,189 @@
+"""Cheap searches with every sampler, for the tests of the record; a process can import it alone."""
+
+from __future__ import annotations
+
+import csv
+import multiprocessing
+import os
+import random
+import sqlite3
+import time
+import warnings
+from pathlib import Path
+
+import optuna
+from optuna.distributions import FloatDistribution
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
+
+from stiction_envs.experiments.sje.protocol import load_protocol
+from tuning.protocol.tune import tune
+from tuning.settings import SharedSettings
+from tuning.study import workers
+from tuning.study.record import Outcome, Record, Search, run
+from tuning.study.samplers import SAMPLERS, sampler
+
+
+@event.listens_for(Engine, "connect")
+def _without_waiting_for_the_disk(connection, _):
+    """Processes die here, computers do not."""
+    if isinstance(connection, sqlite3.Connection):
+        connection.execute("PRAGMA synchronous=OFF")
+
+
+ABOUT = {"robot": "small", "protocol": "search", "version": "1", "bounds": [0.0, 2.0]}
+SPACE = {
+    "amplitude_nm": FloatDistribution(0.0, 2.0),
+    "frequency_hz": FloatDistribution(15.0, 80.0, log=True),
+}
+STUCK = 0.3
+"""Below this amplitude nothing can be measured [N·m]."""
+
+
+def search(storage, name, *, evaluations=10, batch=3, seed=0, about=ABOUT, **options):
+    """Return a search with a sampler by its name."""
+    record = Record(str(storage), f"small-{name}", about=about, **options)
+    make = sampler(name, SPACE, seed=seed, startup=4, population=4, points=4)
+    first = ({"amplitude_nm": 1.0, "frequency_hz": 30.0},) if name in ("gp", "tpe") else ()
+    return Search(
+        record=record, space=SPACE, sampler=make, evaluations=evaluations, batch=batch, first=first
+    )
+
+
+def outcome(params):
+    """Return what a setting gives: a valley, a constraint, and nothing at small amplitudes."""
+    a, f = params["amplitude_nm"], params["frequency_hz"]
+    value = None if a < STUCK else ((a - 1.3) ** 2 + 0.1 * (f / 20 - 1) ** 2,)
+    measures = {"swing_mm": a / f, "traces": [a / 3, f / 7], "word": "ok"}
+    return Outcome(values=value, constraints=(a / f - 0.05,), measures=measures)
+
+
+def evaluate(wanted):
+    """Return the outcomes of a list of (number of the search, setting)."""
+    return [outcome(params) for _, params in wanted]
+
+
+def trials(record):
+    """Return what a study holds, all but times."""
+    return [
+        (t.number, t.state.name, t.values, t.params, t.user_attrs, t.distributions)
+        for t in record.trials
+    ]
+
+
+def write(searches, path):
+    """Write trials as a table, from the records."""
+    with Path(path).open("w", newline="") as file:
+        table = csv.writer(file)
+        for s in searches:
+            for number, state, values, params, attributes, _ in trials(s.record):
+                row = [s.record.name, number, state, values, *params.values(), attributes]
+                table.writerow([repr(x) for x in row])
+
+
+def fill_slowly(storage, out, *, names=SAMPLERS, evaluations=15, pause=0.01):
+    """Fill a study per sampler and write its table: what a test kills."""
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    found = [search(storage, name, evaluations=evaluations) for name in names]
+
+    def slowly(wanted):
+        time.sleep(pause)
+        return evaluate(wanted)
+
+    run(found, slowly)
+    write(found, out)
+
+
+def killed(begin, finished, tmp_path, *, times, within, seed):
+    """Kill (-9) a process at random moments and go on, ``times`` in all.
+
+    A fast machine ends before that: then the next folder is begun.
+
+    Args:
+        begin: returns target and arguments of the process that works in a folder.
+        finished: called with a folder when its process has ended by itself.
+        tmp_path: where the folders are.
+        times: kills in all.
+        within: shortest and longest life of a process [s].
+        seed: of the moments.
+    """
+    moments, kills = random.Random(seed), 0
+    while kills < times:
+        torn = tmp_path / f"torn{kills}"
+        torn.mkdir()
+        while kills < times:
+            process = start(begin, torn)
+            process.join(moments.uniform(*within))
+            if process.exitcode == 0:
+                break
+            process.kill()
+            process.join()
+            assert process.exitcode == -9
+            kills += 1
+        run_to_its_end(begin, torn)
+        finished(torn)
+
+
+def start(begin, folder):
+    """Start the process that works in a folder."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.tuning.study.searches"])
+    target, arguments = begin(folder)
+    process = context.Process(target=target, args=arguments)
+    process.start()
+    return process
+
+
+def run_to_its_end(begin, folder):
+    """Let the process that works in a folder end by itself."""
+    process = start(begin, folder)
+    process.join()
+    assert process.exitcode == 0
+
+
+# ---- shared by machines --------------------------------------------------------------------------
+
+IMPATIENT = SharedSettings(
+    connect_s=3.0, heartbeat_s=1.0, beats=2.5, grace_s=4.0, poll_s=0.2, retry_s=0.3, give_up_s=60.0
+)
+
+
+def work(storage, log, *, names=("random",), evaluations=24, batch=1, pause=0.5):
+    """Be one of several machines; every evaluated setting is a line in ``log``."""
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    options = {"evaluations": evaluations, "batch": batch, "settings": IMPATIENT}
+    searches = [search(storage, name, **options) for name in names]
+    me = os.getpid()
+
+    def slowly(wanted):
+        for k, params in wanted:
+            note(log, "begin", me, time.time(), names[k], *params.values())
+        time.sleep(pause)
+        for k, params in wanted:
+            note(log, "end", me, time.time(), names[k], *params.values())
+        return evaluate(wanted)
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        workers.run(searches, slowly)
+    for w in said:
+        note(log, "said", me, time.time(), str(w.message))
+
+
+def note(log, *what):
+    """Append a line, whole or not at all."""
+    with Path(log).open("a") as file:
+        file.write("\t".join(map(str, what)) + "\n")
+
+
+def tune_small(model, storage, out):
+    """Be a process that runs ``stiction tune small.xml``, quickly."""
+    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
+    tune(
+        model,
+        out=out,
+        protocol=protocol,
+        frequencies=(40.0, 15.0),
+        storage=storage,
+        settings={"shared.poll_s": 0.2, "thesis.batch": 2},
+    )

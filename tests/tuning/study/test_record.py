@@ -1,0 +1,252 @@
+"""The record of a search: the same bits, however often its process is killed."""
+
+from __future__ import annotations
+
+import itertools
+
+import optuna
+import pytest
+
+from stiction_envs.errors import StictionError
+from tests.tuning.study.searches import (
+    ABOUT,
+    SPACE,
+    evaluate,
+    fill_slowly,
+    killed,
+    outcome,
+    run_to_its_end,
+    search,
+    trials,
+)
+from tuning.study.record import Outcome, Record, run
+from tuning.study.samplers import SAMPLERS, grid
+
+STORAGES = ("sqlite:///{}/study.db", "{}/study.journal")
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+
+class Killed(BaseException):
+    """Stands in for the end of the process."""
+
+
+def stop_at(monkeypatch, count):
+    """Let the process end before a trial is written, when ``count`` are."""
+    add, left = Record.add, [count]
+
+    def stopping(self, trial):
+        if left[0] == 0:
+            raise Killed
+        left[0] -= 1
+        add(self, trial)
+
+    monkeypatch.setattr(Record, "add", stopping)
+
+
+@pytest.mark.parametrize(
+    ("storage", "name"),
+    [
+        # opening SQLite takes half a second, a fit of the GP as long
+        pytest.param(s, n, marks=() if s == STORAGES[1] and n != "gp" else pytest.mark.slow)
+        for s in STORAGES
+        for n in SAMPLERS
+    ],
+)
+def test_stopped_anywhere_it_goes_on_to_the_same_bits(storage, name, tmp_path, monkeypatch):
+    """Ten trials in batches of three, stopped after one, two, one, two … more are written."""
+    whole = search("sqlite://", name)
+    run([whole], evaluate)
+    assert len(whole.record.trials) == 10
+    place = storage.format(tmp_path)
+    stops = 0
+    while len(search(place, name).record.trials) < 10:
+        with monkeypatch.context() as patch:
+            stop_at(patch, 1 + stops % 2)
+            stops += 1
+            try:
+                run([search(place, name)], evaluate)
+            except Killed:
+                continue
+    assert stops == 7
+    assert trials(search(place, name).record) == trials(whole.record)
+    run([search(place, name)], lambda wanted: pytest.fail("a finished study was evaluated"))
+
+
+@pytest.mark.parametrize("name", SAMPLERS)
+def test_draws_come_from_the_number_and_the_seed(name, tmp_path):
+    found = []
+    for seed in (0, 0, 1):
+        found.append(search("sqlite://", name, seed=seed, evaluations=5))
+        run(found[-1:], evaluate)
+    first, same, other = (trials(s.record) for s in found)
+    assert first == same
+    assert first != other
+    settings = [tuple(t.params.items()) for t in found[0].record.trials]
+    assert len(set(settings)) == 5, "a setting was proposed twice"
+
+
+def test_a_grid_has_every_cell_once():
+    s = search("sqlite://", "grid", evaluations=16)
+    run([s], evaluate)
+    tried = [tuple(t.params.values()) for t in s.record.trials]
+    assert sorted(tried) == sorted(itertools.product(*grid(SPACE, 4).values()))
+    assert tried != sorted(tried)
+
+
+@pytest.mark.parametrize("name", ["tpe", "cmaes", "nsga2"])
+def test_a_longer_search_goes_on_where_a_shorter_one_ended(name, tmp_path):
+    whole = search("sqlite://", name, evaluations=16)
+    run([whole], evaluate)
+    place = f"sqlite:///{tmp_path}/study.db"
+    for evaluations in (7, 8, 16):
+        run([search(place, name, evaluations=evaluations)], evaluate)
+    assert trials(search(place, name).record) == trials(whole.record)
+
+
+def test_the_first_settings_are_tried_first(tmp_path):
+    s = search("sqlite://", "tpe")
+    run([s], evaluate)
+    assert s.record.trials[0].params == {"amplitude_nm": 1.0, "frequency_hz": 30.0}
+
+
+def test_several_searches_are_evaluated_in_one_call(tmp_path):
+    searches = [search("sqlite://", name, evaluations=n) for name, n in (("tpe", 4), ("grid", 8))]
+    calls, seen = [], []
+
+    def watched(wanted):
+        calls.append([k for k, _ in wanted])
+        return evaluate(wanted)
+
+    run(searches, watched, lambda done, total: seen.append((done, total)))
+    assert calls == [[0, 0, 0, 1, 1, 1], [0, 1, 1, 1], [1, 1]]
+    assert seen == [(0, 12), (6, 12), (10, 12), (12, 12)]
+
+
+def test_what_cannot_be_measured_is_kept_as_a_failed_trial(tmp_path):
+    place = f"sqlite:///{tmp_path}/study.db"
+    s = search(place, "random", evaluations=20)
+    run([s], evaluate)
+    found = search(place, "random").record.trials
+    failed = [t for t in found if t.state == optuna.trial.TrialState.FAIL]
+    assert 0 < len(failed) < 20
+    for t in found:
+        kept = outcome(t.params)
+        assert t.values == (None if kept.values is None else list(kept.values))
+        assert t.user_attrs["constraints"] == list(kept.constraints)
+        assert t.user_attrs["swing_mm"] == kept.measures["swing_mm"]
+
+
+def test_constraints_are_optunas_own(tmp_path):
+    """A search that may not shake by more than 0.05 mm/Hz ends below it, one that may, above."""
+    best = []
+    for limit in (0.05, 1.0):
+
+        def limited(wanted, limit=limit):
+            found = []
+            for _, p in wanted:
+                a, f = p["amplitude_nm"], p["frequency_hz"]
+                found.append(Outcome(values=(-a,), constraints=(a / f - limit,)))
+            return found
+
+        s = search("sqlite://", "tpe", evaluations=40, batch=1)
+        run([s], limited)
+        kept = [t for t in s.record.trials if max(t.user_attrs["constraints"]) <= 0]
+        assert {t.number for t in kept} == {
+            t.number for t in s.record.trials if all(c <= 0 for c in t.constraints.values())
+        }
+        last = [t.params["amplitude_nm"] / t.params["frequency_hz"] for t in s.record.trials[20:]]
+        best.append(sum(x <= 0.05 for x in last))
+    assert best[0] > best[1] + 5
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"robot": "iiwa7"}, "is of robot small: expected iiwa7, or another --study"),
+        ({"protocol": "thesis"}, "is of protocol search: expected thesis"),
+        ({"version": "2"}, "is of version 1: expected 2"),
+        ({"bounds": [0.0, 3.0]}, "was made with other friction, bounds, settings or options"),
+    ],
+)
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_study_about_something_else_is_refused(storage, about, message, tmp_path):
+    place = storage.format(tmp_path)
+    run([search(place, "random", evaluations=3)], evaluate)
+    file = next(tmp_path.glob("study.*"))
+    before = file.read_bytes()
+    with pytest.raises(StictionError, match=message) as caught:
+        search(place, "random", about={**ABOUT, **about})
+    assert "\n" not in str(caught.value)
+    assert file.read_bytes() == before
+
+
+def test_a_study_of_other_objectives_is_refused(tmp_path):
+    place = f"sqlite:///{tmp_path}/study.db"
+    search(place, "random")
+    with pytest.raises(StictionError, match="other friction, bounds, settings or options"):
+        Record(place, "small-random", objectives=2, about=ABOUT)
+
+
+def test_a_study_that_optuna_made_is_refused(tmp_path):
+    place = f"sqlite:///{tmp_path}/study.db"
+    theirs = optuna.create_study(storage=place, study_name="small-random")
+    theirs.optimize(lambda trial: trial.suggest_float("x", 0, 1), n_trials=1)
+    with pytest.raises(StictionError, match="was not made by stiction tune"):
+        search(place, "random")
+
+
+def test_a_study_killed_before_its_fingerprint_is_taken_up(tmp_path):
+    place = f"sqlite:///{tmp_path}/study.db"
+    optuna.create_study(storage=place, study_name="small-random").set_user_attr("robot", "small")
+    run([search(place, "random", evaluations=3)], evaluate)
+    assert len(search(place, "random").record.trials) == 3
+
+
+def test_a_trial_of_somebody_else_is_refused(tmp_path):
+    place = f"sqlite:///{tmp_path}/study.db"
+    s = search(place, "random", evaluations=3)
+    run([s], evaluate)
+    strange = s.record.study.get_trials()[0]
+    s.record.add(strange)
+    with pytest.raises(StictionError, match="trial 3 is not what this search proposes"):
+        run([search(place, "random")], evaluate)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_second_process_does_not_fill_the_same_study(storage, tmp_path):
+    place = storage.format(tmp_path)
+
+    def again(wanted):
+        with pytest.raises(StictionError, match="another process is filling it"):
+            run([search(place, "tpe")], evaluate)
+        return evaluate(wanted)
+
+    run([search(place, "random", evaluations=3)], again)
+    run([search(place, "tpe", evaluations=3)], evaluate)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("storage", STORAGES)
+def test_killed_at_twenty_random_moments_it_gives_the_same_files(storage, tmp_path):
+    """kill −9 of a real process that fills a study per sampler; nothing is cleaned up."""
+
+    def begin(folder):
+        return fill_slowly, (storage.format(folder), folder / "trials.csv")
+
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    run_to_its_end(begin, whole)
+
+    def finished(folder):
+        same = (folder / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+        assert same, f"{folder.name}: not the table of the uninterrupted run"
+        for name in SAMPLERS:
+            one, two = (trials(search(storage.format(f), name).record) for f in (whole, folder))
+            assert one == two
+            assert len(one) == 15
+
+    killed(begin, finished, tmp_path, times=20, within=(0.05, 0.9), seed=7)

@@ -1,0 +1,196 @@
+"""Storages that cannot be opened say so in one line, without the password, and stay as they are."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+import sys
+import time
+
+import optuna
+import pytest
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
+
+from stiction_envs.errors import ExperimentError, StictionError
+from tests.tuning.study.searches import evaluate, search, trials
+from tuning.settings import tuning_settings
+from tuning.study.record import run
+from tuning.study.storage import is_shared, open_storage, shown, storage_file
+
+SECRET = "gr4vel"
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+
+def refused(storage, settings=None):
+    with pytest.raises(StictionError) as caught:
+        open_storage(storage, settings)
+    said = str(caught.value)
+    assert "\n" not in said
+    assert SECRET not in said
+    return said
+
+
+@pytest.mark.parametrize(
+    ("storage", "message"),
+    [
+        ("study.txt", "storage study.txt: expected a URL, or a file that ends in .journal"),
+        ("://", "expected a URL such as sqlite:///study.db"),
+        (f"postgresql://tuner:{SECRET}@host:port/name", "expected a URL such as"),
+        (f"postgresql://tuner:p@{SECRET}@host/name", "more than one @ in the URL"),
+        (f"nix://tuner:{SECRET}@host/name", "unknown kind: expected sqlite or postgresql"),
+        (f"mysql+pymysql://tuner:{SECRET}@host/name", "Python package of pymysql is missing"),
+        (f"postgresql://tuner:{SECRET}@127.0.0.1:1/name", "cannot be opened: Connection refused"),
+        (f"postgresql://tuner@127.0.0.1:1/name?password={SECRET}", "tuner@127.0.0.1:1/name: cann"),
+        (f"postgresql://tuner:{SECRET}@nowhere.invalid/name", "failed to resolve host"),
+        ("sqlite:////nowhere/study.db", "cannot be opened: unable to open database file"),
+        ("/nowhere/study.journal", "cannot be opened: no such file"),
+    ],
+)
+def test_what_cannot_be_opened(storage, message):
+    assert message in refused(storage)
+
+
+def test_a_host_that_says_nothing_is_given_up():
+    settings = tuning_settings().shared
+    assert settings.connect_s <= 10
+    quick = settings.__class__(**{**vars(settings), "connect_s": 2.0})
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        began = time.monotonic()
+        said = refused(f"postgresql://tuner:{SECRET}@127.0.0.1:{port}/name", quick)
+    assert "timeout" in said
+    assert time.monotonic() - began < 5
+
+
+def test_without_the_driver_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    said = refused(f"postgresql+psycopg://tuner:{SECRET}@host/name")
+    assert said.endswith("needs psycopg: pip install 'stiction-envs[postgres]'")
+
+
+def test_a_file_that_is_no_database_stays(tmp_path):
+    file = tmp_path / "study.db"
+    file.write_text("robot,joint\n" * 100)
+    assert "file is not a database" in refused(f"sqlite:///{file}")
+    assert file.read_text() == "robot,joint\n" * 100
+
+
+def test_what_may_be_shown():
+    url = f"postgresql://tuner:{SECRET}@host:5432/name?password={SECRET}"
+    assert shown(url) == "postgresql+psycopg://tuner:***@host:5432/name"
+    assert shown("a.journal") == "a.journal"
+
+
+def test_only_a_server_is_shared(tmp_path):
+    assert is_shared("postgresql+psycopg://host/name")
+    assert not is_shared("sqlite:///study.db")
+    assert not is_shared("study.journal")
+    assert storage_file("sqlite:///a/study.db").as_posix() == "a/study.db"
+    assert storage_file("sqlite://") is None
+    assert storage_file("postgresql+psycopg://host/name") is None
+    assert storage_file("study.log").name == "study.log"
+
+
+# ---- journals ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def journal(tmp_path):
+    file = tmp_path / "study.journal"
+    run([search(file, "random", evaluations=6)], evaluate)
+    return file
+
+
+@pytest.mark.parametrize("end", [-1, -2, -40, -300])
+def test_a_half_written_last_line_is_dropped_and_evaluated_again(journal, end):
+    """Power that fails while the last trial is written, down to the missing end of its line."""
+    whole = journal.read_bytes()
+    before = trials(search(journal, "random").record)
+    journal.write_bytes(whole[:end])
+    with pytest.warns(UserWarning, match="last line was half-written and is dropped"):
+        torn = search(journal, "random", evaluations=6)
+    assert len(torn.record.trials) == 5
+    assert whole.startswith(journal.read_bytes())
+    run([torn], evaluate)
+    assert trials(search(journal, "random").record) == before
+
+
+def test_a_last_line_of_zeros_is_dropped(journal):
+    """What some file systems leave after a power failure."""
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + bytes(512))
+    with pytest.warns(UserWarning, match="half-written"):
+        open_storage(journal)
+    assert journal.read_bytes() == whole
+
+
+@pytest.mark.parametrize("damage", ["torn in the middle", "not json", "foreign json"])
+def test_other_damage_is_refused_and_nothing_changed(journal, damage):
+    lines = journal.read_bytes().splitlines(keepends=True)
+    lines[3] = {
+        "torn in the middle": lines[3][:20],
+        "not json": b"hello\n",
+        "foreign json": b'{"series": "tune"}\n',
+    }[damage]
+    journal.write_bytes(b"".join(lines))
+    assert "line 4 is damaged: expected one operation of Optuna" in refused(journal)
+    assert journal.read_bytes() == b"".join(lines)
+
+
+def test_operations_without_their_fields_are_refused(journal):
+    with journal.open("a") as file:
+        file.write('{"op_code": 0, "worker_id": "other"}\n')
+    assert "its lines are no operations of Optuna" in refused(journal)
+
+
+def test_a_log_of_something_else_is_not_repaired(tmp_path):
+    file = tmp_path / "robot.log"
+    file.write_text("moved joint 1")
+    assert "line 1 is damaged" in refused(file)
+    assert file.read_text() == "moved joint 1"
+
+
+def test_the_first_line_may_be_torn_too(tmp_path):
+    file = tmp_path / "study.journal"
+    file.write_text('{"op_co')
+    with pytest.warns(UserWarning, match="half-written"):
+        run([search(file, "random", evaluations=2)], evaluate)
+    assert len(search(file, "random").record.trials) == 2
+
+
+def test_a_full_database_says_so_and_goes_on_with_room(tmp_path):
+    """SQLite's own refusal; written trials stay, the rest comes when there is room."""
+    storage = f"sqlite:///{tmp_path}/study.db"
+    whole = search(f"sqlite:///{tmp_path}/whole.db", "random")
+    one = search(storage, "random")
+
+    def no_room(_, cursor, *__):
+        if cursor.connection.execute("SELECT count(*) FROM trials").fetchone()[0] >= 4:
+            # an allocation of a page is refused; a trial's attributes soon need one
+            cursor.connection.execute("PRAGMA max_page_count=1")
+
+    def long(settings):
+        return [
+            dataclasses.replace(o, measures={**o.measures, "text": 2000 * "x"})
+            for o in evaluate(settings)
+        ]
+
+    run([whole], long)
+    event.listen(Engine, "before_cursor_execute", no_room)
+    try:
+        with pytest.raises(ExperimentError) as caught:
+            run([one], long)
+    finally:
+        event.remove(Engine, "before_cursor_execute", no_room)
+    assert str(caught.value) == f"storage {storage}: database or disk is full"
+    written = trials(one.record)
+    assert written
+    assert written == trials(whole.record)[: len(written)] != trials(whole.record)
+    again = search(storage, "random")
+    run([again], long)
+    assert trials(again.record) == trials(whole.record)

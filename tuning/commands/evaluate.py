@@ -1,0 +1,194 @@
+"""``stiction evaluate``: policies, tables and rules on the same episodes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stiction_envs.cli import common
+from stiction_envs.cli.progress import Progress
+from stiction_envs.envs.registration import EXPERIMENTS
+from stiction_envs.errors import StictionError
+
+if TYPE_CHECKING:
+    from tuning.policies.task import Task
+
+# as the packages have them; written out, so that --help does not load the engine
+TRAJECTORIES = ("triangle", "pentagon", "random")
+NAMED = ("none", "gated", "random", "rule")
+EPISODES = 32
+GTE_ONLY = ("trajectory", "stiffness")
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "evaluate",
+        summary="Evaluate policies, amplitude tables and rules on the same episodes of an "
+        "environment.",
+        example="stiction evaluate panda gte --policy none gated runs/train-panda/policy.zip",
+        interrupted="nothing was written; run the same command again",
+        run=run,
+        show=show,
+    )
+    add_task_options(parser)
+    parser.add_argument(
+        "--policy",
+        nargs="+",
+        required=True,
+        metavar="POLICY",
+        help=f"one or more of {', '.join(NAMED)}, a policy.zip of `stiction train`, or an "
+        "amplitude table (.csv); gated: the best gated table that is shipped",
+    )
+    parser.add_argument(
+        "--episodes",
+        type=common.whole(1),
+        default=EPISODES,
+        metavar="N",
+        help="of each policy (default: %(default)s)",
+    )
+    common.add_shared_options(parser, out="output folder (default: runs/evaluate-ROBOT)")
+
+
+def add_task_options(parser: common.Parser) -> None:
+    """Add what says which environment: arm, experiment, episodes, arguments."""
+    common.add_robot_options(parser)
+    parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
+    parser.add_argument(
+        "--trajectory",
+        choices=TRAJECTORIES,
+        help="of every episode (gte); random: drawn paths, other ones in training than afterwards",
+    )
+    parser.add_argument(
+        "--stiffness",
+        nargs=3,
+        type=common.number(0),
+        metavar=("KT", "KR", "KN"),
+        help="of every episode (gte): translational [N/m], rotational [N·m/rad], nullspace",
+    )
+    parser.add_argument(
+        "--friction-factor",
+        type=common.number(0, above=True),
+        metavar="X",
+        help="true stiction and load coefficient over those that bounds, observations and rewards "
+        "are in units of (default: 1)",
+    )
+    parser.add_argument(
+        "--env",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="arguments of the environment, values as JSON: control_interval_s=0.2 "
+        "randomise='{\"friction\": 0.2}'",
+    )
+
+
+def read_task(args: argparse.Namespace, **more: Any) -> Task:
+    """Return the environment of `add_task_options`.
+
+    Args:
+        args: of the command.
+        more: reset options that hold unless the user says otherwise.
+
+    Raises:
+        StictionError: an option of another experiment, or an argument that does not exist.
+    """
+    from tuning.policies.task import Task
+
+    common.read_arm(args)
+    arguments = dict(_named(text) for text in args.env)
+    for name in ("payload", "chain", "friction", "friction_factor"):
+        if getattr(args, name) is not None:
+            arguments[name] = getattr(args, name)
+    if any(args.tilt):
+        arguments["tilt"] = tuple(args.tilt)
+    if options := {**more, **read_options(args)}:
+        arguments["fixed_options"] = {**options, **arguments.get("fixed_options", {})}
+    return Task(
+        robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
+    )
+
+
+def read_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the reset options that the user gave."""
+    given = {name: getattr(args, name) for name in GTE_ONLY if getattr(args, name) is not None}
+    if given and args.experiment != "gte":
+        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
+    if "stiffness" in given:
+        given["stiffness"] = tuple(given["stiffness"])
+    return given
+
+
+def _named(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise StictionError(f"--env {text}: expected NAME=VALUE")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Evaluate; write ``evaluation.csv`` and provenance."""
+    from tuning.policies.evaluation import check, evaluate_all
+
+    task, options = read_task(args), read_options(args)
+    check(task, args.policy, options)
+    inputs = {**common.model_files(args), **policy_files(task.arm_name, args.policy)}
+    folder = common.output_folder(args, task.arm_name, inputs)
+    with common.working(), Progress("episodes") as progress:
+        evaluated = evaluate_all(
+            task,
+            args.policy,
+            episodes=args.episodes,
+            seed=args.seed,
+            options=options,
+            progress=progress.set,
+        )
+    with common.working(), folder:
+        evaluated.save(folder.path)
+    return {
+        "command": "evaluate",
+        "seed": args.seed,
+        "out": str(folder.path),
+        "environment": task.name,
+        "summary": evaluated.summary(),
+        "rows": list(evaluated.rows),
+    }
+
+
+def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
+    """Return the policies that are files, by a name of their own."""
+    from tuning.policies.evaluation import gated_file
+
+    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in NAMED}
+    if "gated" in policies and (shipped := gated_file(robot)) is not None:
+        files["gated"] = shipped
+    return files
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the means as a readable table."""
+    from tuning.policies.report import means_table
+
+    summary = result["summary"]
+    header, rows = means_table(summary)
+    table = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = [
+        "  ".join(
+            [
+                row[0].ljust(widths[0]),
+                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
+            ]
+        )
+        for row in table
+    ]
+    episodes = next(iter(summary.values()))["episodes"]
+    return "\n".join(
+        [f"{result['environment']}, {episodes} episodes", *lines, f"written to {result['out']}"]
+    )

@@ -1,0 +1,288 @@
+"""``stiction tune``: the dither that frees an arm, by the thesis's protocol or by search."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.cli import common
+from stiction_envs.cli.progress import Progress
+from stiction_envs.errors import StictionError
+
+# as the packages have them; written out, so that --help does not load them
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+OBJECTIVES = ("sje", "gte", "both")
+FREE = ("waveform", "offset")
+GATES = ("none", "one", "each")
+COMPENSATIONS = ("none", "feedforward", "push")
+PRICES = ("shaking", "power", "torque_rate")
+THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
+SEARCH_ONLY = (
+    *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
+    *("search", "gates", "compensation", "without_dither", "ask", "tell"),
+)
+WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
+"""Of the search's options, those that tuning beside a robot has."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command."""
+    parser = common.add_command(
+        subparsers,
+        "tune",
+        summary="Find frequency and amplitude of the dither of every joint, and verify them.",
+        example="stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda",
+        interrupted="what was measured is kept; run the same command again to go on",
+        run=run,
+        show=show,
+    )
+    common.add_robot_options(parser)
+    parser.add_argument(
+        "--protocol",
+        choices=("thesis", "search"),
+        default="thesis",
+        help="thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
+        "amplitude and frequency of every joint, continuous and under constraints",
+    )
+    parser.add_argument(
+        "--table",
+        type=Path,
+        metavar="TABLE.csv",
+        help="measured base torques, in the form of base.csv or thesis Table 4.3: the friction is "
+        "calibrated to them first",
+    )
+    parser.add_argument(
+        "--frequencies",
+        nargs="+",
+        type=common.number(0, above=True),
+        metavar="HZ",
+        help="frequencies to try (default: the thesis's of that robot)",
+    )
+    parser.add_argument(
+        "--scales",
+        nargs="+",
+        type=common.number(0, above=True),
+        metavar="X",
+        help="amplitudes to try, over the base torque (default: 0.8 1.0 1.2)",
+    )
+    _add_search_options(parser)
+    common.add_experiment_options(parser)
+    parser.add_argument(
+        "--storage",
+        metavar="URL",
+        help="study: sqlite:///FILE, FILE.journal, or postgresql+psycopg://USER:PASSWORD@HOST/DB, "
+        "which machines share (default: a file in --out)",
+    )
+    parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")
+    common.add_shared_options(
+        parser,
+        out="output folder (default: runs/tune-ROBOT); one that holds a part of the same run is "
+        "continued",
+    )
+
+
+def _add_search_options(parser: Any) -> None:
+    group = parser.add_argument_group("with --protocol search")
+    group.add_argument(
+        "--objective",
+        choices=OBJECTIVES,
+        help="sje: torque left to move each joint (default); gte: error left at the goals of a "
+        "path; both: the one begins where the other ended",
+    )
+    group.add_argument(
+        "--sampler",
+        choices=(*SAMPLERS, *(p.name for p in entry_points(group="stiction_envs.samplers"))),
+        help="default: gp for the SJE, cmaes for the GTE",
+    )
+    group.add_argument(
+        "--evaluations",
+        type=common.whole(1),
+        metavar="N",
+        help="trials per joint (SJE) and of whole tables (GTE)",
+    )
+    group.add_argument(
+        "--pareto",
+        nargs="?",
+        const=PRICES[0],
+        choices=PRICES,
+        help="a second objective (pareto.csv): shaking, which is no constraint then (default), "
+        "power, or torque_rate",
+    )
+    group.add_argument(
+        "--search",
+        nargs="+",
+        choices=FREE,
+        metavar="WHAT",
+        help=f"search these too: {', '.join(FREE)}",
+    )
+    group.add_argument(
+        "--gates",
+        choices=GATES,
+        help="search a gate speed: one for all joints, or one for each (objective gte or both)",
+    )
+    group.add_argument(
+        "--compensation",
+        choices=COMPENSATIONS,
+        help="search friction compensation together with dither (objective gte or both)",
+    )
+    group.add_argument(
+        "--without-dither", action="store_true", default=None, help="compensation alone"
+    )
+    group.add_argument(
+        "--bounds",
+        type=Path,
+        metavar="FILE.toml",
+        help="[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
+        "vibration_mm, vibration_at_rest_mm, gate_rad_s",
+    )
+    group.add_argument(
+        "--limit",
+        type=Path,
+        metavar="TABLE.csv",
+        help="shake no more than this amplitude table does (default: thesis Table 4.9 on a Panda)",
+    )
+    group.add_argument(
+        "--beside",
+        type=Path,
+        nargs="+",
+        metavar="TABLE.csv",
+        help="amplitude tables to compare with, measured in the same plant",
+    )
+    group.add_argument(
+        "--ask",
+        nargs="?",
+        type=common.whole(1),
+        const=1,
+        metavar="N",
+        help="beside a real robot: write the next N settings per joint to measure (ask.csv; "
+        "default: 1; --out: runs/ask-ROBOT)",
+    )
+    group.add_argument(
+        "--tell",
+        type=Path,
+        metavar="TABLE.csv",
+        help="take what was measured (measure.csv filled in, or any SJE table); then --ask, if it "
+        "is there too",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Tune; write tables, report, plots and provenance."""
+    _check_options(args)
+    arm = common.read_arm(args)
+    if args.ask is not None or args.tell is not None:
+        return _beside_a_robot(args, arm)
+    if args.protocol == "search":
+        return _search(args, arm)
+    folder = common.output_folder(
+        args, arm.name, {**common.model_files(args), "table": args.table}, resumable=True
+    )
+
+    from tuning.protocol import tune as protocol
+
+    with Progress() as progress:
+        result = protocol.tune(
+            arm,
+            out=folder,
+            table=args.table,
+            frequencies=args.frequencies,
+            scales=args.scales,
+            iterations=args.iterations,
+            scatter=not args.no_scatter,
+            seed=args.seed,
+            storage=args.storage,
+            study=args.study,
+            friction=args.friction,
+            threads=args.threads,
+            progress=progress.set,
+        )
+    return {"command": "tune", "out": str(folder.path), **result.to_json()}
+
+
+def _check_options(args: argparse.Namespace) -> None:
+    other = THESIS_ONLY if args.protocol == "search" else SEARCH_ONLY
+    for name in other:
+        if getattr(args, name) not in (None, False):
+            raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
+    if args.ask is not None or args.tell is not None:
+        for name in SEARCH_ONLY:
+            if name not in WITH_A_ROBOT and getattr(args, name) is not None:
+                raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
+
+
+def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+    from tuning.search.search import search
+
+    given = {
+        "objective": args.objective,
+        "sampler": args.sampler,
+        "pareto": args.pareto,
+        "free": None if args.search is None else tuple(args.search),
+        "gates": args.gates,
+        "compensation": args.compensation,
+        "without_dither": args.without_dither,
+        "evaluations": args.evaluations,
+    }
+    inputs = {**common.model_files(args), "bounds": args.bounds, "limit": args.limit}
+    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
+    folder = common.output_folder(args, arm.name, inputs, resumable=True)
+    with Progress("trials") as progress:
+
+        def say(stage: str, done: float, total: float) -> None:
+            progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
+
+        result = search(
+            arm,
+            **{k: v for k, v in given.items() if v is not None},
+            bounds=args.bounds,
+            limit=args.limit,
+            beside=args.beside or (),
+            out=folder,
+            seed=args.seed,
+            storage=args.storage,
+            study=args.study,
+            friction=args.friction,
+            threads=args.threads,
+            progress=say,
+        )
+    return {"command": "tune", "out": str(folder.path), **result.to_json()}
+
+
+def _beside_a_robot(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+    from stiction_envs.reporting.output_folder import default_folder
+    from tuning.robot.session import Session
+
+    out = args.out or default_folder("ask", arm.name)
+    with Progress() as progress:
+        options = {
+            "bounds": args.bounds,
+            "limit": args.limit,
+            "out": out,
+            "force": args.force,
+            "seed": args.seed,
+            "storage": args.storage,
+            "study": args.study,
+            "friction": args.friction,
+            "threads": args.threads,
+            "progress": progress.set,
+        }
+        told = {}
+        if args.tell is not None:
+            state = Session(arm, **options).tell(args.tell)
+            told = {"told": state.told}
+        if args.ask is not None:
+            state = Session(arm, **options).ask(args.ask)
+    return {"command": "tune", "out": str(out), **state.to_json(), **told}
+
+
+def show(result: dict[str, Any]) -> str:
+    """Return the result as a readable table."""
+    if "ask" in result:
+        from tuning.robot.report import describe as describe_robot
+
+        return f"{describe_robot(result)}\nwritten to {result['out']}"
+    from tuning.protocol.tune import describe
+
+    return f"{describe(result)}\nwritten to {result['out']}"

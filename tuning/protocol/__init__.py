@@ -1,0 +1,1 @@
+"""The thesis's protocol: base torques in, final amplitude table out."""

@@ -1,0 +1,245 @@
+"""report.md: what was tuned, and the thesis's tables simulated and measured.
+
+The text is in ``templates/``; this module makes its numbers and tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.friction.assumed import friction_note
+from stiction_envs.measured import (
+    BaseTable,
+    DitheredRow,
+    thesis_base,
+    thesis_dithered,
+    thesis_robots,
+    thesis_table,
+)
+from stiction_envs.reporting.markdown import signed, table_text
+from stiction_envs.reporting.templates import write_md_and_html
+from tuning.protocol import figures
+from tuning.protocol.rules import Choice
+from tuning.protocol.stages import ThesisTuner
+
+TEMPLATE = Path(__file__).parents[1] / "templates" / "report.md.j2"
+Verified = dict[str, dict[Job, Measurement]]
+LOAD_NAMES = {"load": "load", "no_load": "no load"}
+PLACE = "joint, pose, direction"
+
+
+def _name(c: Configuration) -> str:
+    return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
+
+
+def change(m: Measurement, base: Measurement) -> float:
+    """Return the change of |τ| against the base, per cent; negative is less torque."""
+    return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
+
+
+def pair(
+    tuner: ThesisTuner, verified: Verified, row: DitheredRow
+) -> tuple[Measurement, Measurement] | None:
+    """Return (simulated, its base) of a row of Tables 4.5–4.8 and 4.10; None if not simulated."""
+    c = Configuration(row.joint, row.load, row.direction)
+    if row.table == "4.10":
+        found = next(
+            (m for j, m in verified[row.amplitude_set].items() if j.configuration == c), None
+        )
+    else:
+        found = tuner.cells.get(tuner.job(c, row.frequency_hz, row.scale))
+    return None if found is None else (found, tuner.base[c])
+
+
+def thesis_rows(tuner: ThesisTuner) -> list[DitheredRow]:
+    """Return the measured dithered torques of the arm, none if the thesis has no such arm."""
+    name = tuner.experiment.sticking.arm.registered_name
+    return list(thesis_dithered(name)) if name in thesis_robots() else []
+
+
+def _measured_base(tuner: ThesisTuner, table: BaseTable | None) -> BaseTable | None:
+    name = tuner.experiment.sticking.arm.registered_name
+    if table is not None:
+        return table
+    return thesis_base(name) if name in thesis_robots() else None
+
+
+def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
+    rows = []
+    for c, m in tuner.base.items():
+        row = [_name(c), f"{signed(m.mean, 4)} ± {m.std:.4f}"]
+        if measured is not None:
+            value = measured.get(c.joint, c.load, c.direction)
+            row += [signed(value, 4), f"{signed(100 * (m.mean / value - 1), 2)} %"]
+        rows.append(row)
+    header = [PLACE, "simulated τ_b [N·m]"]
+    if measured is not None:
+        header += ["measured τ_b [N·m]", "difference"]
+    return table_text(header, rows)
+
+
+def _dithered(
+    number: str, rows: Sequence[DitheredRow], tuner: ThesisTuner, verified: Verified
+) -> dict[str, Any]:
+    """One of Tables 4.5–4.8 and 4.10: a line per configuration, a column per setting."""
+    key = "amplitude_set" if number == "4.10" else "frequency_hz"
+    columns = list(dict.fromkeys(getattr(r, key) for r in rows))
+    lines: dict[Configuration, dict[Any, str]] = {}
+    differences = []
+    for r in rows:
+        both = pair(tuner, verified, r)
+        cell = f"– / {signed(r.change_pct)}"
+        if both is not None:
+            simulated = change(*both)
+            cell = f"{signed(both[0].mean, 3)} ({signed(simulated)})"
+            cell += f" / {signed(r.tau_sje_nm, 3)} ({signed(r.change_pct)})"
+            if not r.outlier:
+                differences.append(abs(simulated - r.change_pct))
+        place = Configuration(r.joint, r.load, r.direction)
+        lines.setdefault(place, {})[getattr(r, key)] = cell + (" †" if r.outlier else "")
+    names = [k if isinstance(k, str) else f"{k:g} Hz" for k in columns]
+    body = [[_name(c), *(cells.get(k, "") for k in columns)] for c, cells in lines.items()]
+    return {
+        "number": number,
+        "table": table_text([PLACE, *names], body),
+        "differences": differences,
+        "mean": float(np.mean(differences)) if differences else float("nan"),
+        "median": float(np.median(differences)) if differences else float("nan"),
+        "broken": any(r.outlier for r in rows),
+    }
+
+
+def _choices(choices: list[Choice], robot: str | None) -> str:
+    by_joint: dict[int, dict[str, Any]] = {}
+    if robot in thesis_robots("4.9"):
+        by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
+    header = ["joint", "f [Hz]", "scale", "intermediate: load +, −; no load +, − [N·m]"]
+    header += ["final A [N·m]", "why"]
+    if by_joint:
+        header += ["thesis: f [Hz], final A [N·m]"]
+    rows = []
+    for c in choices:
+        cells = [str(c.joint), f"{c.frequency_hz:g}", f"{c.scale:g}"]
+        cells += [", ".join(f"{a:.3f}" for a in c.intermediate.ravel()), f"{c.amplitude_nm:.4f}"]
+        cells += [c.reason]
+        if by_joint:
+            r = by_joint[c.joint]
+            cells += [f"{r['frequency_Hz']:g}, {abs(r['tau_final_Nm']):g}"]
+        rows.append(cells)
+    return table_text(header, rows)
+
+
+def _own_verification(tuner: ThesisTuner, verified: Verified) -> str:
+    rows = []
+    for c in configurations(tuner.experiment.n):
+        cells = [_name(c), signed(tuner.base[c].mean, 4)]
+        for kind in ("intermediate", "final"):
+            m = next(m for j, m in verified[kind].items() if j.configuration == c)
+            cells.append(f"{signed(m.mean, 4)} ({signed(change(m, tuner.base[c]))} %)")
+        rows.append(cells)
+    return table_text([PLACE, "base [N·m]", "intermediate [N·m]", "final [N·m]"], rows)
+
+
+def _caveats(tuner: ThesisTuner, reductions: dict[int, float], warnings: list[str]) -> list[str]:
+    out = list(warnings)
+    left_out = [f"{f:g}" for f in tuner.frequencies if f not in tuner.eligible]
+    if left_out:
+        out.append(
+            f"measured, but not chosen from: {', '.join(left_out)} Hz (not below half the "
+            "controller's rate)"
+        )
+    worse = [str(j) for j, r in reductions.items() if r < 0]
+    if worse:
+        out.append(f"not confirmed by the verification: joint {', '.join(worse)}")
+    return out
+
+
+def _reductions(
+    tuner: ThesisTuner, choices: list[Choice], final: dict[Job, Measurement]
+) -> dict[int, float]:
+    """Return the reduction of the torque on each joint, mean over its configurations [%]."""
+    return {
+        c.joint: float(
+            np.mean(
+                [
+                    -change(m, tuner.base[j.configuration])
+                    for j, m in final.items()
+                    if j.configuration.joint == c.joint
+                ]
+            )
+        )
+        for c in choices
+    }
+
+
+def _draw(path: Path, draw: Callable[[Path], None]) -> None:
+    """Draw a plot, unless it was drawn before an interruption: the folder belongs to one run."""
+    if not path.exists():
+        draw(path)
+
+
+def write_report(
+    tuner: ThesisTuner,
+    choices: list[Choice],
+    verified: Verified,
+    *,
+    table: BaseTable | None,
+    warnings: list[str],
+) -> dict[str, Any]:
+    """Write report.md and its plots; return the summary that ``--json`` prints."""
+    sticking = tuner.experiment.sticking
+    robot = sticking.arm.name
+    measured, rows = _measured_base(tuner, table), thesis_rows(tuner)
+    reductions = _reductions(tuner, choices, verified["final"])
+    mean = float(np.mean(list(reductions.values())))
+    numbers = list(dict.fromkeys(r.table for r in rows))
+    _draw(tuner.out / "frequency.png", lambda path: figures.frequency(tuner, rows, path))
+    _draw(
+        tuner.out / "verification.png",
+        lambda path: figures.verification(tuner, verified, rows, path),
+    )
+    worst = float("nan")
+    if measured is not None:
+        _draw(tuner.out / "base.png", lambda path: figures.base(tuner, measured, path))
+        found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
+        worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
+    write_md_and_html(
+        tuner.out,
+        TEMPLATE,
+        f"Dither amplitudes for {robot}",
+        note=friction_note(sticking.arm, sticking.parameters),
+        robot=robot,
+        mean=mean,
+        reductions=reductions,
+        best=max(reductions, key=reductions.__getitem__),
+        least=min(reductions, key=reductions.__getitem__),
+        count=len(verified["final"]),
+        caveats=_caveats(tuner, reductions, warnings),
+        choices=_choices(choices, sticking.arm.registered_name),
+        base=_base_table(tuner, measured),
+        measured=measured is not None,
+        own_verification="" if "4.10" in numbers else _own_verification(tuner, verified),
+        dithered=[
+            _dithered(n, [r for r in rows if r.table == n], tuner, verified)
+            for n in ("4.5", "4.6", "4.7", "4.8", "4.10")
+            if n in numbers
+        ],
+        iterations=figures.iterations(tuner, verified),
+    )
+    return {
+        "robot": robot,
+        "final": [
+            {"joint": c.joint, "frequency_hz": c.frequency_hz, "amplitude_nm": c.amplitude_nm}
+            for c in choices
+        ],
+        "mean_reduction_percent": mean,
+        "reduction_percent": reductions,
+        "largest_base_difference_percent": None if np.isnan(worst) else worst,
+        "warnings": warnings,
+        "report": str(tuner.out / "report.md"),
+    }

@@ -1,0 +1,316 @@
+"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol.
+
+found = tune("panda", table="base.csv", out="runs/panda")
+print(found)
+gym_dither = found.final
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+
+from stiction_envs.dither.aliasing import check_frequency
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import (
+    Protocol,
+)
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
+from stiction_envs.friction.sticking import Friction, Robot, friction_origin
+from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
+from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.output_folder import OutputFolder, default_folder
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.result import Result
+from stiction_envs.version import __version__
+from tuning.protocol.report import write_report
+from tuning.protocol.rules import frequencies_of
+from tuning.protocol.stages import Progress, ThesisTuner, study_of
+from tuning.settings import TuningSettings, tuning_settings
+
+
+def _fingerprint(
+    experiment: SingleJointExperiment, iterations: int | None, extra: dict[str, Any]
+) -> dict[str, Any]:
+    p = experiment.sticking.parameters
+    return {
+        "version": __version__,
+        "model": experiment.sticking.arm.xml,
+        "friction": {k: getattr(p, k).tolist() for k in QUANTITIES},
+        "protocol": dataclasses.asdict(experiment.protocol),
+        "rate_hz": experiment.interface.controller_rate_hz,
+        "lowpass_hz": experiment.interface.lowpass_hz,
+        "scatter": experiment.scatter,
+        "seed": experiment.seed,
+        "iterations": iterations,
+        **extra,
+    }
+
+
+def _check(
+    frequencies: tuple[float, ...], scales: tuple[float, ...], most: float, rate_hz: float
+) -> list[str]:
+    """Return warnings about frequencies above half the controller's rate; raise on bad ones."""
+    if not frequencies or not scales:
+        raise StictionError("at least one frequency and one scale are needed")
+    if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
+        raise StictionError("frequencies and scales must not repeat: expected each once")
+    for scale in scales:
+        if not (np.isfinite(scale) and 0 < scale <= most):
+            raise StictionError(f"scale {scale}: expected above 0 up to {most:g}")
+    return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tuning(Result):
+    """Result of a tuning; its files are in `folder`."""
+
+    summary: dict[str, Any]
+    """What ``stiction tune --json`` prints."""
+    final: tuple[AmplitudeRow, ...]
+    """Dither of every joint, the rows of ``final.csv``."""
+    folder: Path
+    """Where its tables, report and plots are."""
+    provenance: dict[str, Any]
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm."""
+        return str(self.summary["robot"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return final table, reductions, warnings and the path of the report."""
+        return self.summary
+
+    def write(self, folder: Path) -> None:
+        """Copy tables, report and plots."""
+        leave = shutil.ignore_patterns("provenance.json")
+        shutil.copytree(self.folder, folder, ignore=leave, dirs_exist_ok=True)
+
+    def __repr__(self) -> str:
+        return f"<Tuning of {self.robot}: {len(self.final)} joints, in {self.folder}>"
+
+    def __str__(self) -> str:
+        return describe(self.summary)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a tuning as a readable table."""
+    lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
+    lines += [
+        f"{r['joint']:<8}{r['frequency_hz']:>16g}{r['amplitude_nm']:>18.4f}"
+        for r in summary["final"]
+    ]
+    mean = summary["mean_reduction_percent"]
+    if mean is not None:
+        lines.append(f"torque to move a joint, mean over all configurations: {-mean:+.1f} %")
+    return "\n".join(lines)
+
+
+def tune(
+    robot: Robot,
+    *,
+    table: str | Path | BaseTable | None = None,
+    out: str | Path | OutputFolder | None = None,
+    force: bool = False,
+    frequencies: Sequence[float] | None = None,
+    scales: Sequence[float] | None = None,
+    iterations: int | None = None,
+    scatter: bool = True,
+    seed: int = 0,
+    storage: str | None = None,
+    study: str | None = None,
+    sampler: str = "grid",
+    friction: Friction | None = None,
+    protocol: Protocol | None = None,
+    threads: int = 0,
+    progress: Progress | None = None,
+    settings: TuningSettings | Changes | None = None,
+) -> Tuning:
+    """Find the dither of every joint by the thesis's protocol, and verify it.
+
+    Measurements are written at once: after an interruption, the same call continues.
+
+    Args:
+        robot: name, model file, arm, or an arm with its friction (`load_model`).
+        table: measured base torques, or their file; the friction is calibrated to them first.
+            None tunes with the friction as it is.
+        out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
+            final.yaml (the same for ROS 2), verification.csv, report.md, plots, friction.toml,
+            optuna.db. None for ``runs/tune-ROBOT``.
+        force: whether the files of another run in it are replaced.
+        frequencies: frequencies to try [Hz]; None for the thesis's for that robot.
+        scales: amplitude over base torque [-]; None for 0.8, 1.0, 1.2.
+        iterations: per configuration; None for the protocol's.
+        scatter: whether iterations differ.
+        seed: seed of the scatter.
+        storage: Optuna storage URL; None for a SQLite file in ``out``.
+        study: prefix of the studies' names; None for the arm's name.
+        sampler: "grid": the protocol is a grid.
+        friction: parameters to start from, or their TOML; None for the robot's own.
+        protocol: protocol of the experiment; None for the robot's.
+        threads: threads, 0 for all processors.
+        progress: called with (stage, simulated seconds done, total).
+        settings: constants of the protocol that differ from ``settings.toml``: by name
+            (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
+
+    Raises:
+        StictionError: bad input, or an output folder of another run; nothing was written.
+        ExperimentError: a joint that sticks, a calibration that does not converge.
+    """
+    if sampler != "grid":
+        raise StictionError(f"sampler {sampler!r} with protocol 'thesis': expected grid")
+    experiment = SingleJointExperiment(
+        robot, friction=friction, protocol=protocol, scatter=scatter, seed=seed, threads=threads
+    )
+    arm = experiment.sticking.arm
+    chosen = override(tuning_settings(), settings)
+    s = chosen.thesis
+    tried = frequencies_of(arm.registered_name, s) if frequencies is None else tuple(frequencies)
+    sizes = tuple(s.scales if scales is None else scales)
+    warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
+    for text in warned:
+        warnings.warn(text, stacklevel=2)
+    files = {"table": Path(table)} if isinstance(table, str | Path) else {}
+    if isinstance(table, str | Path):
+        # a user's own file of the arm may name it differently
+        table = read_base(table, arm.registered_name, arm.n)
+    if table is not None and table.n_joints != arm.n:
+        raise StictionError(f"base table of {table.n_joints} joints, but {arm.name} has {arm.n}")
+    extra: dict[str, Any] = {
+        "frequencies": tried,
+        "scales": sizes,
+        "table": None if table is None else table.tau.tolist(),
+        "settings": dataclasses.asdict(s),
+    }
+    folder = out
+    if not isinstance(folder, OutputFolder):
+        made = {**_fingerprint(experiment, iterations, extra), "storage": storage, "study": study}
+        folder = OutputFolder(
+            default_folder("tune", arm.name) if folder is None else Path(folder),
+            provenance("tune", made, seed=seed, inputs=files),
+            force=force,
+            resumable=True,
+        )
+    defining = _fingerprint(experiment, iterations, extra)
+    about = {
+        **defining,
+        "robot": arm.name,
+        "protocol": "thesis",
+        "experiment": defining["protocol"],
+    }
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if storage is not None:  # report errors of the storage before anything is written
+        study_of("base", storage, study or arm.name, about, chosen.shared)
+    try:
+        with folder:
+            return run_protocol(
+                experiment,
+                folder,
+                about,
+                table=table,
+                origin=friction_origin(robot, friction),
+                frequencies=tried,
+                scales=sizes,
+                iterations=iterations,
+                storage=storage,
+                study=study,
+                warned=warned,
+                progress=progress,
+                settings=chosen,
+            )
+    except StictionError as error:
+        if folder.resumed or folder.wrote:  # something was written
+            raise ExperimentError(str(error)) from error
+        raise
+
+
+def run_protocol(
+    experiment: SingleJointExperiment,
+    folder: OutputFolder,
+    about: Mapping[str, Any],
+    *,
+    table: BaseTable | None,
+    origin: Path | FrictionParameters,
+    frequencies: tuple[float, ...],
+    scales: tuple[float, ...],
+    iterations: int | None,
+    storage: str | None,
+    study: str | None,
+    warned: list[str],
+    progress: Progress | None,
+    settings: TuningSettings,
+) -> Tuning:
+    """Run the protocol in an existing folder; most arguments are those of `tune`.
+
+    Args:
+        origin: source of the friction that a calibration starts from.
+    """
+    arm = experiment.sticking.arm
+    if table is not None:
+        experiment = _calibrated(experiment, table, origin, folder.path, progress)
+    tuner = ThesisTuner(
+        experiment=experiment,
+        out=folder.path,
+        about=about,
+        frequencies=frequencies,
+        scales=scales,
+        iterations=iterations,
+        storage=storage,
+        study=study or arm.name,
+        progress=progress,
+        settings=settings,
+    )
+    tuner.run_base()
+    tuner.run_grid()
+    best = tuner.run_frequencies()
+    choices = tuner.choose(best, tuner.run_scales(best))
+    tuner.write_final(choices)
+    verified = tuner.verify(choices)
+    return Tuning(
+        summary=write_report(tuner, choices, verified, table=table, warnings=warned),
+        final=tuple(AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices),
+        folder=folder.path,
+        provenance=folder.provenance,
+    )
+
+
+def _calibrated(
+    experiment: SingleJointExperiment,
+    table: BaseTable,
+    origin: Path | FrictionParameters,
+    out: Path,
+    progress: Progress | None,
+) -> SingleJointExperiment:
+    """Return the experiment with friction calibrated to the table; kept in friction.toml."""
+    path = out / "friction.toml"
+    if not path.exists():
+        result = calibrate(
+            table,
+            experiment,
+            progress=None if progress is None else lambda k, e: progress("calibrate", k, 10),
+        )
+        write_text_atomic(
+            path,
+            calibrated_toml(
+                result,
+                origin,
+                f"base torques of {table.robot}",
+                repr(table.tau.tolist()).encode(),
+            ),
+        )
+    arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
+    sticking = build(arm, load_friction(path, arm.n), timestep=timestep)
+    return experiment.replace(sticking=sticking)

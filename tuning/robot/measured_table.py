@@ -1,0 +1,148 @@
+"""Tables of torques that a user measured on a real robot: read, and checked for units.
+
+Columns are as in an SJE table; ``std_nm``, ``iterations`` and ``reduction`` may be left out. A
+torque of ``nan`` means that the joint stuck or the run failed; an empty one was not measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import Line, read_lines
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow
+from stiction_envs.measured.thesis_robots import our_name
+from tuning.robot.prediction import allowed
+from tuning.search.bounds import Bounds
+from tuning.settings import RobotSettings
+
+REQUIRED, OPTIONAL = SJE_COLUMNS[:7], SJE_COLUMNS[7:]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredRow:
+    """One measured torque."""
+
+    joint: int
+    """Number of the joint, from 1."""
+    load: str
+    direction: str
+    frequency_hz: float
+    """Frequency [Hz]; 0 without dither."""
+    amplitude_nm: float
+    """Amplitude [N·m]; 0 without dither."""
+    tau_nm: float
+    """Signed torque [N·m]; NaN: the joint stuck, or the run failed."""
+    where: str
+    """File and line."""
+
+    @property
+    def is_base(self) -> bool:
+        """Whether it was measured without dither."""
+        return self.amplitude_nm == 0
+
+    @property
+    def setting(self) -> tuple[int, float, float]:
+        """Joint, frequency [Hz], amplitude [N·m]."""
+        return self.joint, self.frequency_hz, self.amplitude_nm
+
+    @property
+    def cell(self) -> tuple[int, str, str]:
+        """Joint, pose, direction."""
+        return self.joint, self.load, self.direction
+
+
+def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
+    """Return the rows of a table that contain a measurement, in its order.
+
+    Raises:
+        StictionError: no such table, another robot's rows, unknown joints, or no measurement.
+    """
+    rows = []
+    for line in read_lines(path, REQUIRED, OPTIONAL):
+        if our_name(line.text("robot")) != our_name(robot):
+            raise line.error(f"robot is {line.fields['robot']!r}: expected {robot}")
+        row = MeasuredRow(
+            joint=line.whole("joint", 1, n_joints),
+            load=line.name("load", LOADS),
+            direction=line.name("direction", DIRECTIONS),
+            frequency_hz=line.number("frequency_hz"),
+            amplitude_nm=line.number("amplitude_nm"),
+            tau_nm=_torque(line),
+            where=line.where,
+        )
+        if row.frequency_hz < 0 or row.amplitude_nm < 0:
+            raise line.error("frequency_hz and amplitude_nm: expected >= 0")
+        if row.amplitude_nm > 0 and row.frequency_hz == 0:
+            raise line.error("frequency_hz is 0: expected > 0, or 0 with amplitude_nm 0")
+        if line.fields["tau_nm"]:
+            rows.append(row)
+    if not rows:
+        raise StictionError(f"{path}: every tau_nm is empty: expected a measured torque, or nan")
+    return rows
+
+
+def check_measured(
+    rows: Iterable[MeasuredRow],
+    bounds: Bounds,
+    base_nm: Mapping[tuple[int, str, str], float],
+    settings: RobotSettings,
+) -> None:
+    """Raise where a row cannot be a measurement of this arm within its bounds, in SI units.
+
+    Args:
+        rows: of a table.
+        bounds: bounds of the settings.
+        base_nm: rough |base torque| of every cell [N·m]; measured ones in the table override it.
+        settings: largest allowed factors between a torque and its base torque.
+
+    Raises:
+        StictionError: it cannot; the message names the line.
+    """
+    rows = list(rows)
+    base = dict(base_nm)
+    for row in (r for r in rows if r.is_base and math.isfinite(r.tau_nm)):
+        _check_torque(row, base_nm[row.cell], settings.base_factor, settings.base_factor)
+        base[row.cell] = abs(row.tau_nm)
+    for row in rows:
+        if row.is_base:
+            continue
+        setting = AmplitudeRow(row.joint, row.frequency_hz, row.amplitude_nm)
+        if not allowed(bounds, setting):
+            raise StictionError(f"{row.where}: {_beyond(bounds, setting)}")
+        if math.isfinite(row.tau_nm):
+            _check_torque(row, base[row.cell], math.inf, settings.most_ratio)
+
+
+def _torque(line: Line) -> float:
+    return line.number("tau_nm", nan=True) if line.fields["tau_nm"] else math.nan
+
+
+def _check_torque(row: MeasuredRow, base: float, below: float, above: float) -> None:
+    """Raise unless a torque has its direction's sign and is within factors of the base torque."""
+    sign = 1.0 if row.direction == "+" else -1.0
+    what = f"{row.where}: tau_nm is {row.tau_nm:g}"
+    if sign * row.tau_nm <= 0:
+        expected = "> 0" if sign > 0 else "< 0"
+        raise StictionError(f"{what} in direction {row.direction}: expected {expected}")
+    if not base / below <= abs(row.tau_nm) <= base * above:
+        low = f"{base / below:.3g} to " if math.isfinite(below) else "up to "
+        raise StictionError(
+            f"{what}: expected {low}{base * above:.3g} N·m (the base torque is about {base:.3g})"
+        )
+
+
+def _beyond(bounds: Bounds, row: AmplitudeRow) -> str:
+    """Return which bound a setting exceeds."""
+    low, high = bounds.frequency_hz[row.joint - 1]
+    if not low <= row.frequency_hz <= high:
+        return f"frequency_hz is {row.frequency_hz:g}: expected {low:g} to {high:g} Hz"
+    if bounds.forbidden(row.joint, row.frequency_hz) > 0:
+        bands = ", ".join(f"{a:g} to {b:g}" for a, b in bounds.forbidden_hz[row.joint - 1])
+        return f"frequency_hz is {row.frequency_hz:g}: expected outside of {bands} Hz"
+    least = bounds.amplitude_nm[row.joint - 1, 0]
+    most = bounds.largest(row.joint, row.frequency_hz)
+    return f"amplitude_nm is {row.amplitude_nm:g}: expected {least:.3g} to {most:.3g} N·m there"

@@ -1,0 +1,330 @@
+"""Current results of a robot's study: tables to measure, the best settings, report and plot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.assumed import friction_note
+from stiction_envs.measured import AmplitudeRow, write_final
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
+from stiction_envs.reporting.markdown import number, table_text
+from stiction_envs.reporting.png import save_full
+from stiction_envs.reporting.templates import write_md_and_html
+from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
+from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
+from tuning.robot.posterior import Posterior, posterior_of
+from tuning.robot.robot_study import BaseTorques, Predicted, readings
+from tuning.settings import RobotSettings
+from tuning.study.record import Record
+
+TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
+INTERVAL = 1.96
+"""Half of a 95 % interval over the standard deviation."""
+SIMULATED, MEASURED, BELIEVED = "#8a8a8a", "#d1701a", "#1f5fa8"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointState:
+    """Current results of one joint."""
+
+    candidates: Candidates
+    readings: Readings
+    posterior: Posterior
+    asked: tuple[int, ...]
+    """Settings to measure next; none where it is not worth it."""
+    best: int | None
+    """Setting with the lowest posterior mean among those measured in all four configurations."""
+    chance: float
+    """Probability that an untried setting is better by more than the tolerance [-]."""
+
+    def row(self, setting: int) -> AmplitudeRow:
+        """Return a setting as a row of an amplitude table."""
+        c = self.candidates
+        return AmplitudeRow(
+            c.joint, float(c.frequency_hz[setting]), float(c.amplitude_nm[setting, 0])
+        )
+
+    @property
+    def chosen(self) -> int:
+        """The best measured setting, or else the best predicted one."""
+        mean = np.where(self.candidates.eligible, self.posterior.mean, np.inf)
+        return int(mean.argmin()) if self.best is None else self.best
+
+    @property
+    def final(self) -> AmplitudeRow:
+        """The row of final.csv: no dither where it is not expected to lower the torque."""
+        if self.posterior.mean[self.chosen] >= 1.0:
+            return AmplitudeRow(self.candidates.joint, 0.0, 0.0)
+        return self.row(self.chosen)
+
+    def measured(self) -> dict[int, float]:
+        """Return the mean measured |τ|/|τ_base| of settings, over the configurations read."""
+        out = {}
+        r = self.readings
+        for setting in np.unique(r.setting[r.valid]):
+            here = r.valid & (r.setting == setting)
+            cells = [r.ratio[here & (r.configuration == c)] for c in range(4)]
+            out[int(setting)] = float(np.mean([x.mean() for x in cells if len(x)]))
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Current results of a robot."""
+
+    robot: str
+    joint_names: tuple[str, ...]
+    """Names of all the arm's joints."""
+    joints: tuple[JointState, ...]
+    missing: tuple[tuple[int, str, str], ...]
+    """Cells whose base torque was not measured: (joint, pose, direction)."""
+    settings: RobotSettings
+    told: int = 0
+    """Number of settings that were new in the last table."""
+    note: str = ""
+    """Shown at the top of the report."""
+
+    @property
+    def asked(self) -> list[tuple[int, AmplitudeRow]]:
+        """Settings to measure next, each with its number (1, 2, …) within its joint."""
+        return [(k, j.row(s)) for j in self.joints for k, s in enumerate(j.asked, 1)]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what ``stiction tune --ask --json`` prints."""
+        joints = []
+        for j in self.joints:
+            believed = j.posterior.mean[j.chosen]
+            joints.append(
+                {
+                    "joint": j.candidates.joint,
+                    "measured_settings": len(j.measured()),
+                    "believed_reduction": float(1.0 - believed),
+                    "half_interval": float(INTERVAL * j.posterior.sd[j.chosen]),
+                    "chance_of_better": j.chance,
+                    "stop": not j.asked,
+                }
+            )
+        return {
+            "robot": self.robot,
+            "ask": [
+                {**dict(zip(AMPLITUDE_COLUMNS, _cells(r), strict=True)), "setting": k}
+                for k, r in self.asked
+            ],
+            "final": [
+                dict(zip(AMPLITUDE_COLUMNS, _cells(j.final), strict=True)) for j in self.joints
+            ],
+            "joints": joints,
+            "told": self.told,
+        }
+
+
+def state_of(
+    experiment: SingleJointExperiment,
+    record: Record,
+    predicted: Predicted,
+    settings: RobotSettings,
+    count: int,
+) -> State:
+    """Return the present state of the study, and up to ``count`` settings per joint to measure."""
+    told = readings(record, predicted, settings.same)
+    joints = []
+    for j, c in sorted(predicted.candidates.items()):
+        posterior = posterior_of(c, told[j], settings)
+        chance = chance_of_better(posterior, told[j], settings)
+        asked = []
+        if chance >= 1.0 - settings.confidence:
+            asked = next_settings(c, told[j], count, settings)
+        joints.append(
+            JointState(
+                candidates=c,
+                readings=told[j],
+                posterior=posterior,
+                asked=tuple(asked),
+                best=best_measured(posterior, told[j]),
+                chance=chance,
+            )
+        )
+    base = BaseTorques(record)
+    cells = [(j, *cell) for j in sorted(predicted.candidates) for cell in CONFIGURATIONS]
+    return State(
+        robot=experiment.sticking.arm.name,
+        joint_names=experiment.sticking.arm.joint_names,
+        joints=tuple(joints),
+        missing=tuple(cell for cell in cells if not base.measured(cell)),
+        settings=settings,
+        note=friction_note(experiment.sticking.arm, experiment.sticking.parameters),
+    )
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return ask.csv's text and a line of advice."""
+    rows = summary["ask"]
+    lines = [ask_text(rows)] if rows else []
+    stopped = [j for j in summary["joints"] if j["stop"]]
+    if stopped:
+        named = ", ".join(str(j["joint"]) for j in stopped)
+        lines.append(f"done: joints {named}: no untried setting is likely to be better")
+    return "\n".join(lines)
+
+
+def ask_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows of `State.to_json` as CSV text."""
+    header = _ask_columns(max(r["setting"] for r in rows))
+    return "\n".join([",".join(header), *(",".join(str(r[c]) for c in header) for r in rows)])
+
+
+def write_state(folder: Path, state: State, *, asked: bool) -> None:
+    """Write final.csv, final.yaml, report.md, belief.png; if ``asked``, ask.csv and measure.csv."""
+    write_final(folder, [j.final for j in state.joints], state.joint_names)
+    if asked:
+        _write_asked(folder, state)
+    draw(state, folder / "belief.png")
+    words = _words(state)
+    title = f"Dither for {words['robot']}, beside the robot"
+    write_md_and_html(folder, TEMPLATE, title, note=state.note, **words)
+
+
+def _ask_columns(most: int) -> tuple[str, ...]:
+    """Columns of ask.csv: an amplitude table; the number within the joint if there are several."""
+    return AMPLITUDE_COLUMNS if most == 1 else (*AMPLITUDE_COLUMNS, "setting")
+
+
+def _cells(row: AmplitudeRow) -> tuple[int, float, float]:
+    return row.joint, row.frequency_hz, row.amplitude_nm
+
+
+def _write_asked(folder: Path, state: State) -> None:
+    """Write ask.csv, and measure.csv: every cell to measure, with an empty torque."""
+    if not state.asked:
+        for name in ("ask.csv", "measure.csv"):
+            (folder / name).unlink(missing_ok=True)
+        return
+    header = _ask_columns(max(k for k, _ in state.asked))
+    write_lines(
+        folder / "ask.csv", header, [(*_cells(r), k)[: len(header)] for k, r in state.asked]
+    )
+    rows: list[tuple[Any, ...]] = []
+    open_joints = {row.joint for _, row in state.asked}
+    for joint, load, direction in state.missing:
+        if joint in open_joints:
+            rows.append((state.robot, joint, load, direction, 0.0, 0.0))
+    for j in state.joints:
+        done = j.readings.done(len(j.candidates))
+        for s in j.asked:
+            _, frequency, amplitude = _cells(j.row(s))
+            rows += [
+                (state.robot, j.candidates.joint, *cell, frequency, amplitude)
+                for c, cell in enumerate(CONFIGURATIONS)
+                if not done[s, c]
+            ]
+    empty = ("",) * (len(SJE_COLUMNS) - 6)
+    write_lines(folder / "measure.csv", SJE_COLUMNS, [(*row, *empty) for row in rows])
+
+
+def draw(state: State, path: Path) -> None:
+    """Draw prediction, measurements and posterior with its interval, a panel per joint."""
+    columns = min(4, len(state.joints))
+    lines = -(-len(state.joints) // columns)
+    figure = Figure(figsize=(3.6 * columns, 2.9 * lines + 0.5), layout="constrained")
+    grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, j in zip(grid, state.joints, strict=False):
+        order = np.argsort(j.candidates.predicted.mean(axis=1), kind="stable")
+        place = {int(s): x for x, s in enumerate(order)}
+        x, percent = np.arange(len(order)), 100 * (1 - j.posterior.mean[order])
+        half = 100 * INTERVAL * j.posterior.sd[order]
+        axes.fill_between(x, percent - half, percent + half, color=BELIEVED, alpha=0.15, lw=0)
+        axes.plot(x, percent, color=BELIEVED, lw=1.2, label="believed, 95 % interval")
+        predicted = 100 * (1 - j.candidates.predicted.mean(axis=1)[order])
+        axes.plot(x, predicted, ":", color=SIMULATED, lw=1.2, label="simulated")
+        found = j.measured()
+        axes.plot(
+            [place[s] for s in found],
+            [100 * (1 - v) for v in found.values()],
+            "o",
+            color=MEASURED,
+            ms=5,
+            label="measured",
+        )
+        for s in j.asked:
+            axes.axvline(place[s], color="0.4", lw=0.8, ls="--")
+        axes.set_title(f"joint {j.candidates.joint}", fontsize=10)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("settings, best in simulation first", fontsize=8)
+        axes.set_ylabel("reduction [%]", fontsize=8)
+        axes.grid(alpha=0.3)
+    for axes in grid[len(state.joints) :]:
+        axes.axis("off")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    save_full(figure, path)
+
+
+def _words(state: State) -> dict[str, Any]:
+    """Return the variables of the report's template."""
+    s = state.settings
+    best = []
+    for j in state.joints:
+        row, at = j.final, j.chosen
+        best.append(
+            [
+                str(row.joint),
+                f"{number(row.frequency_hz)} Hz, {number(row.amplitude_nm, 3)} N·m",
+                "measured" if j.best is not None else "predicted only",
+                _interval(j, at),
+                str(len(j.measured())),
+                f"{number(100 * j.chance, 0)} %",
+                "go on" if j.asked else "stop",
+            ]
+        )
+    joints = []
+    for j in state.joints:
+        found = j.measured()
+        mean = j.posterior.mean.tolist()
+        shown = sorted({*found, *j.asked, j.chosen}, key=mean.__getitem__)
+        rows = []
+        for k in shown:
+            row = j.row(k)
+            note = "next" if k in j.asked else ""
+            if j.readings.failed(len(j.candidates))[k]:
+                note = "stuck in a configuration"
+            elif not j.candidates.eligible[k]:
+                note = "shakes more than the limit"
+            rows.append(
+                [
+                    number(row.frequency_hz),
+                    number(row.amplitude_nm, 3),
+                    number(100 * (1 - float(j.candidates.predicted[k].mean()))),
+                    number(100 * (1 - found.get(k, math.nan))),
+                    _interval(j, k),
+                    f"{1e3 * float(np.sqrt(np.mean(j.candidates.displacement[k] ** 2))):.3f}",
+                    note,
+                ]
+            )
+        header = ["f [Hz]", "A [N·m]", "simulated [%]", "measured [%]", "believed [%]"]
+        joints.append((j.candidates.joint, table_text([*header, "displacement [mrad]", ""], rows)))
+    header = ["joint", "best setting", "", "believed reduction [%]", "settings measured"]
+    return {
+        "robot": state.robot,
+        "best": table_text([*header, "chance that another is better", "advice"], best),
+        "joints": joints,
+        "stop": [j.candidates.joint for j in state.joints if not j.asked],
+        "go_on": [j.candidates.joint for j in state.joints if j.asked],
+        "tolerance": 100 * s.tolerance,
+        "confidence": 100 * s.confidence,
+        "missing": len(state.missing),
+        "cells": 4 * len(state.joints),
+    }
+
+
+def _interval(j: JointState, setting: int) -> str:
+    mean, half = j.posterior.mean[setting], INTERVAL * j.posterior.sd[setting]
+    return f"{number(100 * (1 - float(mean)))} ± {number(100 * float(half))}"

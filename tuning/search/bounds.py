@@ -1,0 +1,270 @@
+"""Bounds of a search: amplitudes, frequencies and gates of every joint, and what is forbidden.
+
+A setting's amplitude is drawn as a share of the largest one *at its frequency*, so that no setting
+passes the limits of torque and torque rate. Forbidden bands (resonances) are a constraint: a
+setting in one is not simulated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
+
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.measured import AmplitudeRow
+from tuning.settings import BoundsSettings, tuning_settings
+
+Array = NDArray[np.float64]
+OPTIONS = ("waveform", "offset")
+"""Parameters that may be searched besides amplitude and frequency."""
+PER_JOINT = ("amplitude_nm", "frequency_hz", "displacement_rad", "forbidden_hz")
+WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm", "gate_rad_s")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bounds:
+    """Range of a search on an arm of n joints."""
+
+    amplitude_nm: Array
+    """(n, 2) [N·m]."""
+    frequency_hz: Array
+    """(n, 2) [Hz]."""
+    torque_rate: Array
+    """(n,) [N·m/s]; inf is no limit."""
+    offset_nm: Array
+    """(n,) largest offset either way [N·m]."""
+    gate_rad_s: tuple[float, float]
+    """Slowest and fastest gate [rad/s]."""
+    forbidden_hz: tuple[tuple[tuple[float, float], ...], ...]
+    """Per joint, bands that no setting may lie in [Hz]."""
+    displacement_rad: Array
+    """(n,) largest oscillation of a joint in the SJE, root mean square [rad]; NaN: a table's."""
+    vibration_m: tuple[float, float]
+    """Largest vibration in the GTE, moving and at rest, root mean square [m]; NaN: a table's."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.torque_rate)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+
+    def largest(self, joint: int, frequency_hz: float) -> float:
+        """Return the largest amplitude of a joint (from 1) at a frequency [N·m]."""
+        rate = self.torque_rate[joint - 1] / (2 * np.pi * frequency_hz)
+        return float(min(self.amplitude_nm[joint - 1, 1], rate))
+
+    def forbidden(self, joint: int, frequency_hz: float) -> float:
+        """Return how deep a frequency lies in a forbidden band [Hz]; at most 0 outside of all."""
+        depth = [
+            min(frequency_hz - low, high - frequency_hz)
+            for low, high in self.forbidden_hz[joint - 1]
+        ]
+        return max(depth, default=-np.inf)
+
+    def space(self, joint: int, options: tuple[str, ...] = ()) -> dict[str, BaseDistribution]:
+        """Return the parameters of one joint's setting and their ranges."""
+        low, high = self.frequency_hz[joint - 1]
+        out: dict[str, BaseDistribution] = {
+            "frequency_hz": FloatDistribution(float(low), float(high), log=True),
+            "amplitude": FloatDistribution(0.0, 1.0),
+        }
+        if "waveform" in options:
+            out["waveform"] = CategoricalDistribution([w for w in WAVEFORMS if w != "random"])
+        if "offset" in options:
+            most = float(self.offset_nm[joint - 1])
+            out["offset_nm"] = FloatDistribution(-most, most)
+        return out
+
+    def setting(self, joint: int, parameters: Mapping[str, Any]) -> AmplitudeRow:
+        """Return the dither that parameters of `space` describe."""
+        frequency = float(parameters["frequency_hz"])
+        low, high = self.amplitude_nm[joint - 1, 0], self.largest(joint, frequency)
+        return AmplitudeRow(
+            joint,
+            frequency,
+            float(low + parameters["amplitude"] * max(high - low, 0.0)),
+            parameters.get("waveform", DEFAULT_WAVEFORM),
+            float(parameters.get("offset_nm", 0.0)),
+            float(parameters.get("gate_rad_s", 0.0)),
+        )
+
+    def share(self, row: AmplitudeRow) -> dict[str, float]:
+        """Return the parameters of `space` that are nearest to a dither."""
+        low, high = self.frequency_hz[row.joint - 1]
+        frequency = float(np.clip(row.frequency_hz or high, low, high))
+        least, most = self.amplitude_nm[row.joint - 1, 0], self.largest(row.joint, frequency)
+        share = (row.amplitude_nm - least) / max(most - least, 1e-12)
+        return {"frequency_hz": frequency, "amplitude": float(np.clip(share, 0.0, 1.0))}
+
+    def met(self, row: AmplitudeRow, tolerance: float = 0.01) -> list[str]:
+        """Return which bounds a setting lies on, in words."""
+        low, high = self.frequency_hz[row.joint - 1]
+        most = self.largest(row.joint, row.frequency_hz) if row.frequency_hz else np.inf
+        out = []
+        if row.amplitude_nm and row.frequency_hz <= low * (1 + tolerance):
+            out.append(f"lowest frequency {low:g} Hz")
+        if row.amplitude_nm and row.frequency_hz >= high * (1 - tolerance):
+            out.append(f"highest frequency {high:g} Hz")
+        if row.amplitude_nm >= most * (1 - tolerance):
+            rate = most < self.amplitude_nm[row.joint - 1, 1]
+            out.append("torque rate" if rate else f"largest amplitude {most:.3g} N·m")
+        return out
+
+
+def bounds_of(
+    experiment: SingleJointExperiment,
+    file: Path | str | None = None,
+    settings: BoundsSettings | None = None,
+) -> Bounds:
+    """Return the bounds of an arm, changed by a user's file.
+
+    Args:
+        experiment: the arm, for its limits and base torques.
+        file: TOML with ``[all]``, ``[joint.N]`` (`PER_JOINT`) and ``[arm]`` (`WHOLE_ARM`).
+        settings: constants; None for those of ``settings.toml``.
+
+    Raises:
+        StictionError: a file that cannot be read, or bounds that leave nothing.
+    """
+    s = tuning_settings().bounds if settings is None else settings
+    n, arm = experiment.n, experiment.sticking.arm
+    base = np.zeros(n)
+    for job in experiment.jobs():
+        j = job.configuration.joint - 1
+        base[j] = max(base[j], experiment.expected(job))
+    half = experiment.interface.controller_rate_hz / 2
+    low, high = s.frequency_hz
+    amplitude = np.minimum(s.largest_scale * base, arm.limits.torque)
+    out = Bounds(
+        amplitude_nm=np.stack([np.zeros(n), amplitude], axis=1),
+        frequency_hz=np.tile([low, min(high, 0.9 * half)], (n, 1)),
+        torque_rate=np.array(experiment.interface.torque_rate),
+        offset_nm=s.offset_scale * base,
+        gate_rad_s=s.gate_rad_s,
+        forbidden_hz=((),) * n,
+        displacement_rad=np.full(n, np.nan),
+        vibration_m=(np.nan, np.nan),
+    )
+    if file is not None:
+        out = _changed(out, Path(file), arm.limits.torque, half)
+    for j in range(n):
+        f_low, f_high = out.frequency_hz[j]
+        a_low, a_high = out.amplitude_nm[j]
+        where = f"{'bounds' if file is None else file}: joint {j + 1}"
+        if not 0 < f_low < f_high:
+            raise StictionError(
+                f"{where}: frequencies from {f_low:g} to {f_high:g} Hz: expected 0 < low < high"
+            )
+        if not 0 <= a_low < a_high or out.largest(j + 1, float(f_low)) <= a_low:
+            raise StictionError(
+                f"{where}: amplitudes from {a_low:g} to {out.largest(j + 1, float(f_low)):g} N·m "
+                "leave nothing: expected 0 <= low < high within torque and torque rate"
+            )
+        tried = np.geomspace(f_low, f_high, 2000)
+        if all(out.forbidden(j + 1, float(f)) > 0 for f in tried):
+            raise StictionError(
+                f"{where}: forbidden_hz leaves no frequency from {f_low:g} to {f_high:g} Hz"
+            )
+    return out
+
+
+def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) -> Bounds:
+    """Return bounds changed by a user's file; a joint's own table overrides ``[all]``."""
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise StictionError(f"{file}: cannot be read as TOML ({error})") from None
+    joints, arm = table.get("joint", {}), table.get("arm", {})
+    numbers = tuple(str(j + 1) for j in range(bounds.n))
+    _check_names(table, f"{file}: ", "table", ("all", "joint", "arm"))
+    _check_names(joints, f"{file}: ", "[joint]", numbers)
+    _check_names(arm, f"{file}: [arm]: ", "key", WHOLE_ARM)
+    amplitude, frequency = bounds.amplitude_nm.copy(), bounds.frequency_hz.copy()
+    displacement, forbidden = bounds.displacement_rad.copy(), list(bounds.forbidden_hz)
+    for j, name in enumerate(numbers):
+        mine = {**table.get("all", {}), **joints.get(name, {})}
+        _check_names(mine, f"{file}: ", "key", PER_JOINT)
+        where = f"{file}: joint {name}: "
+        if "amplitude_nm" in mine:
+            amplitude[j] = _pair(mine["amplitude_nm"], f"{where}amplitude_nm")
+            if amplitude[j, 1] > torque_limit[j]:
+                raise StictionError(
+                    f"{where}amplitude_nm is {amplitude[j, 1]:g}: expected at most the torque "
+                    f"limit, {torque_limit[j]:g} N·m"
+                )
+        if "frequency_hz" in mine:
+            frequency[j] = _pair(mine["frequency_hz"], f"{where}frequency_hz")
+            if frequency[j, 1] >= half_rate:
+                raise StictionError(
+                    f"{where}frequency_hz is {frequency[j, 1]:g}: expected below half the "
+                    f"controller's rate, {half_rate:g} Hz"
+                )
+        if "displacement_rad" in mine:
+            displacement[j] = _positive(mine["displacement_rad"], f"{where}displacement_rad")
+        if "forbidden_hz" in mine:
+            forbidden[j] = _bands(mine["forbidden_hz"], f"{where}forbidden_hz")
+    moving, resting = (
+        _positive(arm[key], f"{file}: {key}") / 1e3 if key in arm else now
+        for key, now in zip(WHOLE_ARM[:2], bounds.vibration_m, strict=True)
+    )
+    gate = bounds.gate_rad_s
+    if "gate_rad_s" in arm:
+        gate = _pair(arm["gate_rad_s"], f"{file}: gate_rad_s")
+        if gate[0] <= 0:
+            raise StictionError(f"{file}: gate_rad_s is {list(gate)}: expected 0 < low < high")
+    return dataclasses.replace(
+        bounds,
+        amplitude_nm=amplitude,
+        frequency_hz=frequency,
+        displacement_rad=displacement,
+        forbidden_hz=tuple(forbidden),
+        vibration_m=(moving, resting),
+        gate_rad_s=gate,
+    )
+
+
+def _check_names(table: Mapping[str, Any], where: str, kind: str, known: Sequence[str]) -> None:
+    for name in table:
+        if name not in known:
+            raise StictionError(f"{where}{unknown(kind, name, known)}")
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise StictionError(f"{where} is {value!r}: expected a finite number")
+    return float(value)
+
+
+def _positive(value: Any, where: str) -> float:
+    number = _number(value, where)
+    if number <= 0:
+        raise StictionError(f"{where} is {number:g}: expected more than 0")
+    return number
+
+
+def _pair(value: Any, where: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise StictionError(f"{where} is {value!r}: expected [low, high]")
+    low, high = (_number(x, where) for x in value)
+    if not low < high:
+        raise StictionError(f"{where} is {value!r}: expected [low, high] with low < high")
+    return low, high
+
+
+def _bands(value: Any, where: str) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, list):
+        raise StictionError(f"{where} is {value!r}: expected a list of [low, high]")
+    return tuple(_pair(band, where) for band in value)

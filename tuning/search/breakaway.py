@@ -1,0 +1,180 @@
+"""Objective of the Single Joint Experiment: torque left to move a joint, and its oscillation.
+
+A setting of one joint is measured in its four configurations under every friction:
+
+    value       mean of |tau| / |tau_base|
+    constraint  displacement / largest displacement - 1 <= 0, and the depth in a forbidden band
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
+from tuning.search.bounds import Bounds
+from tuning.study.record import LIMITS, Outcome, Parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Breakaway:
+    """Result of one setting of one joint."""
+
+    tau: Array
+    """(frictions, 4) torque at which the joint breaks away in every configuration [N·m]."""
+    ratio: Array
+    """(frictions, 4) |tau| / |tau_base| of every configuration [-]; NaN where the joint stuck."""
+    displacement: float
+    """Root mean square over frictions and configurations of the oscillation [rad]."""
+
+    @property
+    def left(self) -> float:
+        """Mean share of the base torque that is left [-]."""
+        return float(self.ratio.mean())
+
+
+class BreakawayObjective:
+    """Measures settings of single joints on one arm under some frictions."""
+
+    def __init__(
+        self,
+        experiment: SingleJointExperiment,
+        bounds: Bounds,
+        frictions: Sequence[FrictionParameters],
+        *,
+        iterations: int,
+        limits: Sequence[AmplitudeRow] = (),
+        pareto: str | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Measure the base torques, and how far a table moves each joint.
+
+        Args:
+            experiment: the arm and its seed.
+            bounds: bounds of the search.
+            frictions: frictions under which every setting is measured.
+            iterations: repeats per configuration and friction.
+            limits: a table whose displacement no setting may pass, where ``bounds`` has none.
+            pareto: second objective, of `options.PRICES`; None for one objective only.
+            progress: called with simulated seconds.
+
+        Raises:
+            ExperimentError: a joint that sticks without dither.
+        """
+        self.bounds, self.iterations, self.progress = bounds, iterations, progress
+        self.pareto = pareto
+        arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
+        self.experiments = [
+            experiment.replace(sticking=build(arm, p, timestep=timestep)) for p in frictions
+        ]
+        self.n = experiment.n
+        self.base = [
+            {
+                m.job.configuration: m
+                for m in e.run(e.jobs(), iterations=iterations, progress=progress)
+            }
+            for e in self.experiments
+        ]
+        for base in self.base:
+            for c, m in base.items():
+                if not np.isfinite(m.mean):
+                    raise ExperimentError(
+                        f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither"
+                    )
+        self.displacement = bounds.displacement_rad.copy()
+        """(n,) largest displacement of each joint [rad]; inf where there is no limit."""
+        rows = {r.joint: r for r in limits if r.amplitude_nm > 0}
+        shaken = self.measure(
+            [row for j, row in rows.items() if np.isnan(self.displacement[j - 1])]
+        )
+        for row, found in shaken.items():
+            self.displacement[row.joint - 1] = found.displacement
+        self.displacement[np.isnan(self.displacement)] = np.inf
+
+    def measure(self, rows: Sequence[AmplitudeRow]) -> dict[AmplitudeRow, Breakaway]:
+        """Measure settings, all in one batch per friction."""
+        jobs = {row: [_job(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
+        wanted = list(dict.fromkeys(job for group in jobs.values() for job in group))
+        found: list[Mapping[Job, Measurement]] = [
+            {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self.progress)}
+            for e in self.experiments
+        ]
+        out = {}
+        for row, group in jobs.items():
+            tau = np.array([[f[job].mean for job in group] for f in found])
+            base = np.array([[b[job.configuration].mean for job in group] for b in self.base])
+            shaken = [f[job].displacement for f in found for job in group]
+            out[row] = Breakaway(
+                tau=tau,
+                ratio=np.abs(tau / base),
+                displacement=float(np.sqrt(np.mean(np.square(shaken)))),
+            )
+        return out
+
+    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        """Return outcomes of settings (joint from 0, parameters of `Bounds.space`)."""
+        rows = [self.bounds.setting(j + 1, parameters) for j, parameters in asked]
+        depths = [self.bounds.forbidden(row.joint, row.frequency_hz) for row in rows]
+        found = self.measure([r for r, d in zip(rows, depths, strict=True) if d <= 0])
+        return [self.outcome(row, found.get(row), d) for row, d in zip(rows, depths, strict=True)]
+
+    def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> Outcome:
+        """Return what is stored of a setting; ``found`` is None in a forbidden band."""
+        about = {
+            "joint": row.joint,
+            "frequency_hz": row.frequency_hz,
+            "amplitude_nm": row.amplitude_nm,
+            "waveform": row.waveform,
+            "offset_nm": row.offset_nm,
+            "gate_rad_s": row.gate_rad_s,
+        }
+        limit = self.displacement[row.joint - 1]
+        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
+        if found is None:  # not simulated: treated as if it had no effect
+            none = (1.0,) if self.pareto is None else (1.0, 0.0)
+            return Outcome(values=none, constraints=(0.0, *forbidden))
+        shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
+        rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
+        prices = {
+            "shaking": found.displacement,
+            # apparent power, rms torque times rms speed: the motion is not in phase
+            "power": rate * found.displacement / np.sqrt(2),
+            "torque_rate": rate,
+        }
+        price = () if self.pareto is None else (prices[self.pareto],)
+        return Outcome(
+            values=(found.left, *price) if np.isfinite(found.left) else None,
+            constraints=(0.0 if self.pareto == "shaking" else shaken, *forbidden),
+            measures={
+                **about,
+                "left": found.left,
+                "displacement_rad": found.displacement,
+                "power_w": prices["power"],
+                "torque_rate_nm_s": rate,
+                "tau": found.tau.tolist(),
+                "ratio": found.ratio.tolist(),
+                LIMITS: [shaken],
+            },
+        )
+
+
+def _job(c: Configuration, row: AmplitudeRow) -> Job:
+    dithered = row.amplitude_nm > 0
+    return Job(
+        c,
+        frequency_hz=row.frequency_hz if dithered else 0.0,
+        amplitude_nm=row.amplitude_nm,
+        waveform=row.waveform,
+        offset_nm=row.offset_nm if dithered else 0.0,
+        gate_velocity=row.gate_velocity,
+    )

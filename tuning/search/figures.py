@@ -1,0 +1,263 @@
+"""Plots of a search: landscape, front, history, importance, tables beside each other."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import optuna
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from optuna.trial import FrozenTrial
+
+from stiction_envs.reporting.png import save_full
+from tuning.search.bounds import Bounds
+from tuning.search.tracking import Table
+from tuning.search.trials import allowed, complete, front, score
+from tuning.search.verify import LEFT, PATHS, Verified
+from tuning.study.record import Record
+
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+COLOURS = ("#c0285f", "#d1701a", "#2b7bba", "#4a9a4a", "#8c6bb1", "#8a5a2b", "#1a7a6a", "#555555")
+LEAST = 8
+"""Fewest trials for a landscape."""
+
+
+def _joints(n: int, width: float = 3.4, height: float = 3.0) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one plot per joint and an empty one for the legend."""
+    columns = min(4, n + 1)
+    rows = -(-(n + 1) // columns)
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
+    for spare in axes[n:]:
+        spare.axis("off")
+    return figure, axes
+
+
+def landscape(
+    bounds: Bounds, records: Sequence[Record], tables: Mapping[str, Table], path: Path
+) -> None:
+    """Draw each joint's reduction over frequency and amplitude, and the setting of every table."""
+    tried = [t for r in records for t in complete(r.trials) if "left" in t.user_attrs]
+    figure, axes = _joints(bounds.n)
+    image = None
+    for j, axis in enumerate(axes[: bounds.n], 1):
+        mine = [t for t in tried if t.user_attrs["joint"] == j]
+        f, a, left = (
+            np.array([t.user_attrs[name] for t in mine])
+            for name in ("frequency_hz", "amplitude_nm", "left")
+        )
+        reduction = 100.0 * (1.0 - left)
+        good = np.array([allowed(t) for t in mine], dtype=bool)
+        if len(mine) >= LEAST and np.ptp(f) > 0 and np.ptp(a) > 0:
+            axis.tricontourf(f, a, reduction, levels=np.arange(-10, 101, 5), cmap="viridis")
+        for mask, marker, label in ((good, "o", "allowed"), (~good, "x", "shakes too much")):
+            image = axis.scatter(
+                f[mask],
+                a[mask],
+                c=reduction[mask],
+                marker=marker,
+                vmin=-10,
+                vmax=100,
+                cmap="viridis",
+                edgecolors="white" if marker == "o" else None,
+                linewidths=0.7,
+                s=22,
+                label=f"tried, {label}",
+            )
+        for k, (name, table) in enumerate(tables.items()):
+            for row in table:
+                if row.joint == j and row.amplitude_nm:
+                    axis.plot(
+                        row.frequency_hz,
+                        row.amplitude_nm,
+                        MARKS[k % len(MARKS)],
+                        color=COLOURS[k % len(COLOURS)],
+                        markeredgecolor="white",
+                        markersize=9,
+                        label=name,
+                    )
+        low, high = bounds.frequency_hz[j - 1]
+        even = np.geomspace(low, high, 100)
+        most = [bounds.largest(j, float(x)) for x in even]
+        axis.plot(even, most, color="0.3", lw=1, ls="--", label="torque and rate limits")
+        axis.set_xscale("log")
+        ticks = [x for x in (15, 20, 30, 50, 80) if low <= x <= high]
+        axis.set_xticks(ticks, [f"{x}" for x in ticks])
+        axis.minorticks_off()
+        axis.set_xlim(0.95 * low, 1.05 * high)
+        axis.set_ylim(-0.03 * max(most), 1.08 * max(most))
+        axis.set(title=f"joint {j}", xlabel="frequency [Hz]", ylabel="amplitude [N·m]")
+    if image is not None:
+        figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
+    _legend(axes, bounds.n)
+    save_full(figure, path)
+
+
+def fronts(
+    records: Sequence[Record],
+    limits: Sequence[float],
+    verified: Verified,
+    path: Path,
+) -> None:
+    """Draw each joint's reduction against displacement: trials, re-measured tables, the limit."""
+    figure, axes = _joints(len(records))
+    for j, (axis, record) in enumerate(zip(axes, records, strict=False), 1):
+        tried = [t for t in complete(record.trials) if "left" in t.user_attrs]
+        axis.scatter(
+            [1e3 * t.user_attrs["displacement_rad"] for t in tried],
+            [100 * (1 - t.user_attrs["left"]) for t in tried],
+            c="0.6",
+            s=14,
+            label="tried",
+        )
+        if np.isfinite(limits[j - 1]):
+            axis.axvline(1e3 * limits[j - 1], color="0.3", ls="--", lw=1, label="limit")
+        for k, (name, joints) in enumerate(verified.breakaway.items()):
+            if j in joints:
+                found = joints[j]
+                _mark(axis, k, found.displacement, found.reduction, f"{name}, measured anew")
+        axis.set(title=f"joint {j}", xlabel="displacement, rms [mrad]", ylabel="reduction [%]")
+        axis.grid(alpha=0.3)
+    _legend(axes, len(records))
+    save_full(figure, path)
+
+
+def history(records: Mapping[str, Sequence[Record]], path: Path) -> None:
+    """Draw the best allowed value against the number of trials, a line per study."""
+    figure = Figure(figsize=(5.5 * len(records), 3.8), layout="constrained")
+    axes = np.ravel(figure.subplots(1, len(records), squeeze=False))
+    labels = {"sje": "base torque left [%]", "gte": "error left, geometric mean [%]"}
+    for axis, (stage, group) in zip(axes, records.items(), strict=True):
+        for k, record in enumerate(group):
+            values = [score(t) if t.values and allowed(t) else np.inf for t in record.trials]
+            if stage == "gte":
+                values = list(np.exp(values))
+            so_far = 100.0 * np.minimum.accumulate(values)
+            name = f"joint {k + 1}" if len(group) > 1 else "whole table"
+            axis.step(
+                np.arange(1, len(so_far) + 1),
+                np.where(np.isfinite(so_far), so_far, np.nan),
+                where="post",
+                color=COLOURS[k % len(COLOURS)],
+                label=name,
+            )
+        axis.set(xlabel="trials", ylabel=labels[stage], title=stage.upper())
+        axis.grid(alpha=0.3)
+        axis.legend(frameon=False, fontsize=8)
+    save_full(figure, path)
+
+
+def importance(records: Mapping[str, Sequence[Record]], path: Path) -> None:
+    """Draw how much each parameter contributes to a value (PED-ANOVA), a bar per parameter."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axis = figure.subplots()
+    names, shares = [], []
+    for stage, group in records.items():
+        for k, record in enumerate(group):
+            kept = complete(record.trials)
+            if len(kept) < LEAST:
+                continue
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found = optuna.importance.get_param_importances(
+                    record.study,
+                    evaluator=optuna.importance.PedAnovaImportanceEvaluator(),
+                    target=_first_value,
+                )
+            for name, share in found.items():
+                names.append(f"joint {k + 1}: {name}" if stage == "sje" else name)
+                shares.append(share)
+    axis.barh(np.arange(len(names)), shares, color=COLOURS[2])
+    axis.set_yticks(np.arange(len(names)), names, fontsize=7)
+    axis.invert_yaxis()
+    axis.set(xlabel="importance [1]", title="What decides the value (PED-ANOVA)")
+    save_full(figure, path)
+
+
+def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> None:
+    """Draw both objectives of all trials, and the Pareto front."""
+    scale = 1e3 if price == "shaking" else 1.0
+    group = [
+        (stage, k, r) for stage, records_ in records.items() for k, r in enumerate(records_, 1)
+    ]
+    figure, axes = _joints(len(group))
+    for axis, (stage, k, record) in zip(axes, group, strict=False):
+        for trials, colour, label in (
+            (complete(record.trials), "0.7", "tried"),
+            (front(record.trials), COLOURS[0], "none is better"),
+        ):
+            axis.plot(
+                [scale * t.values[1] for t in trials],
+                [100 * (t.values[0] if stage == "sje" else np.exp(t.values[0])) for t in trials],
+                "o",
+                color=colour,
+                ms=4,
+                label=label,
+            )
+        sje = stage == "sje"
+        label = {
+            "shaking": "displacement, rms [mrad]" if sje else "vibration, rms [mm]",
+            "power": "apparent power [W]" if sje else "power of the dither, mean [W]",
+            "torque_rate": "torque rate [N·m/s]",
+        }[price]
+        axis.set(
+            title=f"joint {k}" if sje else "GTE",
+            xlabel=label,
+            ylabel="torque left [%]" if sje else "error left [%]",
+        )
+        axis.grid(alpha=0.3)
+    _legend(axes, len(group))
+    save_full(figure, path)
+
+
+def tables(verified: Verified, path: Path) -> None:
+    """Draw the error that each table leaves against its vibration, per path."""
+    figure = Figure(figsize=(20, 8), layout="constrained")
+    axes = figure.subplots(len(PATHS), len(LEFT), squeeze=False)
+    for row, where in enumerate(PATHS):
+        for column, part in enumerate(LEFT):
+            axis = axes[row][column]
+            for k, (name, found) in enumerate(verified.tracking.items()):
+                shaking = found[where].vibration_at_rest_m
+                _mark(axis, k, shaking, getattr(found[where], part), name)
+            axis.set(
+                title=f"{where}: {part.replace('resting_', 'at rest, ')}",
+                xlabel="vibration at rest, rms [mm]",
+                ylabel="error left, of no dither [%]",
+            )
+            axis.grid(alpha=0.3)
+    axes[0][0].legend(frameon=False, fontsize=8)
+    save_full(figure, path)
+
+
+def _first_value(trial: FrozenTrial) -> float:
+    return float(trial.values[0])
+
+
+def _mark(
+    axis: Axes, k: int, shaking: float, share: tuple[float, float, float], label: str
+) -> None:
+    """Draw the ``k``-th table: a share with its interval [%] over its vibration [1e-3]."""
+    mean, low, high = (100 * x for x in share)
+    axis.errorbar(
+        1e3 * shaking,
+        mean,
+        yerr=None if np.isnan(low) else [[mean - low], [high - mean]],
+        fmt=MARKS[k % len(MARKS)],
+        color=COLOURS[k % len(COLOURS)],
+        capsize=2,
+        label=label,
+    )
+
+
+def _legend(axes: Sequence[Axes], used: int) -> None:
+    """Put one legend into the empty plot."""
+    entries: dict[str, Artist] = {}
+    for axis in axes[:used]:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    axes[used].legend(entries.values(), entries.keys(), loc="center", frameon=False, fontsize=9)

@@ -1,0 +1,252 @@
+"""report.md of a search: its result, measured again and compared with other tables.
+
+The text is in ``templates/search.md.j2``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.experiments.sje.protocol import configurations
+from stiction_envs.measured import SJERow, write_sje
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import signed, table_text
+from stiction_envs.reporting.templates import write_md_and_html
+from tuning.search import figures
+from tuning.search.options import Found
+from tuning.search.tracking import Table
+from tuning.search.trials import allowed, complete
+from tuning.search.verify import LEFT, PATHS, Verified
+from tuning.study.record import Record
+
+TEMPLATE = Path(__file__).parents[1] / "templates" / "search.md.j2"
+Records = Mapping[str, Sequence[Record]]
+COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
+
+
+def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[str, Any]:
+    """Write verification.csv, comparison.csv, plots and report.md; return the summary."""
+    objective, final = found.options.objective, found.final
+    searched = {k: group for k, group in found.records.items() if k != "grid"}
+    chosen = list(found.tables)[-1]
+    _write_verification(folder / "verification.csv", found, verified, chosen)
+    _write_comparison(folder / "comparison.csv", verified)
+    _draw(found, searched, folder, verified)
+    tuned = verified.breakaway[chosen]
+    reductions = {j: result.reduction for j, result in tuned.items()}
+    mean = float(np.mean([reductions[j][0] if j in reductions else 0.0 for j in _joints(found)]))
+    met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
+    summary: dict[str, Any] = {
+        "robot": found.robot,
+        "objective": objective,
+        "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
+        "final": [
+            {
+                "joint": r.joint,
+                "frequency_hz": r.frequency_hz,
+                "amplitude_nm": r.amplitude_nm,
+                "waveform": r.waveform,
+                "offset_nm": r.offset_nm,
+                "gate_rad_s": r.gate_rad_s,
+                "bounds_met": met.get(r.joint, []),
+            }
+            for r in final
+        ],
+        "mean_reduction_percent": 100.0 * mean,
+        "compensation": None
+        if found.compensation is None
+        else {"kind": found.compensation.kind, "gain_nm": list(found.compensation.gain)},
+        "comparison": {
+            name: {
+                **(
+                    {"mean_reduction_percent": 100.0 * _mean_reduction(found, verified, name)}
+                    if name in verified.breakaway
+                    else {}
+                ),
+                **_tracking_summary(verified, name),
+            }
+            for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
+        },
+    }
+    write_md_and_html(
+        folder,
+        TEMPLATE,
+        f"Dither for {summary['robot']}, searched",
+        note=found.note,
+        summary=summary,
+        objective=objective,
+        final=_final(found, final),
+        met={j: words for j, words in met.items() if words},
+        better=_better_without_dither(verified) if verified.tracking else [],
+        joints=_joint_table(found, verified),
+        paths=_path_table(verified) if verified.tracking else "",
+        failed=sum(
+            t.values is None for group in searched.values() for r in group for t in r.trials
+        ),
+        shaken=sum(
+            not allowed(t) for g in searched.values() for r in g for t in complete(r.trials)
+        ),
+        landscape="sje" in found.records,
+        pareto=found.options.pareto is not None,
+        draws=found.settings.verify_draws,
+        spread=found.settings.spread,
+    )
+    return summary
+
+
+def _joints(found: Found) -> range:
+    return range(1, found.bounds.n + 1)
+
+
+def _mean_reduction(found: Found, verified: Verified, name: str) -> float:
+    """Return a table's mean reduction over all joints; a joint without dither counts as 0."""
+    joints = verified.breakaway[name]
+    return float(np.mean([joints[j].reduction[0] if j in joints else 0.0 for j in _joints(found)]))
+
+
+def _tracking_summary(verified: Verified, name: str) -> dict[str, Any]:
+    return {
+        path: {
+            "position_left": result.position[0],
+            "orientation_left": result.orientation[0],
+            "resting_position_left": result.resting_position[0],
+            "resting_orientation_left": result.resting_orientation[0],
+            "vibration_m": result.vibration_m,
+            "vibration_at_rest_m": result.vibration_at_rest_m,
+        }
+        for path, result in verified.tracking.get(name, {}).items()
+    }
+
+
+def _better_without_dither(verified: Verified) -> list[dict[str, Any]]:
+    """Return the compensations that leave less error than the table found, at no more vibration."""
+    tuned = verified.tracking["search gte"]
+    out = []
+    for name, paths in verified.tracking.items():
+        if not name.endswith("as believed"):
+            continue
+        if all(
+            paths[p].position[0] * paths[p].orientation[0]
+            < tuned[p].position[0] * tuned[p].orientation[0]
+            and paths[p].vibration_at_rest_m <= tuned[p].vibration_at_rest_m
+            for p in PATHS
+        ):
+            left = [100 * paths[p].position[0] for p in PATHS]
+            turned = [100 * paths[p].orientation[0] for p in PATHS]
+            kind = name.split(",")[0]
+            out.append({"kind": kind, "position": max(left), "orientation": max(turned)})
+    return out
+
+
+def _draw(found: Found, searched: Records, folder: Path, verified: Verified) -> None:
+    if "sje" in found.records:
+        figures.landscape(
+            found.bounds,
+            [*found.records["sje"], *found.records["grid"]],
+            {**found.tables, **found.others},
+            folder / "landscape.png",
+        )
+        figures.fronts(
+            found.records["sje"], list(found.limit["sje"]), verified, folder / "displacement.png"
+        )
+    figures.history(searched, folder / "history.png")
+    figures.importance(searched, folder / "importance.png")
+    if found.options.pareto is not None:
+        figures.pareto(searched, found.options.pareto, folder / "pareto.png")
+    if verified.tracking:
+        figures.tables(verified, folder / "comparison.png")
+
+
+def _write_verification(path: Path, found: Found, verified: Verified, name: str) -> None:
+    """Write the table that was found, as measured again, in the form of SJE tables."""
+    robot, s = found.robot, found.settings
+    rows = [
+        SJERow(
+            robot,
+            joint,
+            c.load,
+            c.direction,
+            result.row.frequency_hz,
+            result.row.amplitude_nm,
+            float(tau.mean()),
+            float(tau.std(ddof=1)) if len(tau) > 1 else 0.0,
+            len(tau) * s.verify_iterations,
+            float(1.0 - ratio.mean()),
+        )
+        for joint, result in verified.breakaway[name].items()
+        for c, tau, ratio in zip(
+            configurations(found.bounds.n, [joint]), result.tau.T, result.ratio.T, strict=True
+        )
+    ]
+    if rows:
+        write_sje(path, rows)
+
+
+def _write_comparison(path: Path, verified: Verified) -> None:
+    lines: list[tuple[Any, ...]] = []
+    for name, joints in verified.breakaway.items():
+        for j, joint in joints.items():
+            place = (name, "sje", f"joint {j}")
+            lines.append((*place, "reduction", *joint.reduction))
+            lines.append((*place, "displacement_rad", joint.displacement, "", ""))
+    for name, paths in verified.tracking.items():
+        for where, result in paths.items():
+            place = (name, "gte", where)
+            for measure in LEFT:
+                lines.append((*place, f"{measure}_left", *getattr(result, measure)))
+            for measure in ("vibration_m", "vibration_at_rest_m", "power_w"):
+                lines.append((*place, measure, getattr(result, measure), "", ""))
+    write_lines(path, COMPARISON, lines)
+
+
+def _final(found: Found, final: Table) -> str:
+    extra = [
+        ("waveform", any(r.waveform != "sine" for r in final)),
+        ("offset [N·m]", any(r.offset_nm for r in final)),
+        ("gate [rad/s]", any(r.gate_rad_s for r in final)),
+    ]
+    header = ["joint", "f [Hz]", "A [N·m]", *(name for name, used in extra if used), "bounds met"]
+    rows = []
+    for r in final:
+        more = [r.waveform, f"{r.offset_nm:.3f}", f"{r.gate_rad_s:.3f}"]
+        shown = [x for x, (_, used) in zip(more, extra, strict=True) if used]
+        words = ", ".join(found.bounds.met(r)) if r.amplitude_nm else "no dither helped"
+        rows.append([f"{r.joint}", f"{r.frequency_hz:.1f}", f"{r.amplitude_nm:.3f}", *shown, words])
+    return table_text(header, rows)
+
+
+def _joint_table(found: Found, verified: Verified) -> str:
+    header = ["table", *(f"joint {j}" for j in _joints(found)), "mean"]
+    rows = []
+    for name, joints in verified.breakaway.items():
+        row = [name]
+        for j in _joints(found):
+            if j not in joints:
+                row.append("–")
+                continue
+            mean, low, high = (100 * x for x in joints[j].reduction)
+            span = "" if np.isnan(low) else f" ({low:.0f} … {high:.0f})"
+            row.append(f"{mean:.1f}{span}, {1e3 * joints[j].displacement:.3f} mrad")
+        rows.append([*row, f"{100 * _mean_reduction(found, verified, name):.1f}"])
+    return table_text(header, rows)
+
+
+def _path_table(verified: Verified) -> str:
+    header = ["treatment", "path", "position left [%]", "orientation left [%]"]
+    header += ["position at rest [%]", "orientation at rest [%]"]
+    header += ["vibration [mm]", "at rest [mm]", "power [W]"]
+    rows = []
+    for name, paths in verified.tracking.items():
+        for path in PATHS:
+            r = paths[path]
+            row = [name, path]
+            for mean, low, high in (getattr(r, measure) for measure in LEFT):
+                span = "" if np.isnan(low) else f" ({100 * low:.0f} … {100 * high:.0f})"
+                row.append(f"{100 * mean:.1f}{span}")
+            row += [f"{1e3 * r.vibration_m:.4f}", f"{1e3 * r.vibration_at_rest_m:.4f}"]
+            rows.append([*row, signed(r.power_w, 2).lstrip("+")])
+    return table_text(header, rows)

@@ -1,0 +1,194 @@
+"""`search`: the dither of an arm by Bayesian or evolutionary search, under constraints.
+
+found = search("panda", objective="sje", out="runs/panda-search")
+print(found)
+
+    bounds -> SJE: a study per joint -> table
+                      |  its frequencies are where the next begins
+                      v
+              GTE: one study of whole tables -> table
+                      |
+                      v
+    final.csv -> measured anew: unseen seeds, frictions and paths, beside other tables -> report.md
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.gte.protocol import load_gte_protocol
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.friction.parameters import QUANTITIES
+from stiction_envs.friction.sticking import Friction, Robot, model_sha256
+from stiction_envs.measured import read_amplitudes
+from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.output_folder import OutputFolder, default_folder
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.version import __version__
+from tuning.protocol.tune import Tuning
+from tuning.search.bounds import Bounds, bounds_of
+from tuning.search.options import Options
+from tuning.search.reference_tables import other_tables
+from tuning.search.stages import Progress, Stages
+from tuning.settings import TuningSettings, tuning_settings
+
+
+def search(
+    robot: Robot,
+    *,
+    objective: str = "sje",
+    sampler: str | None = None,
+    pareto: str | None = None,
+    free: Sequence[str] = (),
+    gates: str = "none",
+    compensation: str = "none",
+    without_dither: bool = False,
+    evaluations: int | None = None,
+    bounds: str | Path | None = None,
+    limit: str | Path | None = None,
+    beside: Sequence[str | Path] = (),
+    out: str | Path | OutputFolder | None = None,
+    force: bool = False,
+    seed: int = 0,
+    storage: str | None = None,
+    study: str | None = None,
+    friction: Friction | None = None,
+    protocol: Protocol | None = None,
+    threads: int = 0,
+    progress: Progress | None = None,
+    settings: TuningSettings | Changes | None = None,
+) -> Tuning:
+    """Search the dither of every joint, and measure what was found anew.
+
+    Interrupted at any moment, the same call goes on where it was and ends with the same files.
+
+    Args:
+        robot: name, model file, arm, or an arm with its friction (`load_model`).
+        objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
+            "both": the one begins where the other ended.
+        sampler: one of `samplers.available`; None: gp for the SJE, cmaes for the GTE.
+        pareto: second objective, of `options.PRICES`; None for one objective.
+        free: of "waveform" and "offset": what is searched besides amplitude and frequency.
+        gates: of the GTE: "none", "one" gate speed for all joints, or "each" its own.
+        compensation: of the GTE: "none", "feedforward" or "push", searched together with dither.
+        without_dither: whether compensation is searched alone.
+        evaluations: trials per joint (SJE) and of whole tables (GTE); None for the settings'.
+        bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
+        limit: amplitude table whose displacement (SJE) and vibration (GTE) may not be passed; None
+            for thesis Table 4.9 on the Panda, and on other arms what ``make tune`` would choose.
+        beside: more amplitude tables to compare with.
+        out: output folder: trials.csv, final.csv, final.yaml (the same for ROS 2),
+            verification.csv, comparison.csv, report.md, plots, study.db. None for
+            ``runs/search-ROBOT``.
+        force: whether the files of another run in it are replaced.
+        seed: of scatter, drawn frictions and samplers.
+        storage: URL or journal file of the study; None for a SQLite file in ``out``.
+        study: prefix of the studies' names; None for the arm's name.
+        friction: of the arm, or its TOML; None for the robot's own.
+        protocol: of the SJE; None for the robot's.
+        threads: threads, 0 for all processors.
+        progress: called with (stage, done, total).
+        settings: constants that differ from ``settings.toml``.
+
+    Raises:
+        StictionError: bad input, or a folder or study of another run; nothing was written.
+        ExperimentError: a joint that sticks; a search that found nothing it may use.
+    """
+    options = Options(
+        objective=objective,
+        sampler=sampler,
+        pareto=pareto,
+        free=tuple(free),
+        gates=gates,
+        compensation=compensation,
+        without_dither=without_dither,
+        evaluations=evaluations,
+    )
+    s = override(tuning_settings(), settings)
+    sje = SingleJointExperiment(
+        robot, friction=friction, protocol=protocol, seed=seed, threads=threads
+    )
+    arm = sje.sticking.arm
+    where = bounds_of(sje, bounds, s.bounds)
+    if options.objective != "sje":
+        _check_vibration(where, s)
+    read: dict[str, Any] = {
+        "n_joints": arm.n,
+        "torque_limit": arm.limits.torque,
+        "controller_rate_hz": sje.interface.controller_rate_hz,
+    }
+    tables = other_tables(
+        sje,
+        where,
+        own={Path(p).stem: tuple(read_amplitudes(p, **read)) for p in beside},
+        settings=s,
+    )
+    limits = tables.limits if limit is None else tuple(read_amplitudes(limit, **read))
+    about = {
+        "robot": arm.name,
+        "protocol": "search",
+        "version": __version__,
+        "model": model_sha256(sje.sticking),
+        "friction": {k: getattr(sje.sticking.parameters, k).tolist() for k in QUANTITIES},
+        "sje": dataclasses.asdict(sje.protocol),
+        "bounds": where.to_json(),
+        "limits": [dataclasses.astuple(r) for r in limits],
+        "options": {**dataclasses.asdict(options), "evaluations": None},
+        "settings": {
+            name: dataclasses.asdict(getattr(s, name)) for name in ("thesis", "bounds", "search")
+        },
+        "seed": seed,
+    }
+    folder = out
+    if not isinstance(folder, OutputFolder):
+        files = {
+            name: Path(p) for name, p in (("bounds", bounds), ("limit", limit)) if p is not None
+        }
+        folder = OutputFolder(
+            default_folder("search", arm.name) if folder is None else Path(folder),
+            provenance(
+                "search",
+                {**about, "options": dataclasses.asdict(options), "storage": storage},
+                seed=seed,
+                inputs=files,
+            ),
+            force=force,
+            resumable=True,
+        )
+    stages = Stages(
+        sje=sje,
+        bounds=where,
+        others=dict(tables.others),
+        limits=limits,
+        options=options,
+        settings=s,
+        storage=storage or f"sqlite:///{(folder.path / 'study.db').resolve()}",
+        study=study or arm.name,
+        about=about,
+        progress=progress,
+    )
+    if storage is not None:
+        stages.reach()
+    try:
+        with folder:
+            return stages.run(folder)
+    except StictionError as error:
+        if folder.resumed or folder.wrote:  # it had begun to work
+            raise ExperimentError(str(error)) from error
+        raise
+
+
+def _check_vibration(bounds: Bounds, settings: TuningSettings) -> None:
+    """Raise where a dither could slip under the filter of the vibration measure."""
+    edge = settings.bounds.vibration_edge * load_gte_protocol().vibration_low
+    low = float(bounds.frequency_hz[:, 0].min())
+    if low < edge:
+        raise StictionError(
+            f"frequency from {low:g} Hz: vibration is measured above {edge:g} Hz: expected "
+            f"frequency_hz from {edge:g} Hz with objective gte"
+        )

@@ -1,0 +1,347 @@
+"""Objective of the Generated Trajectory Experiment: the error that is left when the arm rests.
+
+The sum of the error over a path, or over the window of Table 4.11, hardly depends on dither: it is
+the impedance law's own lag. The error that friction leaves at each goal does. A table of the whole
+arm is tried on every path, stiffness and friction:
+
+    value       1/2 (log position left + log orientation left), over no dither, mean of all goals
+    constraint  vibration / largest vibration - 1 <= 0, moving and at rest; depth in forbidden bands
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import BaseDistribution, FloatDistribution
+
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.measures import Measures, measure
+from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
+from tuning.search.bounds import Bounds
+from tuning.settings import BoundsSettings, tuning_settings
+from tuning.study.record import LIMITS, Outcome, Parameters
+
+Array = NDArray[np.float64]
+Table = tuple[AmplitudeRow, ...]
+Place = tuple[str, tuple[float, float, float]]
+"""A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Treatment:
+    """A measure against friction: dither, compensation, both or nothing."""
+
+    dither: Table = ()
+    """Rows of the dithered joints."""
+    compensation: Compensation | None = None
+    """Added to the controller's torque."""
+
+    def case(self, place: Place) -> Case:
+        """Return the case of the experiment."""
+        return Case(
+            trajectory=place[0],
+            stiffness=place[1],
+            dither=self.dither,
+            compensation=self.compensation,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracking:
+    """Results of one treatment at P places under F frictions."""
+
+    position: Array
+    """(P, F, G) error left at each goal when the arm's time there is over [m]; NaN where a goal was
+    never reached, and after the last goal of a path with fewer."""
+    orientation: Array
+    """(P, F, G) the same for the orientation [rad]."""
+    goals: Array
+    """(P,) number of goals of each path."""
+    tracking: Array
+    """(P, F) root mean square error of the position along the path [m]."""
+    vibration: Array
+    """(P, F) root mean square vibration during the motion, rotation included [m]."""
+    vibration_at_rest: Array
+    """(P, F) the same after the last goal was reached [m]."""
+    power: Array
+    """(P, F) power that the dither moves back and forth [W]."""
+    torque_rate: Array
+    """(P, F) largest change of torque on any joint [N·m/s]."""
+
+    @property
+    def shaking(self) -> tuple[float, float]:
+        """Vibration moving and at rest, root mean square over places and frictions [m]."""
+        return _rms(self.vibration), _rms(self.vibration_at_rest)
+
+    def left(self, plain: Tracking) -> tuple[float, float]:
+        """Return position and orientation error relative to another treatment, geometric means [-].
+
+        Errors are averaged over frictions before they are compared, so that one that happens to be
+        zero does not decide.
+        """
+        return _left(self.position, plain.position), _left(self.orientation, plain.orientation)
+
+    def by_friction(self, plain: Tracking) -> dict[str, Array]:
+        """Return errors relative to another treatment per friction, geometric means (F,) [-].
+
+        ``position`` and ``orientation`` are over all goals; ``resting_…`` at the last goal of each
+        path, where the arm rests, a second after it was reached.
+        """
+        out = {}
+        last = self.goals.astype(np.int64)[:, None, None] - 1
+        for name in ("position", "orientation"):
+            ratio = np.log(getattr(self, name) / getattr(plain, name))
+            out[name] = np.exp(_mean_of_goals(ratio, self.goals).mean(axis=0))
+            resting = np.take_along_axis(ratio, last, axis=2)[:, :, 0]
+            out[f"resting_{name}"] = np.exp(resting.mean(axis=0))
+        return out
+
+
+class TrackingObjective:
+    """Measures treatments of one arm on some paths under some frictions."""
+
+    def __init__(
+        self,
+        experiment: GeneratedTrajectoryExperiment,
+        bounds: Bounds,
+        frictions: Sequence[FrictionParameters],
+        places: Sequence[Place],
+        *,
+        iterations: int,
+        joints: Sequence[int],
+        free: tuple[str, ...] = (),
+        gates: str = "none",
+        compensation: str = "none",
+        limits: Table = (),
+        penalty: float = 0.0,
+        pareto: str | None = None,
+        settings: BoundsSettings | None = None,
+    ) -> None:
+        """Measure the arm without dither, and the vibration that a table causes.
+
+        Args:
+            experiment: the arm and its seed.
+            bounds: bounds of the search.
+            frictions: frictions under which every table is tried.
+            places: paths and stiffnesses.
+            iterations: repeats per place and friction.
+            joints: joints to dither, from 1.
+            free: from `bounds.OPTIONS`, waveform and offset: what else is searched for each joint.
+            compensation: kind to search, or "none"; its gains are those of the friction that the
+                controller assumes, times a factor.
+            gates: "none", "one" for one gate speed of all joints, "each" for one per joint.
+            limits: a table whose vibration no other may exceed, where ``bounds`` has none.
+            penalty: added to the value per unit of a constraint, for samplers without constraints.
+            pareto: second objective, of `options.PRICES`; None for one objective only.
+            settings: range of the compensation; None for those of ``settings.toml``.
+        """
+        self.pareto = pareto
+        self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
+        self.frictions, self.iterations = list(frictions), iterations
+        self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
+        self.free, self._settings = free, settings or tuning_settings().bounds
+        self._believed = None if compensation == "none" else experiment.compensation(compensation)
+        self.plain = self.measure([Treatment()])[0]
+        largest = np.array(bounds.vibration_m)
+        if limits and np.isnan(largest).any():
+            shaken = self.measure([Treatment(dither=limits)])[0].shaking
+            largest = np.where(np.isnan(largest), shaken, largest)
+        self.vibration = np.where(np.isnan(largest), np.inf, largest)
+        """(2,) largest vibration, moving and at rest [m]; inf where there is no limit."""
+
+    # ---- settings ----------------------------------------------------------------------------
+
+    def space(self) -> dict[str, BaseDistribution]:
+        """Return the parameters of a table of the whole arm."""
+        out: dict[str, BaseDistribution] = {}
+        for j in self.joints:
+            for name, d in self.bounds.space(j, self.free).items():
+                out[f"{name}_{j}"] = d
+        gate = FloatDistribution(*self.bounds.gate_rad_s, log=True)
+        if self.gates == "one":
+            out["gate_rad_s"] = gate
+        elif self.gates == "each":
+            out |= {f"gate_rad_s_{j}": gate for j in self.joints}
+        if self._believed is not None:
+            reach = self._settings.compensation_reach
+            out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
+            for name, usual in self._usual().items():
+                out[f"compensation_{name}"] = FloatDistribution(
+                    usual / reach, usual * reach, log=True
+                )
+        return out
+
+    def _usual(self) -> dict[str, float]:
+        """Return the default speed [rad/s] and, for a push, error [rad] of the compensation."""
+        if self._believed is None:
+            return {}
+        names = ("speed", "error") if self._believed.kind == "push" else ("speed",)
+        return {name: getattr(self._believed, name)[0] for name in names}
+
+    def treatment(self, parameters: Parameters) -> Treatment:
+        """Return the treatment that parameters of `space` describe."""
+        compensation = None
+        if self._believed is not None:
+            factor, n = parameters["compensation"], self._believed.n
+            more: dict[str, Any] = {
+                name: (parameters[f"compensation_{name}"],) * n for name in self._usual()
+            }
+            gain = tuple(factor * g for g in self._believed.gain)
+            compensation = dataclasses.replace(self._believed, gain=gain, **more)
+        return Treatment(dither=self.table(parameters), compensation=compensation)
+
+    def table(self, parameters: Parameters) -> Table:
+        """Return the table that parameters of `space` describe."""
+        rows = []
+        for j in self.joints:
+            mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j, self.free)}
+            gate = parameters.get(f"gate_rad_s_{j}", parameters.get("gate_rad_s", 0.0))
+            rows.append(self.bounds.setting(j, {**mine, "gate_rad_s": gate}))
+        return tuple(rows)
+
+    def parameters(self, table: Table, gate_rad_s: float | None = None) -> Parameters:
+        """Return the parameters of `space` that are nearest to a table."""
+        rows = {row.joint: row for row in table}
+        out: Parameters = {}
+        for j in self.joints:
+            row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
+            out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
+            if "waveform" in self.free:
+                out[f"waveform_{j}"] = row.waveform
+            if "offset" in self.free:
+                out[f"offset_nm_{j}"] = row.offset_nm
+            if self.gates == "each":
+                out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
+        if self.gates == "one":
+            out["gate_rad_s"] = gate_rad_s or self.bounds.gate_rad_s[1]
+        if self._believed is not None:
+            out["compensation"] = float(np.mean(self._settings.compensation_factor))
+            out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}
+        return out
+
+    # ---- measuring ---------------------------------------------------------------------------
+
+    def measure(self, treatments: Sequence[Treatment]) -> list[Tracking]:
+        """Try treatments, all in one batch."""
+        cases, parameters = [], []
+        for treatment in treatments:
+            for place in self.places:
+                for friction in self.frictions:
+                    cases.append(treatment.case(place))
+                    parameters.append(friction)
+        runs = self.experiment.run(cases, iterations=self.iterations, parameters=parameters)
+        e = self.experiment
+        found = [measure(run, e.protocol, e.motion) for run in runs]
+        shape = (len(treatments), len(self.places), len(self.frictions))
+        goals = np.array([len(e.path(path).position) for path, _ in self.places])
+        position, orientation = (
+            np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
+            for part in range(2)
+        )
+        values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
+        names = ("tracking", "vibration", "vibration_at_rest", "power", "torque_rate")
+        return [
+            Tracking(
+                position=position[k],
+                orientation=orientation[k],
+                goals=goals,
+                **{name: values[k, ..., i] for i, name in enumerate(names)},
+            )
+            for k in range(len(treatments))
+        ]
+
+    def _price(self, found: Tracking) -> tuple[float, ...]:
+        """Return the second objective, if there is one."""
+        prices = {
+            "shaking": float(found.shaking[0]),
+            "power": float(found.power.mean()),
+            "torque_rate": float(found.torque_rate.max()),
+        }
+        return () if self.pareto is None else (prices[self.pareto],)
+
+    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        """Return outcomes of tables (0, parameters of `space`)."""
+        treatments = [self.treatment(parameters) for _, parameters in asked]
+        depths = [
+            max((self.bounds.forbidden(r.joint, r.frequency_hz) for r in t.dither), default=-np.inf)
+            for t in treatments
+        ]
+        allowed = [k for k, depth in enumerate(depths) if depth <= 0]
+        tried = self.measure([treatments[k] for k in allowed]) if allowed else []
+        found = dict(zip(allowed, tried, strict=True))
+        return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
+
+    def outcome(self, found: Tracking | None, depth: float) -> Outcome:
+        """Return what is stored of a table; ``found`` is None in a forbidden band."""
+        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
+        if found is None:  # not simulated: treated as if it had no effect
+            values = (self.penalty * depth, *self._price(self.plain))
+            return Outcome(values=values, constraints=(0.0, 0.0, *forbidden))
+        position, orientation = found.left(self.plain)
+        value = 0.5 * float(np.log(position) + np.log(orientation))
+        if not np.isfinite(value):
+            return Outcome(values=None)
+        over = [
+            shaken / limit - 1.0 if np.isfinite(limit) else -1.0
+            for shaken, limit in zip(found.shaking, self.vibration, strict=True)
+        ]
+        constraints = (*([0.0, 0.0] if self.pareto == "shaking" else over), *forbidden)
+        moving, resting = found.shaking
+        penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
+        return Outcome(
+            values=(penalised, *self._price(found)),
+            constraints=constraints,
+            measures={
+                "objective": value,
+                "position_left": position,
+                "orientation_left": orientation,
+                "vibration_m": moving,
+                "vibration_at_rest_m": resting,
+                "power_w": float(found.power.mean()),
+                "torque_rate_nm_s": float(found.torque_rate.max()),
+                LIMITS: over,
+            },
+        )
+
+
+def _left_at_goals(m: Measures, part: int, count: int) -> Array:
+    """Return the error left at each goal, mean over iterations (count,), NaN after the last."""
+    left = m.left[..., part].mean(axis=0)
+    return np.concatenate([left, np.full(count - len(left), np.nan)])
+
+
+def _numbers(m: Measures) -> list[float]:
+    """Return the other quantities that `Tracking` holds of one case."""
+    return [
+        float(np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean()),
+        _rms(m.shaking),
+        _rms(m.shaking_at_rest),
+        float((m.dither_energy / m.duration).mean()),
+        float(m.torque_rate.max()),
+    ]
+
+
+def _mean_of_goals(values: Array, goals: Array) -> Array:
+    """Return the mean over each path's goals of (P, ..., G) values; NaN if one of them is NaN."""
+    used = np.arange(values.shape[-1]) < goals.reshape(-1, *[1] * (values.ndim - 1))
+    total = np.where(used, values, 0.0).sum(axis=-1)
+    return total / used.sum(axis=-1)
+
+
+def _left(values: Array, plain: Array) -> float:
+    """Return the geometric mean over places and goals of the ratio of two errors (P, F, G)."""
+    ratio = np.log(values.mean(axis=1) / plain.mean(axis=1))
+    used = np.isfinite(plain.mean(axis=1))
+    return float(np.exp(ratio[used].mean()))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

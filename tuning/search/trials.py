@@ -1,0 +1,81 @@
+"""Trials of a search as tables: all of them, the best one, the Pareto front."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from optuna.trial import FrozenTrial, TrialState
+
+from stiction_envs.control.compensation import COLUMNS, OPTIONAL, Compensation
+from stiction_envs.measured.csv_text import write_lines
+from tuning.study.record import CONSTRAINTS, LIMITS, Record
+
+
+def complete(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the trials that have values."""
+    return [t for t in trials if t.state == TrialState.COMPLETE]
+
+
+def allowed(trial: FrozenTrial) -> bool:
+    """Whether a trial satisfies all constraints and limits."""
+    attributes = trial.user_attrs
+    return all(c <= 0 for c in (*attributes.get(CONSTRAINTS, ()), *attributes.get(LIMITS, ())))
+
+
+def score(trial: FrozenTrial) -> float:
+    """Return the score of a trial: its first objective, without penalties."""
+    return float(trial.user_attrs.get("objective", trial.values[0]))
+
+
+def best(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
+    """Return the best allowed trial, the first of equals; None if none is allowed."""
+    return min(filter(allowed, complete(trials)), key=score, default=None)
+
+
+def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the Pareto front of the trials, sorted by the first objective."""
+    kept = [t for t in complete(trials) if all(c <= 0 for c in t.user_attrs.get(CONSTRAINTS, ()))]
+    values = np.array([t.values for t in kept]).reshape(len(kept), -1)
+    out = [
+        t
+        for t, v in zip(kept, values, strict=True)
+        if not np.any(np.all(values <= v, axis=1) & np.any(values < v, axis=1))
+    ]
+    return sorted(out, key=lambda t: t.values)
+
+
+def write_trials(path: Path, records: Mapping[str, Sequence[Record]]) -> None:
+    """Write all trials: stage, study, number, state, allowed, parameters and measures."""
+    _write(
+        path, {k: [(r.name, t) for r in group for t in r.trials] for k, group in records.items()}
+    )
+
+
+def write_pareto(path: Path, records: Mapping[str, Sequence[Record]]) -> None:
+    """Write the trials of the Pareto front."""
+    _write(
+        path,
+        {k: [(r.name, t) for r in group for t in front(r.trials)] for k, group in records.items()},
+    )
+
+
+def write_compensation(path: Path, found: Compensation) -> None:
+    """Write gains in the format that ``stiction gte --compensation-table`` reads."""
+    rows = zip(range(1, found.n + 1), found.gain, found.speed, found.error, strict=True)
+    write_lines(path, (*COLUMNS, *OPTIONAL), list(rows))
+
+
+def _write(path: Path, found: Mapping[str, Sequence[tuple[str, FrozenTrial]]]) -> None:
+    rows: list[dict[str, Any]] = []
+    for stage, trials in found.items():
+        for study, t in trials:
+            measures = {k: v for k, v in t.user_attrs.items() if isinstance(v, int | float | str)}
+            row: dict[str, Any] = {"stage": stage, "study": study, "trial": t.number}
+            row |= {"state": t.state.name.lower(), "allowed": int(bool(t.values) and allowed(t))}
+            row |= {f"value_{k}": v for k, v in enumerate(t.values or ())}
+            rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)
+    header = list(dict.fromkeys(name for row in rows for name in row))
+    write_lines(path, header, [tuple(row.get(name, "") for name in header) for row in rows])

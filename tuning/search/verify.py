@@ -1,0 +1,244 @@
+"""Measures tables again: with frictions, seeds, paths and a start that the search has not seen.
+
+Each measurement is a trial of a separate study, so that nothing is measured twice. The study's name
+contains a digest of what is measured, so that other tables cannot be confused with these.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import CategoricalDistribution
+from scipy import stats
+
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.rows import thesis_stiffness
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots import Arm
+from tuning.search.bounds import Bounds
+from tuning.search.breakaway import BreakawayObjective
+from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.settings import SearchSettings
+from tuning.study.record import Outcome, Parameters, Record, Search
+from tuning.study.samplers import sampler
+from tuning.study.workers import fill
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+MakeRecord = Callable[[str], Record]
+"""Opens a study of this run by its name."""
+PATHS = TRAJECTORIES
+NOTHING = "no dither"
+LEFT = ("position", "orientation", "resting_position", "resting_orientation")
+"""Errors that are compared with those without dither."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointResult:
+    """Effect of a table on one joint in the SJE."""
+
+    row: AmplitudeRow
+    tau: Array
+    """(frictions, 4) torque at which the joint breaks away [N·m]: load, no load × +, −."""
+    ratio: Array
+    """(frictions, 4) |tau| / |tau_base| [-]."""
+    displacement: float
+    """[rad]."""
+
+    @property
+    def reduction(self) -> tuple[float, float, float]:
+        """Mean reduction and its 95 % interval over frictions [-]."""
+        return interval(1.0 - self.ratio.mean(axis=1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathResult:
+    """Effect of a table on one path in the GTE, over no dither; geometric means and intervals."""
+
+    position: tuple[float, float, float]
+    """Position error left, mean over the goals [-]."""
+    orientation: tuple[float, float, float]
+    """Orientation error left, mean over the goals [-]."""
+    resting_position: tuple[float, float, float]
+    """Position error left at the last goal, a second after the arm reached it [-]."""
+    resting_orientation: tuple[float, float, float]
+    """Orientation error left there [-]."""
+    vibration_m: float
+    """Vibration during the motion [m]."""
+    vibration_at_rest_m: float
+    """Vibration at rest [m]."""
+    power_w: float
+    """Power of the dither [W]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verified:
+    """All results of the repeated measurement."""
+
+    breakaway: Mapping[str, Mapping[int, JointResult]]
+    """Per table and joint."""
+    tracking: Mapping[str, Mapping[str, PathResult]]
+    """Per table and path; empty where only the SJE was searched."""
+
+
+def digest(things: Any) -> str:
+    """Return a short digest of what is measured."""
+    return hashlib.sha256(repr(things).encode()).hexdigest()[:12]
+
+
+def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
+    """Return joint angles (n,) [rad] up to ``most`` [rad] from the arm's rest, within limits."""
+    low, high = arm.limits.position.T
+    angles = arm.rest + most * np.random.default_rng(seed).uniform(-1.0, 1.0, arm.n)
+    return np.clip(angles, low + most, high - most)
+
+
+def interval(values: Array) -> tuple[float, float, float]:
+    """Return mean and 95 % interval of the mean (Student's t); NaN bounds of a single value."""
+    mean, n = float(np.mean(values)), len(values)
+    if n < 2:
+        return mean, float("nan"), float("nan")
+    half = float(stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
+
+
+def verify_breakaway(
+    experiment: SingleJointExperiment,
+    tables: Mapping[str, Table],
+    *,
+    bounds: Bounds,
+    frictions: Sequence[FrictionParameters],
+    settings: SearchSettings,
+    record: MakeRecord,
+    progress: Progress | None,
+) -> dict[str, dict[int, JointResult]]:
+    """Measure every joint of every table in the SJE."""
+    rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
+    distinct = list(dict.fromkeys(rows.values()))
+    objectives: list[BreakawayObjective] = []
+
+    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        if not objectives:  # only where something is left to measure
+            objectives.append(
+                BreakawayObjective(
+                    experiment, bounds, frictions, iterations=settings.verify_iterations
+                )
+            )
+        wanted = [distinct[p["row"]] for _, p in asked]
+        found = objectives[0].measure(wanted)
+        return [
+            Outcome(
+                values=(0.0,),
+                measures={
+                    "tau": found[row].tau.tolist(),
+                    "ratio": found[row].ratio.tolist(),
+                    "displacement_rad": found[row].displacement,
+                },
+            )
+            for row in wanted
+        ]
+
+    made = record(f"verify-sje-{digest(distinct)}")
+    known = measured_once(made, len(distinct), evaluate, progress)
+    out: dict[str, dict[int, JointResult]] = {name: {} for name in tables}
+    for (name, joint), row in rows.items():
+        attributes = known[distinct.index(row)]
+        out[name][joint] = JointResult(
+            row=row,
+            tau=np.array(attributes["tau"], dtype=float),
+            ratio=np.array(attributes["ratio"], dtype=float),
+            displacement=attributes["displacement_rad"],
+        )
+    return out
+
+
+def verify_tracking(
+    experiment: GeneratedTrajectoryExperiment,
+    treatments: Mapping[str, Treatment],
+    *,
+    bounds: Bounds,
+    frictions: Sequence[FrictionParameters],
+    settings: SearchSettings,
+    record: MakeRecord,
+    progress: Progress | None,
+) -> dict[str, dict[str, PathResult]]:
+    """Run every treatment on the path used for tuning and on one that was not."""
+    treatments = {NOTHING: Treatment(), **treatments}
+    names = list(treatments)
+    cases = [(name, path) for name in names for path in PATHS]
+
+    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+        out: dict[int, Outcome] = {}
+        for path in PATHS:
+            mine = [p["row"] for _, p in asked if cases[p["row"]][1] == path]
+            if not mine:
+                continue
+            places: list[Place] = [(path, k) for k in thesis_stiffness()]
+            objective = TrackingObjective(
+                experiment,
+                bounds,
+                frictions,
+                places,
+                iterations=settings.verify_iterations,
+                joints=range(1, experiment.n + 1),
+            )
+            asked_for = [treatments[cases[k][0]] for k in mine]
+            for k, found in zip(mine, objective.measure(asked_for), strict=True):
+                out[k] = Outcome(
+                    values=(0.0,),
+                    measures={
+                        **{k: v.tolist() for k, v in found.by_friction(objective.plain).items()},
+                        "vibration_m": found.shaking[0],
+                        "vibration_at_rest_m": found.shaking[1],
+                        "power_w": float(found.power.mean()),
+                    },
+                )
+        return [out[p["row"]] for _, p in asked]
+
+    made = record(f"verify-gte-{digest(list(treatments.items()))}")
+    known = measured_once(made, len(cases), evaluate, progress)
+    result: dict[str, dict[str, PathResult]] = {name: {} for name in names}
+    for (name, path), attributes in zip(cases, known, strict=True):
+        result[name][path] = PathResult(
+            **{name: _left(attributes[name]) for name in LEFT},
+            vibration_m=attributes["vibration_m"],
+            vibration_at_rest_m=attributes["vibration_at_rest_m"],
+            power_w=attributes["power_w"],
+        )
+    return result
+
+
+def _left(ratios: list[float]) -> tuple[float, float, float]:
+    """Return geometric mean and interval of ratios, one per friction."""
+    mean, low, high = interval(np.log(np.array(ratios, dtype=float)))
+    return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
+
+
+def measured_once(
+    record: Record,
+    count: int,
+    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    """Measure ``count`` things by number, once each; return what was measured."""
+    if not count:
+        return []
+    space = {"row": CategoricalDistribution(list(range(count)))}
+    one = Search(
+        record=record,
+        space=space,
+        sampler=sampler("random", space, seed=0, startup=0),
+        evaluations=count,
+        batch=count,
+        first=tuple({"row": k} for k in range(count)),
+    )
+    fill([one], evaluate, progress)
+    return [dict(t.user_attrs) for t in record.trials]

@@ -1,0 +1,299 @@
+"""The record of a search: one Optuna study, the only place where trials are stored.
+
+    proposals(history) -> evaluate, a batch in one call -> Record.add, trial by trial
+
+A finished trial is written in one transaction. What the sampler proposes depends on the seed, the
+trial's number and the trials of earlier batches, never on what the process did before. A search
+that was killed therefore starts again with a part of a batch, proposes the same batch and evaluates
+what is missing: trials, values and order are those of a run that was never stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.distributions import BaseDistribution
+from optuna.exceptions import StorageInternalError
+from optuna.samplers import BaseSampler
+from optuna.storages import BaseStorage
+from optuna.trial import FrozenTrial, TrialState
+from sqlalchemy.exc import SQLAlchemyError
+
+from stiction_envs.errors import StictionError
+from tuning.settings import SharedSettings, tuning_settings
+from tuning.study.storage import (
+    is_shared,
+    only_writer,
+    open_storage,
+    reason_of,
+    shown,
+    storage_file,
+    writing,
+)
+
+Parameters = dict[str, Any]
+Space = Mapping[str, BaseDistribution]
+CONSTRAINTS = "constraints"
+"""User attribute of a trial: its constraints, feasible where all are at most 0."""
+LIMITS = "limits"
+"""User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
+SHOWN = ("robot", "protocol", "version", "sampler")
+"""Parts of a search's definition that are stored in full, to say in what another one differs."""
+UNMEASURED = "unmeasured"
+"""User attribute of a failed trial that was evaluated although nothing could be measured."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Result of a setting."""
+
+    values: tuple[float, ...] | None
+    """Objectives, all minimised; None where nothing could be measured (a joint that stuck)."""
+    constraints: tuple[float, ...] = ()
+    """Feasible where all are at most 0."""
+    measures: Mapping[str, Any] = field(default_factory=dict)
+    """Other results to store: numbers, strings, lists of them."""
+
+
+class Record:
+    """Trials of one search, in the order of their numbers."""
+
+    def __init__(
+        self,
+        storage: str,
+        name: str,
+        *,
+        objectives: int = 1,
+        about: Mapping[str, Any],
+        settings: SharedSettings | None = None,
+    ) -> None:
+        """Open the study, or create it.
+
+        Args:
+            storage: URL or file of `storage.open_storage`.
+            name: name of the study.
+            objectives: number of values of a trial, all minimised.
+            about: what defines the search; a study about something else is not continued.
+            settings: time limits for a shared database; None for the defaults.
+
+        Raises:
+            StictionError: a storage that cannot be opened, or a study of that name about another
+                robot, protocol, version or option.
+        """
+        self.name = name
+        self.settings = settings or tuning_settings().shared
+        self.shared = is_shared(storage)
+        """Whether several machines fill it: `shared.run` is used instead of `run`."""
+        self.place = shown(storage)
+        """The storage as it may be printed."""
+        self.file: Path | None = storage_file(storage)
+        """File of the storage, None for a database server."""
+        opened = open_storage(storage, self.settings)
+        told = json.dumps([objectives, about], sort_keys=True, default=str)
+        fingerprint = hashlib.sha256(told.encode()).hexdigest()
+        try:
+            self.study = _study(opened, name, objectives)
+            known = self.study.user_attrs.get("fingerprint")
+            if known is None and not self.study.get_trials(deepcopy=False):
+                for key in SHOWN:
+                    if key in about:
+                        self.study.set_user_attr(key, about[key])
+                self.study.set_user_attr("fingerprint", fingerprint)
+                known = self.study.user_attrs["fingerprint"]  # another machine may have written it
+        except (StorageInternalError, SQLAlchemyError, OSError) as error:
+            raise StictionError(
+                f"storage {self.place}: cannot be written: {reason_of(error)}"
+            ) from None
+        if known != fingerprint:
+            raise StictionError(f"study {name!r}: {self._difference(about)}")
+
+    def _difference(self, about: Mapping[str, Any]) -> str:
+        """Return how the stored study's definition differs."""
+        known = self.study.user_attrs
+        if "fingerprint" not in known:
+            return "was not made by stiction tune: expected another --study"
+        for key in SHOWN:
+            was = known.get(key)
+            if was != about.get(key):
+                return f"is of {key} {was}: expected {about.get(key)}, or another --study"
+        return (
+            "was made with other friction, bounds, settings or options: expected the same, or "
+            "another --study or --storage"
+        )
+
+    @property
+    def trials(self) -> list[FrozenTrial]:
+        """Trials whose outcome is known, in the order in which their settings were proposed.
+
+        That is the order of their numbers; but where machines share the study, a trial whose worker
+        died is replaced by the one that tried its setting again, under another number.
+        """
+        with writing(self.place):
+            known = self.study.get_trials(deepcopy=False)
+        again = retried(known)
+        found = [t for t in known if has_outcome(t) and t.number not in again]
+        return sorted(found, key=lambda t: t.system_attrs.get("failed_trial", t.number))
+
+    def add(self, trial: FrozenTrial) -> None:
+        """Write a finished trial in one transaction.
+
+        Raises:
+            ExperimentError: the storage cannot be written.
+        """
+        with writing(self.place):
+            self.study.add_trial(trial)
+
+
+def _study(storage: BaseStorage, name: str, objectives: int) -> optuna.Study:
+    try:
+        # `create_study` alone writes to a journal even if the study exists
+        return optuna.load_study(study_name=name, storage=storage)
+    except KeyError:
+        return optuna.create_study(
+            study_name=name,
+            storage=storage,
+            directions=["minimize"] * objectives,
+            load_if_exists=True,
+        )
+
+
+def has_outcome(trial: FrozenTrial) -> bool:
+    """Return whether a trial was evaluated. A failed one was, unless its worker died."""
+    failed = trial.state == TrialState.FAIL
+    return trial.state == TrialState.COMPLETE or (failed and UNMEASURED in trial.user_attrs)
+
+
+def attributes_of(outcome: Outcome) -> Parameters:
+    """Return an outcome as user attributes of its trial."""
+    out = {**outcome.measures, CONSTRAINTS: list(outcome.constraints)}
+    return {**out, UNMEASURED: True} if outcome.values is None else out
+
+
+def retried(trials: Sequence[FrozenTrial]) -> set[int]:
+    """Return the numbers of trials that were queued again, as Optuna notes it in the new ones."""
+    return {n for t in trials for n in t.system_attrs.get("retry_history", ())}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """One record, and how to fill it."""
+
+    record: Record
+    space: Space
+    sampler: Callable[[int], BaseSampler]
+    """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
+    evaluations: int
+    """Total number of trials."""
+    batch: int = 1
+    """Trials proposed together; none of them knows the outcomes of the others."""
+    first: tuple[Parameters, ...] = ()
+    """Settings to start with, before the sampler's."""
+
+
+def run(
+    searches: Sequence[Search],
+    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Fill the records of all searches, batch by batch, all searches' batches in one call.
+
+    Args:
+        searches: searches to fill.
+        evaluate: outcomes of a list of (number of the search, setting); each independent of the
+            rest of the list.
+        progress: called with the number of finished trials and the total.
+
+    Raises:
+        StictionError: another process fills one of the records, or has written to it what this
+            search does not propose.
+    """
+    with ExitStack() as held:
+        for file in sorted({s.record.file for s in searches if s.record.file is not None}):
+            held.enter_context(only_writer(file))
+        fills = [_Fill(s) for s in searches]
+        total = sum(s.evaluations for s in searches)
+        while True:
+            if progress is not None:
+                progress(sum(f.done for f in fills), total)
+            due = [(k, number) for k, f in enumerate(fills) for number in f.propose()]
+            if not due:
+                return
+            outcomes = evaluate([(k, fills[k].proposed[n].params) for k, n in due])
+            for (k, number), outcome in zip(due, outcomes, strict=True):
+                fills[k].tell(number, outcome)
+
+
+class _Fill:
+    """A search in memory: the stored trials, and the batch that is being evaluated."""
+
+    def __init__(self, search: Search) -> None:
+        self.search = search
+        known = search.record.trials
+        whole = len(known) // search.batch * search.batch
+        self._memory = optuna.create_study(
+            directions=search.record.study.directions, sampler=search.sampler(0)
+        )
+        for trial in known[:whole]:
+            self._memory.add_trial(trial)
+        self._begun = known[whole:]
+        """Trials of an interrupted batch whose outcomes are known."""
+        self.done = len(known)
+        self.proposed: dict[int, optuna.Trial] = {}
+
+    def propose(self) -> list[int]:
+        """Propose the next batch; return the numbers of trials whose outcomes are not known."""
+        s = self.search
+        start = len(self._memory.get_trials(deepcopy=False))
+        if self.done >= s.evaluations:
+            return []
+        self.proposed = {}
+        for number in range(start, start + s.batch):
+            self._memory.sampler = s.sampler(number)
+            if number < len(s.first):
+                self._memory.enqueue_trial(s.first[number])
+            trial = self._memory.ask(dict(s.space))
+            self.proposed[number] = trial
+            if number + 1 == s.evaluations:
+                break
+        for known in self._begun:
+            if self.proposed[known.number].params != known.params:
+                raise StictionError(
+                    f"study {s.record.name!r}: trial {known.number} is not what this search "
+                    "proposes there: expected a study that only this search writes to"
+                )
+            self._tell_memory(known.number, _outcome_of(known))
+        begun = {t.number for t in self._begun}
+        self._begun = []
+        return [n for n in self.proposed if n not in begun]
+
+    def tell(self, number: int, outcome: Outcome) -> None:
+        """Store an outcome."""
+        self._tell_memory(number, outcome)
+        self.search.record.add(self._memory.get_trials(deepcopy=True)[number])
+        self.done += 1
+
+    def _tell_memory(self, number: int, outcome: Outcome) -> None:
+        trial = self.proposed[number]
+        for key, value in attributes_of(outcome).items():
+            trial.set_user_attr(key, value)
+        # `tell` lets the sampler store what it needs later; it must be this trial's own
+        self._memory.sampler = self.search.sampler(number)
+        if outcome.values is None:
+            self._memory.tell(trial, state=TrialState.FAIL)
+        else:
+            self._memory.tell(trial, list(outcome.values))
+
+
+def _outcome_of(trial: FrozenTrial) -> Outcome:
+    attributes = dict(trial.user_attrs)
+    attributes.pop(UNMEASURED, None)
+    constraints = tuple(attributes.pop(CONSTRAINTS, ()))
+    values = None if trial.state == TrialState.FAIL else tuple(trial.values)
+    return Outcome(values=values, constraints=constraints, measures=attributes)

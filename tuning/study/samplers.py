@@ -1,0 +1,186 @@
+"""Samplers by name; their draws come from (seed, trial number)."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution, FloatDistribution
+from optuna.samplers import BaseSampler
+from optuna.study import Study
+from optuna.trial import FrozenTrial
+
+from stiction_envs.errors import StictionError, unknown
+from tuning.study.record import CONSTRAINTS, Parameters, Space
+
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+GROUP = "stiction_envs.samplers"
+"""Entry points of samplers from other packages."""
+
+
+def fixed(setting: Parameters) -> BaseSampler:
+    """Return a sampler that proposes one setting that is known beforehand."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return optuna.samplers.PartialFixedSampler(setting, optuna.samplers.RandomSampler(seed=0))
+
+
+class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
+    """CMA-ES that knows the space, so that it draws its first generation around ``x0`` too."""
+
+    def __init__(self, space: Space, **options: Any) -> None:
+        super().__init__(**options)
+        self._space = dict(space)
+
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        """Return the space; the base class reads it from trials that are complete."""
+        return self._space
+
+
+class NsgaInOrder(optuna.samplers.NSGAIISampler):
+    """NSGA-II whose parents are in the order of their numbers.
+
+    The base class gives them to a generation's first child in the order of selection and to the
+    others, from a cache, by number. A process that resumes within a generation would start with
+    another order.
+    """
+
+    def select_parent(self, study: Study, generation: int) -> list[FrozenTrial]:
+        """Return the parents of a generation."""
+        return sorted(super().select_parent(study, generation), key=lambda t: t.number)
+
+
+def available() -> tuple[str, ...]:
+    """Return the names of all samplers: our own, and those of installed packages.
+
+    A package adds one by an entry point of the group `GROUP`: a function of space and seed that
+    returns an Optuna sampler.
+    """
+    return (*SAMPLERS, *(point.name for point in entry_points(group=GROUP)))
+
+
+def installed(name: str) -> str:
+    """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``.
+
+    Raises:
+        StictionError: unknown name, or cmaes without its package.
+    """
+    if name not in available():
+        raise unknown("sampler", name, available())
+    if name == "cmaes" and find_spec("cmaes") is None:
+        raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
+    return "tpe" if name == "gp" and find_spec("torch") is None else name
+
+
+def sampler(
+    name: str,
+    space: Space,
+    *,
+    seed: int,
+    startup: int = 0,
+    population: int = 1,
+    points: int = 1,
+    first: Parameters | None = None,
+    step: float = 0.2,
+) -> Callable[[int], BaseSampler]:
+    """Return a function that makes the sampler of a trial from the trial's number.
+
+    Args:
+        name: one of `available`; if it is not `installed`, another is used, with a warning.
+        space: parameters to search.
+        seed: seed of all draws.
+        startup: trials drawn at random before a model is fitted (gp, tpe).
+        population: trials per generation of cmaes and nsga2.
+        points: values of a grid per parameter; trials beyond its cells start again.
+        first: start of cmaes; None for the middle.
+        step: initial step size of cmaes, over the range [-].
+
+    Raises:
+        StictionError: as of `installed`.
+    """
+    used = installed(name)
+    if used != name:
+        warnings.warn(f"sampler {name} needs PyTorch: {used} is used", stacklevel=2)
+    if used == "grid":
+        # Optuna's own counts finished trials, and gives two machines the same cell
+        cells = _cells(space, points, seed)
+        return lambda number: fixed(cells[number % len(cells)])
+
+    def make(seed: int) -> BaseSampler:
+        if used == "gp":
+            return optuna.samplers.GPSampler(
+                seed=seed,
+                n_startup_trials=startup,
+                deterministic_objective=False,
+                constraints_func=constraints_of,
+            )
+        if used == "tpe":
+            return optuna.samplers.TPESampler(
+                seed=seed,
+                n_startup_trials=startup,
+                multivariate=True,
+                constraints_func=constraints_of,
+            )
+        if used == "cmaes":
+            return CmaEsFromTheStart(
+                space, seed=seed, x0=first, sigma0=step, popsize=population, n_startup_trials=0
+            )
+        if used == "nsga2":
+            return NsgaInOrder(
+                seed=seed, population_size=population, constraints_func=constraints_of
+            )
+        if used == "random":
+            return optuna.samplers.RandomSampler(seed=seed)
+        (point,) = entry_points(group=GROUP, name=used)
+        made: BaseSampler = point.load()(space, seed)
+        return made
+
+    def numbered(number: int) -> BaseSampler:
+        drawn = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            # its successor, Trial.set_constraint, keeps one row per constraint, and a database
+            # returns rows in any order: the GP would mix the constraints up
+            warnings.filterwarnings("ignore", "`constraints_func`", FutureWarning)
+            # start of CMA-ES; Optuna 6 wants another way to pass it
+            warnings.filterwarnings("ignore", "`(x0|sigma0)`", FutureWarning)
+            return make(drawn % (2**32 - 1))
+
+    return numbered
+
+
+def grid(space: Space, points: int) -> dict[str, list[float]]:
+    """Return ``points`` values of every parameter, even on its scale, without a low end of 0."""
+    out: dict[str, list[float]] = {}
+    for name, d in space.items():
+        if not isinstance(d, FloatDistribution):
+            out[name] = list(d.choices)  # type: ignore[attr-defined]
+        elif d.log:
+            out[name] = [float(x) for x in np.geomspace(d.low, d.high, points)]
+        else:
+            values = np.linspace(d.low, d.high, points + (d.low == 0))
+            out[name] = [float(x) for x in values[int(d.low == 0) :]]
+    return out
+
+
+def _cells(space: Space, points: int, seed: int) -> list[Parameters]:
+    """Return the cells of a grid in a random order: a part of them represents the whole."""
+    cells = [
+        dict(zip(space, values, strict=True))
+        for values in itertools.product(*grid(space, points).values())
+    ]
+    np.random.default_rng(seed).shuffle(cells)
+    return cells
+
+
+def constraints_of(trial: FrozenTrial) -> list[float]:
+    """Return a trial's constraints for Optuna: feasible where all are at most 0."""
+    return list(trial.user_attrs.get(CONSTRAINTS, ()))
