@@ -114,10 +114,10 @@ def killed(begin, finished, tmp_path, *, times, within, seed):
         while kills < times:
             process = start(begin, torn)
             process.join(moments.uniform(*within))
-            if process.exitcode == 0:
-                break
             process.kill()
             process.join()
+            if process.exitcode == 0:  # ended by itself, if only as the signal came
+                break
             assert process.exitcode == -9
             kills += 1
         run_to_its_end(begin, torn)
