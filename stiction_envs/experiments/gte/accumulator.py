@@ -193,6 +193,11 @@ class Accumulator:
         return np.sqrt((self.vibration**2).sum(axis=1))
 
     @property
+    def shaking_at_rest(self) -> Array:
+        """(N,) the same at rest, after the last goal was reached; NaN before [m]."""
+        return np.sqrt((self.vibration_at_rest**2).sum(axis=1))
+
+    @property
     def dither_energy(self) -> Array:
         """(N,) what the dither moved back and forth during the motion [J]."""
         return self._power / self._rate

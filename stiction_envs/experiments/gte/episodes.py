@@ -260,7 +260,7 @@ class GTEEpisodes(Episodes):
                 "settling_error": self._left[ids],
                 "tracking_error": self.tracking_error(ids),
                 "shaking": r.shaking[ids],
-                "shaking_at_rest": np.sqrt((r.vibration_at_rest[ids] ** 2).sum(axis=1)),
+                "shaking_at_rest": r.shaking_at_rest[ids],
                 "undithered_shaking": self._base_shaking[ids],
                 "duration": rig.sequencer.reached_at[ids, self.goals[ids] - 1],
             },

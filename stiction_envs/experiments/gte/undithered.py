@@ -115,8 +115,8 @@ def _of_store(values: dict[str, Any]) -> Undithered:
 
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
     measures = measure(run, experiment.protocol)
-    duration, total = measures.duration + experiment.protocol.tail, measures.total.mean(axis=0)
-    left = measures.left.mean(axis=0)
+    duration = measures.duration + experiment.protocol.tail
+    total, left = measures.total_error.mean(axis=0), measures.left.mean(axis=0)
     if not (np.isfinite(duration).all() and (total > 0).all() and (left > 0).all()):
         raise StictionError(
             f"{experiment.sticking.arm.name}: {run.case.trajectory} at stiffness "

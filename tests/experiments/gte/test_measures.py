@@ -32,25 +32,19 @@ def test_error_is_small_where_roll_passes_pi():
 
 def test_window_has_200_samples_and_both_readings():
     """Absolute first, then mean: 200 times the size. Mean first: iterations cancel."""
-    run = made_up(constant(*VALUES))
-    assert gte_measures.window(run).shape == (2, 200, 6)
-    sums = gte_measures.window_sums(run)
-    np.testing.assert_allclose(sums, np.tile(200 * np.abs(VALUES), (2, 1)))
-    np.testing.assert_allclose(gte_measures.window_sum_of_mean(run), 0.0, atol=1e-12)
-    same = made_up(np.stack([np.tile(VALUES, (700, 1))] * 2))
-    np.testing.assert_allclose(gte_measures.window_sum_of_mean(same), 200 * np.abs(VALUES))
+    m = gte_measures.measure(made_up(constant(*VALUES)))
+    np.testing.assert_allclose(m.window_sum, np.tile(200 * np.abs(VALUES), (2, 1)))
+    np.testing.assert_allclose(m.window_sum_of_mean, 0.0, atol=1e-12)
+    same = gte_measures.measure(made_up(np.stack([np.tile(VALUES, (700, 1))] * 2)))
+    np.testing.assert_allclose(same.window_sum_of_mean, 200 * np.abs(VALUES))
 
 
-@pytest.mark.parametrize(("centre", "first"), [("accepted", 300), ("reached", 500)])
-def test_window_lies_around_each_iterations_own_last_point(centre, first):
+def test_window_lies_around_each_iterations_own_last_point():
     """1 s before to 1 s after it; an error that counts samples shows which ones were taken."""
     error = np.broadcast_to(np.arange(700.0)[:, None] * 1e-4, (2, 700, 6))
-    run = made_up(error, accepted=[[0, 2, 4], [0, 2.1, 4.1]], reached=[[2, 4, 6], [2.1, 4.1, 6.1]])
-    taken = gte_measures.window(run, centre=centre)[..., 0] * 1e4
-    np.testing.assert_allclose(taken[0], np.arange(first, first + 200))
-    # the second iteration's window around 6.1 s ends past the record: its last error is held
-    late = np.minimum(np.arange(first + 10, first + 210), 699)
-    np.testing.assert_allclose(taken[1], late)
+    run = made_up(error, accepted=[[0, 2, 4], [0, 2.1, 4.1]])
+    taken = gte_measures.measure(run).window.error[..., 0] * 1e4
+    np.testing.assert_allclose(taken, [np.arange(300, 500), np.arange(310, 510)])
 
 
 def test_window_before_the_start_counts_nothing():
@@ -64,11 +58,6 @@ def test_window_of_a_point_never_accepted_is_unknown():
     sums = gte_measures.window_sums(run)
     assert np.isfinite(sums[0]).all()
     assert np.isnan(sums[1]).all()
-
-
-def test_unknown_centre():
-    with pytest.raises(StictionError, match="accepted, reached"):
-        gte_measures.window(made_up(), centre="middle")
 
 
 def test_mean_and_deviation_against_time():
@@ -91,7 +80,7 @@ def test_measures_are_over_the_motion():
     np.testing.assert_allclose(m.mean[:, 0], 0.01)
     np.testing.assert_allclose(m.maximum[:, 0], 0.02)
     assert not m.maximum[:, 1:].any()
-    np.testing.assert_allclose(m.total[:, :2], [[300 * 0.02 + 100 * 9.0, 100 * 9.0]] * 2)
+    np.testing.assert_allclose(m.total_error[:, :2], [[300 * 0.02 + 100 * 9.0, 100 * 9.0]] * 2)
     np.testing.assert_allclose(m.vibration, np.tile([3e-3, 4e-3, 0, 0, 0, 12e-3], (2, 1)))
     np.testing.assert_allclose(m.shaking, 13e-3)
     np.testing.assert_allclose(m.shaking_at_rest, 13e-3)
