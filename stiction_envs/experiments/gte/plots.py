@@ -7,7 +7,7 @@ reference, purple dotted where goals were accepted. With them Table 4.11, simula
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -241,7 +241,8 @@ def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
 
 
 def plot_window_sums(
-    pairs: Sequence[tuple[tuple[Run, Measures], tuple[Run, Measures]]],
+    plain: tuple[Run, Measures],
+    shaken: tuple[Run, Measures],
     path: str | os.PathLike[str],
     *,
     robot: str,
@@ -249,30 +250,30 @@ def plot_window_sums(
     """Draw the sums of Table 4.11, simulated and measured: an arrow is what dither does.
 
     Args:
-        pairs: of each path and stiffness, the run without dither and the one with it.
+        plain: the run without dither.
+        shaken: the one with it, of the same path and stiffness.
         path: PNG to write.
         robot: name for the title.
     """
-    columns = min(2, len(pairs))
-    rows = -(-len(pairs) // columns)
-    figure = Figure(figsize=(5.2 * columns + 0.6, 3.1 * rows + 0.9), layout="constrained")
-    grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
-    for axes, ((plain, m_plain), (shaken, m_shaken)) in zip(grid, pairs, strict=False):
-        simulated = (m_plain.window_sum.mean(axis=0), m_shaken.window_sum.mean(axis=0))
-        _arrows(axes, simulated, WITH, -0.17)
-        printed = [thesis_window_sums(run.case) for run in (plain, shaken)]
-        if all(printed):
-            values = [np.array([p[a] for a in AXES]) for p in printed if p]
-            _arrows(axes, (values[0], values[1]), MEASURED, 0.17)
-        axes.set_title(case_text(plain.case), loc="left", fontsize=10)
-        axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
-        axes.invert_yaxis()
-        axes.set_xlim(left=0)
-        plain_axes(axes, grid="x")
-        axes.set_xlabel("sum of |error| over 200 samples", fontsize=9)
-    for axes in grid[len(pairs) :]:
-        axes.set_visible(False)
-    figure.legend(handles=_arrow_legend(), loc="outside lower center", ncols=4, frameon=False)
+    figure = Figure(figsize=(5.8, 4.0), layout="constrained")
+    axes = figure.subplots()
+    simulated = [m.window_sum.mean(axis=0) for _, m in (plain, shaken)]
+    _arrows(axes, simulated, WITH, -0.17)
+    printed = [thesis_window_sums(run.case) for run, _ in (plain, shaken)]
+    if all(printed):
+        _arrows(axes, [np.array([p[a] for a in AXES]) for p in printed if p], MEASURED, 0.17)
+    axes.set_title(case_text(plain[0].case), loc="left", fontsize=10)
+    axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
+    axes.invert_yaxis()
+    axes.set_xlim(left=0)
+    plain_axes(axes, grid="x")
+    axes.set_xlabel("sum of |error| over 200 samples", fontsize=9)
+    entries = [
+        Line2D([], [], color=shade, marker="o", ms=5.5, lw=1.8, label=label, mfc=face, mec=shade)
+        for shade, kind in ((WITH, "simulated"), (MEASURED, "measured"))
+        for face, label in (("white", f"{kind}, no dither"), (shade, f"{kind}, dither"))
+    ]
+    figure.legend(handles=entries, loc="outside lower center", ncols=4, frameon=False)
     figure.suptitle(
         f"{arm_title(robot)}: Table 4.11, from without dither (ring) to with it (dot)",
         fontsize=11,
@@ -280,22 +281,9 @@ def plot_window_sums(
     save_full(figure, path)
 
 
-def _arrows(axes: Axes, ends: tuple[Array, Array], shade: str, shift: float) -> None:
+def _arrows(axes: Axes, ends: Sequence[Array], shade: str, shift: float) -> None:
     for k, (before, after) in enumerate(zip(*ends, strict=True)):
         y = k + shift
         axes.plot([before, after], [y, y], color=shade, lw=1.8, zorder=2)
         axes.plot(before, y, "o", ms=6, mfc="white", mec=shade, mew=1.4, zorder=3)
         axes.plot(after, y, "o", ms=5, color=shade, zorder=4)
-
-
-def _arrow_legend() -> list[Line2D]:
-    def entry(shade: str, text: str, fill: bool) -> Line2D:
-        face: Mapping[str, Any] = {"mfc": shade if fill else "white", "mec": shade}
-        return Line2D([], [], color=shade, marker="o", ms=5.5, lw=1.8, label=text, **face)
-
-    return [
-        entry(WITH, "simulated, no dither", False),
-        entry(WITH, "simulated, dither", True),
-        entry(MEASURED, "measured, no dither", False),
-        entry(MEASURED, "measured, dither", True),
-    ]

@@ -102,19 +102,6 @@ def test_every_kind_of_measurement_is_drawn(tmp_path, changes):
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_with_and_without(tmp_path):
-    dithered = measurement(lengths=(20, 22), frequency=15.0, amplitude=0.6)
-    plots.plot_with_and_without(
-        measurement(),
-        dithered,
-        tmp_path / "a.png",
-        robot="panda",
-        threshold=0.15,
-        ramp_rate=RATE,
-    )
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_dither_is_named():
     c = Configuration(1, "load", "+")
     assert plots.dither_text(Job(c)) == "no dither"
