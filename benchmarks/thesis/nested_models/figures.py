@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from benchmarks.thesis.items import plain_axes
 from benchmarks.thesis.nested_models.phase import PhaseStudy
 from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, TARGETS, ModelScores
+from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
+from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.reporting.png import save_full
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ TABLES = {
     "4.10 intermediate": ("s", "Table 4.10 repeats, held out"),
     "4.10 final": ("D", "Table 4.10 final amplitude, held out"),
 }
-MEASURED, THEORY_COLOUR, BROKEN = "#c2410c", "0.45", "x"
+MEASURED, THEORY_COLOUR = "#c2410c", "0.45"
 TICKS = sorted(FREQUENCIES)
 
 
@@ -71,7 +73,7 @@ def models(scores: ModelScores, path: Path) -> None:
 # ---- one joint -----------------------------------------------------------------------------------
 
 
-def joint(scores: ModelScores, number: int, path: Path) -> None:
+def joint(scores: ModelScores, j: int, path: Path) -> None:
     """Draw a joint's change of torque against frequency and amplitude, model after model.
 
     A column per pose and direction; above against frequency at scale 1.0, below against amplitude
@@ -79,145 +81,103 @@ def joint(scores: ModelScores, number: int, path: Path) -> None:
 
     Args:
         scores: the models.
-        number: the joint, from 1.
+        j: the joint, from 1.
         path: PNG to write.
     """
     figure = Figure(figsize=(13.5, 8.0), layout="constrained")
     grid = figure.subplots(2, 4, sharey="row")
     shown = [k for k in SHOWN if k in scores.models] or [scores.last]
-    colours = colormaps["viridis"](np.linspace(0.88, 0.05, len(shown)))
-    chosen = _chosen_frequency(scores, number)
-    for column, where in enumerate(configurations(7, [number])):
-        above, below = grid[0, column], grid[1, column]
+    colours = dict(
+        zip(shown, colormaps["viridis"](np.linspace(0.88, 0.05, len(shown))), strict=True)
+    )
+    final = next(c.row for c in scores.cells if c.row.joint == j and c.row.table == "4.10")
+    chosen = final.frequency_hz
+    for column, where in zip(grid.T, configurations(7, [j]), strict=True):
+        mine = [(i, c) for i, c in enumerate(scores.cells) if c.configuration == where]
+        base = mine[0][1].row.tau_base_nm
         sign = plots.SIGNS[where.direction]
-        base = next(c.row.tau_base_nm for c in scores.cells if c.configuration == where)
-        above.set_title(
-            f"{plots.POSES[where.load]}, {sign}   (base {base:+.2f} N·m)".replace("-", "−").replace(
-                "no−load", "no-load"
-            ),
-            fontsize=10,
-        )
-        for axes, against in ((above, "frequency"), (below, "amplitude")):
-            _theory(axes, scores, where, against, chosen)
-            for key, colour in zip(shown, colours, strict=True):
-                _model(axes, scores, where, key, against, chosen, colour, last=key == shown[-1])
-            _points(axes, scores, where, against, chosen)
+        title = f"{plots.POSES[where.load]}, {sign}   (base {signed(base, 2)} N·m)"
+        column[0].set_title(title, fontsize=10)
+        tables = ("4.6", "4.7", "4.8")
+        over_f = sorted((c.row.frequency_hz, i) for i, c in mine if c.row.table in tables)
+        over_a = sorted((c.row.amplitude_nm, i) for i, c in mine if c.row.frequency_hz == chosen)
+        one = np.geomspace(13, 95, 160), np.full(160, abs(base))
+        most = 1.08 * max(x for x, _ in over_a)
+        other = np.full(160, chosen), np.linspace(0, most, 160)
+        for axes, points, (f, a), x in (
+            (column[0], over_f, one, one[0]),
+            (column[1], over_a, other, other[1]),
+        ):
+            _theory(axes, scores.theory(j), where, f, a, x)
+            for key in shown:
+                # above only scale 1.0, which is the fitted table
+                at = [
+                    (x, i) for x, i in points if axes is column[1] or not scores.cells[i].held_out
+                ]
+                values = [100 * scores.predicted[key][i] for _, i in at]
+                last = key == shown[-1]
+                style: dict[str, Any] = {"lw": 2.4 if last else 1.3, "zorder": 4 if last else 3}
+                axes.plot([x for x, _ in at], values, color=colours[key], **style)
+            _cells(axes, scores, points)
             axes.axhline(0, color="0.3", lw=0.8, zorder=1)
-            axes.grid(alpha=0.25, lw=0.6)
-            axes.spines[["top", "right"]].set_visible(False)
-        above.set_xscale("log")
-        above.set_xticks(TICKS, [f"{f:g}" for f in TICKS])
-        above.minorticks_off()
-        above.set_xlim(13, 95)
-        above.set_xlabel("frequency at scale 1.0 [Hz]")
-        below.set_xlabel(f"amplitude at {chosen:g} Hz [N·m]")
-        below.set_xlim(left=0)
-    for axes in grid[:, 0]:
+            plain_axes(axes)
+        column[0].set_xscale("log")
+        column[0].set_xticks(TICKS, [f"{f:g}" for f in TICKS])
+        column[0].minorticks_off()
+        column[0].set_xlim(13, 95)
+        column[0].set_xlabel("frequency at scale 1.0 [Hz]")
+        column[1].set_xlabel(f"amplitude at {chosen:g} Hz [N·m]")
+        column[1].set_xlim(left=0)
+    drawn = scores.sound & (scores.joint == j)
+    for axes, rows in zip(grid[:, 0], (True, scores.frequency == chosen), strict=True):
         axes.set_ylabel("change of the torque\nthat moves the joint [% of base]")
-    for axes, against in zip(grid[:, 0], ("frequency", "amplitude"), strict=True):
-        axes.set_ylim(*_limits(scores, number, shown, against, chosen))
+        values = [scores.measured, *(scores.predicted[k] for k in shown[1:] or shown)]
+        low, high = (100 * of(np.array(values)[:, drawn & rows]) for of in (np.min, np.max))
+        margin = 0.08 * (high - low) + 2
+        axes.set_ylim(low - margin, max(high, 0) + margin)
     handles = [
-        Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=scores.models[k].name)
-        for k, c in zip(shown, colours, strict=True)
+        *(
+            Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=scores.models[k].name)
+            for k, c in colours.items()
+        ),
+        *(
+            Line2D([], [], color=THEORY_COLOUR, ls=style, lw=1.2, label=text)
+            for text, style in THEORY.values()
+        ),
+        Line2D([], [], color="0.5", alpha=0.25, lw=7, label=AVERAGED),
+        *(
+            Line2D([], [], marker=m, ls="", ms=6, label=text, **_face(name == "4.6"))
+            for name, (m, text) in TABLES.items()
+        ),
     ]
-    handles += [
-        Line2D([], [], color=THEORY_COLOUR, ls=style, lw=1.2, label=text)
-        for text, style in THEORY.values()
-    ]
-    handles.append(Line2D([], [], color="0.5", alpha=0.25, lw=7, label=AVERAGED))
-    handles += [
-        Line2D([], [], marker=m, ls="", ms=6, label=text, **_face(name == "4.6"))
-        for name, (m, text) in TABLES.items()
-    ]
-    band = scores.models.get("band")
-    text = "" if band is None else f"\n{band.name} is off the scale: −100 % at scale 1.0"
-    figure.suptitle(f"Joint {number}: measured and predicted change{text}", fontsize=12)
+    band = scores.models["band"].name
+    text = f"Joint {j}: measured and predicted change\n{band} is off the scale: −100 % at scale 1.0"
+    figure.suptitle(text, fontsize=12)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
     save_full(figure, path)
-
-
-def _chosen_frequency(scores: ModelScores, number: int) -> float:
-    """Return the frequency of the joint in Table 4.10 [Hz]."""
-    mask = (scores.joint == number) & np.char.startswith(scores.table.astype(str), "4.10")
-    return float(scores.frequency[mask][0])
-
-
-def _select(
-    scores: ModelScores, where: Configuration, against: str, chosen: float
-) -> list[tuple[float, int]]:
-    """Return (x, cell) of the cells in a panel, sorted."""
-    out = []
-    for i, c in enumerate(scores.cells):
-        if c.configuration != where:
-            continue
-        if against == "amplitude" and c.row.frequency_hz == chosen:
-            out.append((c.row.amplitude_nm, i))
-        elif against == "frequency" and c.row.table in ("4.6", "4.7", "4.8"):
-            out.append((c.row.frequency_hz, i))
-    return sorted(out)
 
 
 def _face(fitted: bool) -> dict[str, Any]:
     return {"color": MEASURED, "markerfacecolor": MEASURED if fitted else "white", "mew": 1.2}
 
 
-def _points(
-    axes: Axes, scores: ModelScores, where: Configuration, against: str, chosen: float
-) -> None:
-    for x, i in _select(scores, where, against, chosen):
+def _cells(axes: Axes, scores: ModelScores, points: list[tuple[float, int]]) -> None:
+    """Draw measured cells; the broken one is off the scale."""
+    for x, i in points:
         c = scores.cells[i]
-        marker = TABLES[c.column][0]
-        y = 100 * c.change
         if c.row.outlier:
-            axes.annotate(
-                f"broken cell\n{y:.0f} %".replace("-", "−"),
-                (x, 0.02),
-                xycoords=("data", "axes fraction"),
-                fontsize=7.5,
-                ha="center",
-                color=MEASURED,
-            )
-            continue
-        axes.plot(x, y, marker, ms=5.5, zorder=6, **_face(not c.held_out))
-
-
-def _model(
-    axes: Axes,
-    scores: ModelScores,
-    where: Configuration,
-    key: str,
-    against: str,
-    chosen: float,
-    colour: Any,
-    *,
-    last: bool,
-) -> None:
-    points = [
-        (x, 100 * scores.predicted[key][i])
-        for x, i in _select(scores, where, against, chosen)
-        if against == "amplitude" or not scores.cells[i].held_out
-    ]
-    if points:
-        x, y = zip(*points, strict=True)
-        axes.plot(x, y, color=colour, lw=2.4 if last else 1.3, zorder=4 if last else 3)
+            text, at = f"broken cell\n{number(100 * c.change, 0)} %", ("data", "axes fraction")
+            style: dict[str, Any] = {"fontsize": 7.5, "ha": "center", "color": MEASURED}
+            axes.annotate(text, (x, 0.02), xycoords=at, **style)
+        else:
+            marker = TABLES[c.column][0]
+            axes.plot(x, 100 * c.change, marker, ms=5.5, zorder=6, **_face(not c.held_out))
 
 
 def _theory(
-    axes: Axes, scores: ModelScores, where: Configuration, against: str, chosen: float
+    axes: Axes, theory: JointTheory, where: Configuration, f: Array, a: Array, x: Array
 ) -> None:
-    theory = scores.theory(where.joint)
-    base = next(
-        abs(c.row.tau_base_nm)
-        for c in scores.cells
-        if c.configuration == where and c.row.table == "4.6"
-    )
-    if against == "frequency":
-        x = np.geomspace(13, 95, 160)
-        f, a = x, np.full_like(x, base)
-    else:
-        most = max(x for x, _ in _select(scores, where, against, chosen))
-        x = np.linspace(0, 1.08 * most, 160)
-        f, a = np.full_like(x, chosen), x
+    """Draw what theory says of frequencies [Hz] and amplitudes [N·m], over one of them."""
     free, sliding = (100 * theory.change(kind, where, f, a) for kind in ("free", "sliding"))
     axes.fill_between(x, free, sliding, color="0.5", alpha=0.16, lw=0, zorder=1)
     for kind, (_, style) in THEORY.items():
@@ -225,22 +185,6 @@ def _theory(
         if kind == "creep":  # of a joint that sticks
             y = np.where(theory.sticks(f, a, where.index[1]), y, np.nan)
         axes.plot(x, y, color=THEORY_COLOUR, ls=style, lw=1.2, zorder=2)
-
-
-def _limits(
-    scores: ModelScores, number: int, shown: Sequence[str], against: str, chosen: float
-) -> tuple[float, float]:
-    """Return limits [%] of a row: all its sound cells, and all drawn models but the first."""
-    drawn = [
-        i
-        for where in configurations(7, [number])
-        for _, i in _select(scores, where, against, chosen)
-    ]
-    mine = np.isin(np.arange(len(scores.cells)), drawn) & scores.sound
-    values = [scores.measured[mine], *(scores.predicted[k][mine] for k in shown[1:] or shown)]
-    low, high = 100 * np.min(np.concatenate(values)), 100 * np.max(np.concatenate(values))
-    margin = 0.08 * (high - low) + 2
-    return float(low - margin), float(max(high, 0) + margin)
 
 
 # ---- the iiwa ------------------------------------------------------------------------------------
@@ -277,7 +221,7 @@ def iiwa(study: PhaseStudy, path: Path) -> None:
     right.plot(x, 100 * study.measured, "D", color=MEASURED, ms=7, label="measured", zorder=4)
     for k, value in enumerate(100 * study.measured):
         right.annotate(
-            f"{value:+.0f}".replace("-", "−"),
+            signed(value, 0),
             (k, value),
             xytext=(9, 0),
             textcoords="offset points",
@@ -293,7 +237,6 @@ def iiwa(study: PhaseStudy, path: Path) -> None:
     right.legend(frameon=False, fontsize=8.5)
     for axes in (left, right):
         axes.axhline(0, color="0.3", lw=0.8, zorder=2)
-        axes.grid(alpha=0.25, lw=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes)
     figure.suptitle("LBR iiwa 7 R800: dither at half the controller's rate", fontsize=12)
     save_full(figure, path)

@@ -7,7 +7,7 @@ Numbers are in per cent of the base torque unless a table says otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,32 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models import figures
-from benchmarks.thesis.nested_models.cells import Cell, cells
-from benchmarks.thesis.nested_models.fit import ROBOT
+from benchmarks.thesis.nested_models.cells import JOINTS, cells
 from benchmarks.thesis.nested_models.models import NestedModel
 from benchmarks.thesis.nested_models.phase import PhaseStudy
 from benchmarks.thesis.nested_models.scores import (
     FREQUENCIES,
-    JOINTS,
     SAME_LOSS,
     SAME_RANGE,
-    Change,
+    Gain,
     ModelScores,
 )
-from benchmarks.thesis.nested_models.theory import poses_of
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.protocol import Configuration, configurations
-from stiction_envs.measured import thesis_base
+from stiction_envs.experiments.sje.protocol import SIGNS, Configuration
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.html import to_html
-from stiction_envs.reporting.markdown import number, percent, short, signed, span, table
+from stiction_envs.reporting.markdown import number, percent, short, signed, table_text
+from stiction_envs.reporting.templates import render
 
 Array = NDArray[np.float64]
-POSES = {"load": "load", "no_load": "no load"}
+TEMPLATE = Path(__file__).with_name("gap.md.j2")
 CLOSE = 2.0
-"""Theory and simulation agree when they differ by less, in points of the base torque; assumed."""
-GRAVITY = 5.0
-"""Change of a joint's gravity torque between the poses from which it is compared with [N·m]."""
+"""Theory and simulation agree when they differ by less [points of the base torque]; assumed."""
 CAUSES = {
     "inertia": "rotor inertia",
     "presliding": "presliding and Stribeck effect",
@@ -59,19 +54,10 @@ PARAMETERS = {
     "joint_stiffness": "joint spring K [N·m/rad]",
 }
 PICTURES = ("ladder.png", *(f"joint_{j}.png" for j in JOINTS), "iiwa.png")
-MEASURE_NEXT = (
-    "What would settle it: base torques repeated directly before each table (a base that moved "
-    "cannot be predicted); the rate of the torque ramp, which trades off against inertia and "
-    "bristles; the motor's angle beside the link's on joints 1 to 4, which shows the springs; "
-    "three or more repeats of a few settings on different days."
-)
 
 
 def write_page(
-    folder: Path,
-    models: Mapping[str, NestedModel],
-    *,
-    study: PhaseStudy,
+    folder: Path, models: Mapping[str, NestedModel], *, study: PhaseStudy
 ) -> dict[str, Any]:
     """Write `gap.md`, `report.html` and their pictures; return the errors [% of base torque].
 
@@ -93,17 +79,14 @@ def write_page(
                 f"model {key!r} predicts {len(model.change)} cells, but there are {len(chosen)}"
             )
     scores = ModelScores(models, chosen)
-    for done, name in enumerate(PICTURES):
-        if name == "ladder.png":
-            figures.models(scores, folder / name)
-        elif name == "iiwa.png":
-            figures.iiwa(study, folder / name)
-        else:
-            figures.joint(scores, done, folder / name)
-    lines = page(scores, study)
-    write_text_atomic(folder / "gap.md", "\n".join(lines).rstrip("\n") + "\n")
+    figures.models(scores, folder / "ladder.png")
+    for j in JOINTS:
+        figures.joint(scores, j, folder / f"joint_{j}.png")
+    figures.iiwa(study, folder / "iiwa.png")
+    text = page(scores, study)
+    write_text_atomic(folder / "gap.md", text)
     title = "The thesis's dithered torques, model by model"
-    write_text_atomic(folder / "report.html", to_html(lines, folder, title))
+    write_text_atomic(folder / "report.html", to_html(text.splitlines(), folder, title))
     return {
         "repeats": {"mean": scores.floor[0], "median": scores.floor[1]},
         "models": [
@@ -125,98 +108,50 @@ def write_page(
     }
 
 
-def page(s: ModelScores, study: PhaseStudy) -> list[str]:
-    """Return the page's lines of Markdown."""
-    of, last = s.scores, s.scores[s.last]
+def page(s: ModelScores, study: PhaseStudy) -> str:
+    """Return the page."""
     parameters = [p for j in JOINTS for p in s.identified(j)[0]]
-    gap, error = s.preferred("elasto-plastic", "drift")
-    lines = [
-        "# Where a simulated Panda's dither differs from the real one, and why",
-        "",
-        f"The last of these models, *{last.name}*, is off by {number(last.mean)} % of the base "
-        f"torque [{number(last.low)}, {number(last.high)}] in the mean of {int(s.held_out.sum())} "
-        f"held-out cells, {number(last.median)} % in the median; if dither did nothing it would be "
-        f"{number(of['nothing'].mean)} %, and the thesis repeats itself to {number(s.floor[0])} "
-        f"and {number(s.floor[1])} %.",
-        "",
-        f"A thesis (Lund 2023) measured {len(s.cells)} dithered breakaway torques on a Panda. Each "
-        "model adds one physical statement to the one before, is fitted to Tables 4.3 and 4.6 "
-        "alone, and predicts Tables 4.7, 4.8 and 4.10; priors and bounds have seen none of them "
-        "(`dither_fit.toml`). Intervals are 95 % bootstraps over the 28 configurations.",
-        "",
-        "![held-out error of every model](ladder.png)",
-        "",
-        *_models(s),
-        *_targets(s),
-        "## The causes, joint by joint",
-        "",
-        "A statement is a cause where it lowers the joint's held-out error by more than the "
-        "scatter of its cells: as predicted, or with each configuration's base free to move before "
-        "and after. A *constant* is each configuration's median change in Table 4.6; where it is "
-        "as good as the model, the tables do not show that physics is needed.",
-        "",
-        *_overview(s),
-    ]
-    for j in JOINTS:
-        lines += [f"### Joint {j}", "", *_causes(s, j), f"![joint {j}](joint_{j}.png)", ""]
-    return [
-        *lines,
-        "## What reaches the friction, and what frequency does",
-        "",
-        _theories(s),
-        "",
-        *_joints(s),
-        "## Offset or asymmetric friction",
-        "",
-        "Base torques of two directions that differ may be friction of two levels or a bias, which "
-        f"dither leaves alone: the held-out error is {number(of['load'].mean)} % with the one and "
-        f"{number(of['offset'].mean)} % with the other.",
-        "",
-        *_asymmetry(s),
-        "## The iiwa's trials at 100 Hz",
-        "",
-        _iiwa(study),
-        "",
-        "![iiwa](iiwa.png)",
-        "",
-        "## What was identified",
-        "",
-        f"{sum(p.verdict == 'yes' for p in parameters)} of {len(parameters)} parameters are "
-        "identified. Best seed, in brackets the range over the seeds that fit equally well (loss "
-        f"within {SAME_LOSS:g} of the best); † on its bound, ‡ range wider than a factor of "
-        f"{SAME_RANGE:g}. The whole arm's values, corrected from these, are the Panda's shipped "
-        "friction.",
-        "",
-        *_identification(s),
-        "The thesis does not state the rate of its torque ramp:",
-        "",
-        *_ramp_rates(s),
-        "An elasto-plastic joint (Dupont 2002), which does not creep, predicts the held-out cells "
-        f"to {number(of['elasto-plastic'].mean)} %, LuGre to {number(of['drift'].mean)} %; the "
-        f"fitted cells prefer it by {number(gap, 0)} in loss (two standard errors over the joints: "
-        f"{number(error, 0)}).",
-        "",
-        "## What is left",
-        "",
-        MEASURE_NEXT,
-        "",
-        *_left(s),
-    ]
+    i = int(np.flatnonzero(~s.sound)[0])
+    c = s.cells[i]
+    return render(
+        TEMPLATE,
+        scores=s.scores,
+        last=s.scores[s.last],
+        held_out=int(s.held_out.sum()),
+        cells=len(s.cells),
+        floor=s.floor,
+        models=_models(s),
+        targets=_targets(s),
+        outlier=f"Table {c.column}, joint {c.row.joint} {_place(c.configuration)}, "
+        f"{c.row.frequency_hz:g} Hz, {number(c.row.amplitude_nm, 2)} N·m: "
+        f"{percent(100 * c.change)} measured, {percent(100 * s.predicted[s.last][i])} predicted",
+        overview=_overview(s),
+        causes=_causes(s),
+        averaging=averaging(s),
+        close=CLOSE,
+        creep=_creep(s),
+        joints=_joints(s),
+        study=study,
+        iiwa=_iiwa(study),
+        identified=(sum(p.verdict == "yes" for p in parameters), len(parameters)),
+        same_loss=SAME_LOSS,
+        same_range=SAME_RANGE,
+        identification=_identification(s),
+        ramp_rates=_ramp_rates(s),
+        preferred=s.preferred("elasto-plastic", "drift"),
+        left=_left(s),
+    )
 
 
-def place(where: Configuration) -> str:
+def _place(where: Configuration) -> str:
     """Return ``load +`` and the like, with a true minus."""
-    return f"{POSES[where.load]} {'+' if where.direction == '+' else '−'}"
-
-
-def _row(values: Iterable[float], digits: int = 1) -> str:
-    return ", ".join(signed(x, digits) for x in values)
+    return f"{where.load.replace('_', ' ')} {SIGNS[where.direction]}"
 
 
 # ---- models and causes ---------------------------------------------------------------------------
 
 
-def _models(s: ModelScores) -> list[str]:
+def _models(s: ModelScores) -> str:
     columns = list(s.scores[s.last].by_column)
     header = ["model", "mean [95 %]", "median", *columns, *(f"J{j}" for j in JOINTS), "statement"]
     rows = [
@@ -229,100 +164,57 @@ def _models(s: ModelScores) -> list[str]:
         ]
         for key, x in s.scores.items()
     ]
-    return table(header, rows)
+    return table_text(header, rows)
 
 
-def _targets(s: ModelScores) -> list[str]:
+def _targets(s: ModelScores) -> str:
     rows = [
         [name, f"{number(x)} %", f"{aim:g} %", "met" if x <= aim else "**not met**"]
         for name, (x, aim) in s.targets().items()
     ]
-    out = table(["held-out error", "reached", "target", ""], rows)
-    for i, c in enumerate(s.cells):
-        if c.row.outlier:
-            text = f"Scored apart: {_cell(s, i)}; its own repeat in Table 4.10 refutes it."
-            out += [text, ""]
-    return out
+    return table_text(["held-out error", "reached", "target", ""], rows)
 
 
-def _cell(s: ModelScores, i: int) -> str:
-    c: Cell = s.cells[i]
-    return (
-        f"Table {c.column}, joint {c.row.joint} {place(c.configuration)}, {c.row.frequency_hz:g} "
-        f"Hz, {number(c.row.amplitude_nm, 2)} N·m: {percent(100 * c.change)} measured, "
-        f"{percent(100 * s.predicted[s.last][i])} predicted"
-    )
-
-
-def _overview(s: ModelScores) -> list[str]:
-    rows, of = [], s.scores
+def _overview(s: ModelScores) -> str:
+    rows = []
     for j in JOINTS:
-        named = sorted((g for g in s.gains(j) if g.named), key=lambda g: -g.points)
-        values = (of["nothing"].by_joint[j], s.constant(j), of[s.last].by_joint[j])
-        causes = "; ".join(f"{CAUSES[g.key]} ({signed(g.points)})" for g in named) or "none"
+        values = (s.scores["nothing"].by_joint[j], s.constant(j), s.scores[s.last].by_joint[j])
         moved = {c: 100 * (x - 1) for c, x in s.drift().items() if c.joint == j}
         c = max(moved, key=lambda c: abs(moved[c]))
-        base = f"{percent(moved[c])} ({place(c)})"
-        rows.append([str(j), *(f"{number(x)} %" for x in values), causes, base])
+        base = f"{percent(moved[c])} ({_place(c)})"
+        rows.append([str(j), *(f"{number(x)} %" for x in values), base])
     header = ["joint", "dither does nothing", "constant", "last model"]
-    header += ["causes (points of error they take)", "base of Table 4.6 against 4.3, furthest"]
-    return table(header, rows)
+    return table_text([*header, "base of Table 4.6 against 4.3, furthest"], rows)
 
 
-def _points(change: Change | None) -> str:
-    if change is None:
-        return ""
-    return f"{signed(change.points)} [{signed(change.low)}, {signed(change.high)}]"
+def _causes(s: ModelScores) -> str:
+    """Return what every statement took off the error, joint by joint."""
+    gains = [s.gains(j) for j in JOINTS]
 
+    def cell(g: Gain) -> str:
+        free = " ‡" if g.shown is not g.changes[0] else ""
+        x, mark = g.shown, "**" if g.named else "*" if g.worse else ""
+        return f"{mark}{signed(x.points)} [{signed(x.low)}, {signed(x.high)}]{free}{mark}"
 
-def _causes(s: ModelScores, joint: int) -> list[str]:
-    rows = []
-    for g in s.gains(joint):
-        x = g.as_predicted
-        rows.append(
-            [
-                f"**{CAUSES[g.key]}**" if g.named else CAUSES[g.key],
-                f"{number(x.before)} → {number(x.after)} %",
-                _points(x),
-                _points(g.free_base),
-                "a cause" if g.named else "worse" if g.worse else "–",
-            ]
-        )
-    header = ["statement", "held-out error", "gain in points [95 %]", "with bases free to move"]
-    return table([*header, ""], rows)
+    rows = [[CAUSES[row[0].key], *map(cell, row)] for row in zip(*gains, strict=True)]
+    return table_text(["statement", *(f"joint {j}" for j in JOINTS)], rows)
 
 
 # ---- theory --------------------------------------------------------------------------------------
 
 
-def _joints(s: ModelScores) -> list[str]:
+def _joints(s: ModelScores) -> str:
     rows = []
     for j in JOINTS:
-        theory, friction = s.theory(j), thesis_base(ROBOT).friction[j - 1]
-        share = np.mean([theory.bristle_gain(FREQUENCIES, k) for k in range(2)], axis=0)
-        swing = np.mean([theory.stroke(FREQUENCIES, friction[k], k) for k in range(2)], axis=0)
-        shaken = np.ravel([theory.shaking(FREQUENCIES, friction[k], k) for k in range(2)])
+        theory = s.theory(j)
+        share = np.mean([theory.bristle_gain(np.array(FREQUENCIES), k) for k in range(2)], axis=0)
         peaks = sorted({round(f) for k in range(2) for f, _ in theory.resonances(k)})
-        stiffness = theory.parameter("joint_stiffness")
-        rows.append(
-            [
-                str(j),
-                *(_row(s.mean(s.at(j, f), k) for f in FREQUENCIES) for k in (None, s.last)),
-                short(theory.rotor, 2),
-                short(theory.parameter("bristle_stiffness"), 2),
-                short(stiffness, 2) if theory.elastic else "rigid",
-                ", ".join(map(str, peaks)) or "–",
-                ", ".join(number(100 * x, 0) for x in share),
-                ", ".join(number(1e3 * x, 2) for x in swing),
-                span(shaken / theory.parameter("stribeck_velocity")),
-                signed(100 * theory.step()),
-            ]
-        )
+        changes = [", ".join(signed(s.at(j, f, k)) for f in FREQUENCIES) for k in (None, s.last)]
+        shares = ", ".join(number(100 * x, 0) for x in share)
+        rows.append([str(j), *changes, ", ".join(map(str, peaks)) or "–", shares])
     header = ["joint", f"measured at {', '.join(f'{f:g}' for f in FREQUENCIES)} Hz [%]"]
-    header += ["last model [%]", "rotor [kg·m²]", "bristles [N·m/rad]", "spring [N·m/rad]"]
-    header += ["resonances [Hz]", "share of the dither at the friction [%]"]
-    header += ["free swing at A = friction, peak to peak [mrad]", "shaken at so many v_s"]
-    return table([*header, "step to kinetic friction [%]"], rows)
+    header += ["last model [%]", "resonances [Hz]", "share of the dither at the friction [%]"]
+    return table_text(header, rows)
 
 
 def _theory(s: ModelScores, key: str, kind: str, *, bias: bool) -> Array:
@@ -345,8 +237,8 @@ def averaging(s: ModelScores) -> int:
     return int(((low <= simulated) & (simulated <= high)).sum())
 
 
-def _theories(s: ModelScores) -> str:
-    """Compare formulas with the simulation and with the robot."""
+def _creep(s: ModelScores) -> dict[str, float]:
+    """Compare averaged bristles with the simulation and with the robot."""
     theory = _theory(s, "offset", "creep", bias=True)
     joints = {j: s.theory(j, "offset") for j in JOINTS}
     sticks = [
@@ -355,54 +247,34 @@ def _theories(s: ModelScores) -> str:
     ]
     stuck = s.sound & np.array(sticks)
     held = s.held_out & stuck
-    gap = float(np.median(np.abs(theory - 100 * s.predicted["offset"])[stuck]))
-    error = float(np.abs(theory - 100 * s.measured)[held].mean())
-    return (
-        "Averaging theory, which knows neither bristles nor fits, has "
-        f"{averaging(s)} of {len(s.cells)} cells of the model *{s.scores['inertia'].name}* between "
-        f"its two limits, to {CLOSE:g} points. LuGre averaged over the shaking, a formula, comes "
-        f"within {number(gap)} points (median) of *{s.scores['offset'].name}* in the {stuck.sum()} "
-        f"of {s.sound.sum()} cells in which the joint sticks, and predicts their held-out ones to "
-        f"{number(error)} %, the simulation to "
-        f"{number(float(s.scores['offset'].error[held].mean()))} %."
-    )
-
-
-def _asymmetry(s: ModelScores) -> list[str]:
-    base, gravity, rows = thesis_base(ROBOT), poses_of(ROBOT)[0], []
-    for j in JOINTS:
-        friction, offset = base.friction[j - 1], base.offset[j - 1]
-        run = float(gravity[j - 1] @ (1, -1))
-        known = abs(run) > GRAVITY and j > 1
-        change = percent(100 * (offset[0] - offset[1]) / run) if known else "–"
-        error = " → ".join(number(s.scores[k].by_joint[j]) for k in ("load", "offset"))
-        levels = ", ".join(number(x, 2) for x in friction)
-        rows.append([str(j), levels, _row(offset, 2), change, f"{error} %"])
-    header = ["joint", "half-difference (friction), load, no load [N·m]"]
-    header += ["half-sum (offset), load, no load [N·m]", "change of offset over gravity torque"]
-    return table([*header, "held-out error, asymmetric → offset"], rows)
+    return {
+        "gap": float(np.median(np.abs(theory - 100 * s.predicted["offset"])[stuck])),
+        "stuck": stuck.sum(),
+        "sound": s.sound.sum(),
+        "theory": float(np.abs(theory - 100 * s.measured)[held].mean()),
+        "simulation": float(s.scores["offset"].error[held].mean()),
+    }
 
 
 # ---- the iiwa, the fit, and what is left ---------------------------------------------------------
 
 
-def _iiwa(study: PhaseStudy) -> str:
-    measured, change, random = study.measured, study.change, study.over_random_phase
-
+def _iiwa(study: PhaseStudy) -> dict[str, Any]:
     def ends(x: Array) -> str:
         return f"{percent(100 * x.min())} to {percent(100 * x.max())}"
 
-    return (
-        f"At {study.controller_rate_hz:g} Hz, the usual rate, a sine of 100 Hz is sampled twice a "
-        "period: ±A sin φ is sent, whose size depends on the phase alone. Over all phases the "
-        f"simulated change is {ends(change)}, one setting differs by up to "
-        f"{number(100 * np.ptp(change, axis=1).max(), 0)} points, and the mean over random phases "
-        f"is {ends(random)}. Measured: {ends(measured)}; {study.within.sum()} of {len(measured)} "
-        f"cells are what some phase gives, {(measured > 0).sum()} rose, which no phase does."
-    )
+    return {
+        "simulated": ends(study.change),
+        "random": ends(study.over_random_phase),
+        "measured": ends(study.measured),
+        "spread": 100 * np.ptp(study.change, axis=1).max(),
+        "within": study.within.sum(),
+        "rose": (study.measured > 0).sum(),
+        "cells": len(study.measured),
+    }
 
 
-def _identification(s: ModelScores) -> list[str]:
+def _identification(s: ModelScores) -> str:
     rows = []
     for j in JOINTS:
         found, seeds = s.identified(j)
@@ -413,10 +285,10 @@ def _identification(s: ModelScores) -> list[str]:
             texts[p.name] = short(p.best) + ends + mark
         good = max((p.seeds for p in found), default=0)
         rows.append([str(j), *(texts.get(n, "–") for n in PARAMETERS), f"{good} of {seeds}"])
-    return table(["joint", *PARAMETERS.values(), "seeds as good"], rows)
+    return table_text(["joint", *PARAMETERS.values(), "seeds as good"], rows)
 
 
-def _ramp_rates(s: ModelScores) -> list[str]:
+def _ramp_rates(s: ModelScores) -> str:
     rates = s.ramp_rates()
     loss = {r: float(s.models[k].loss or 0.0) for r, k in rates.items()}
     best = min(loss, key=loss.__getitem__)
@@ -427,23 +299,20 @@ def _ramp_rates(s: ModelScores) -> list[str]:
         over, mean = signed(loss[r] - loss[best]), f"{number(s.scores[k].mean, 2)} %"
         rows.append([f"{r:g}", number(loss[r]), over, worse, mean])
     header = ["ramp rate [N·m/s]", "loss of the fit", "over the best"]
-    return table([*header, "clearly worse than the best", "held-out mean error"], rows)
+    return table_text([*header, "clearly worse than the best", "held-out mean error"], rows)
 
 
-def _left(s: ModelScores) -> list[str]:
-    """Return of each joint's squared residual its share in all, its parts, and the worst."""
-    residual, rows = s.residual(), []
-    square = np.array([(residual[s.held_out & (s.joint == j)] ** 2).sum() for j in JOINTS])
-    square /= square.sum() or 1.0
-    parts = np.array([s.shares(j) for j in JOINTS])
-    for j, share, mine in zip(JOINTS, square, parts, strict=True):
-        held = s.held_out & (s.joint == j)
-        means = {c: float(residual[held & s.of(c)].mean()) for c in configurations(7, [j])}
-        worst = max(means, key=lambda c: abs(means[c]))
-        cell = _cell(s, int(np.argmax(np.where(held, np.abs(residual), -1))))
-        values = [f"{number(100 * x, 0)} %" for x in (share, *mine)]
-        rows.append([str(j), *values, f"{place(worst)}, {signed(means[worst])} points", cell])
-    rows.append(["all", "100 %", *(f"{number(100 * x, 0)} %" for x in square @ parts), "", ""])
+def _left(s: ModelScores) -> str:
+    """Return of each joint's squared residual its share in all, and its parts."""
+    squares = np.array([s.squares(j) for j in JOINTS])
+    total = squares.sum() or 1.0
+    lines = {**{str(j): x for j, x in zip(JOINTS, squares, strict=True)}, "all": squares.sum(0)}
+    rows = [
+        [
+            name,
+            *(f"{number(100 * x, 0)} %" for x in (part.sum() / total, *part / (part.sum() or 1.0))),
+        ]
+        for name, part in lines.items()
+    ]
     header = ["joint", "share of the squared residual", "constant per configuration"]
-    header += ["common at one frequency", "neither", "worst configuration", "worst cell"]
-    return table(header, rows)
+    return table_text([*header, "common at one frequency", "neither"], rows)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +17,24 @@ from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-JOINTS = range(1, 8)
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of thesis Table 4.6 [Hz]."""
 ARM = "arm + drift"
 TARGETS = {"mean": 3.5, "median": 2.3, "4.10 final": 4.5, "worst joint": 8.0}
-"""Held-out errors aimed at [% of base torque]; broken cells apart."""
+"""Held-out errors aimed at [% of base torque], without the broken cell; assumed."""
 LEAST_GAIN = 0.3
-"""Least change of a joint's mean error that counts, in points; a tenth of the thesis's own
-repeats; assumed."""
+"""Least change of a joint's mean error that counts [points of the base torque]: a tenth of the
+thesis's own repeats; assumed."""
 SAME_LOSS = 2.0
-"""Losses (minus log posterior) that differ by less are the same: a factor of 7 in posterior."""
+"""Losses (minus log posterior) that differ by less are the same: a factor of 7 in posterior;
+assumed."""
 SAME_RANGE = 1.25
-"""Largest over smallest value over the equally good seeds, up to which a parameter counts as
+"""Largest over smallest value over the equally good seeds [-], up to which a parameter counts as
 identified; assumed."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """What one statement did to the mean held-out error of a joint, in % of the base torque."""
+class Change(NamedTuple):
+    """What one statement did to the mean held-out error of a joint [% of the base torque]."""
 
     before: float
     after: float
@@ -60,40 +58,31 @@ class Change:
         return self.high < 0 and self.points <= -LEAST_GAIN
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gain:
+class Gain(NamedTuple):
     """One statement, for one joint."""
 
     key: str
-    as_predicted: Change
-    free_base: Change | None
-    """With the bases free to move on both sides, so that only how the torque depends on frequency,
-    amplitude and direction counts; None where a base cannot move."""
-
-    def _changes(self) -> list[Change]:
-        return [c for c in (self.as_predicted, self.free_base) if c is not None]
+    changes: tuple[Change, ...]
+    """As predicted; and with the bases free to move before and after, so that only how the torque
+    depends on frequency, amplitude and direction counts, where a base can move."""
 
     @property
     def named(self) -> bool:
         """Whether it is a cause: better in one of the two ways, and worse in none."""
-        changes = self._changes()
-        return any(c.better for c in changes) and not any(c.worse for c in changes)
+        return any(c.better for c in self.changes) and not any(c.worse for c in self.changes)
 
     @property
     def worse(self) -> bool:
         """Whether it made the prediction worse in one way, and better in none."""
-        changes = self._changes()
-        return any(c.worse for c in changes) and not any(c.better for c in changes)
+        return any(c.worse for c in self.changes) and not any(c.better for c in self.changes)
 
     @property
-    def points(self) -> float:
-        """Error taken away, in the way that is significant [% of base]."""
-        significant = [c for c in self._changes() if c.better or c.worse]
-        return (significant or [self.as_predicted])[0].points
+    def shown(self) -> Change:
+        """The change that is significant, else that as predicted."""
+        return next((c for c in self.changes if c.better or c.worse), self.changes[0])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Identified:
+class Identified(NamedTuple):
     """One parameter of one joint over the seeds of the search."""
 
     name: str
@@ -136,7 +125,6 @@ class ModelScores:
         self.held_out = np.array([c.held_out for c in self.cells]) & self.sound
         self.joint = np.array([c.row.joint for c in self.cells])
         self.frequency = np.array([c.row.frequency_hz for c in self.cells])
-        self.table = np.array([c.column for c in self.cells])
         self.floor = repeat_floor(self.cells)
         self._free_base = {
             k: 100 * np.abs(with_drift(self.cells, p) - self.measured)
@@ -146,28 +134,14 @@ class ModelScores:
         steps = [k for k in ("band", *(key for key, *_ in PHYSICAL), ARM) if k in self.models]
         self.chain = steps or list(self.models)[-1:]
         """Statements one after the other, from the bare band to the whole arm."""
+        self.last = self.chain[-1]
 
-    @property
-    def last(self) -> str:
-        """Key of the last statement there is."""
-        return self.chain[-1]
-
-    def mean(self, mask: Mask, key: str | None = None) -> float:
-        """Return the mean change over sound cells, measured or a model's [%]; NaN without cells."""
+    def at(self, joint: int, frequency: float, key: str | None = None) -> float:
+        """Return the mean change in Table 4.6 at a frequency [Hz], measured or a model's [%]."""
+        table = np.array([c.column == "4.6" for c in self.cells])
+        mask = table & self.sound & (self.joint == joint) & (self.frequency == frequency)
         values = self.measured if key is None else self.predicted[key]
-        mask = mask & self.sound
-        return float(100 * values[mask].mean()) if mask.any() else float("nan")
-
-    def at(self, joint: int, frequency: float, table: str = "4.6") -> Mask:
-        """Return which cells are of a joint, a frequency [Hz] and a table's column."""
-        mask = (self.joint == joint) & (self.frequency == frequency) & (self.table == table)
-        return np.asarray(mask, dtype=np.bool_)
-
-    def of(self, where: Configuration, table: str | None = None) -> Mask:
-        """Return which cells are of a configuration (and a table's column)."""
-        return np.array(
-            [c.configuration == where and table in (None, c.column) for c in self.cells]
-        )
+        return float(100 * values[mask].mean())
 
     # ---- causes ----------------------------------------------------------------------------------
 
@@ -180,17 +154,14 @@ class ModelScores:
         def compare(errors: Mapping[str, Array], before: str, after: str) -> Change:
             a, b = errors[before][mask], errors[after][mask]
             low, high = np.percentile((a - b)[pick].mean(axis=1), [2.5, 97.5])
-            return Change(
-                before=float(a.mean()), after=float(b.mean()), low=float(low), high=float(high)
-            )
+            return Change(float(a.mean()), float(b.mean()), float(low), float(high))
 
         errors = {k: s.error for k, s in self.scores.items()}
         out = []
         for before, after in zip(self.chain, self.chain[1:], strict=False):
             movable = after != "drift" and {before, after} <= set(self._free_base)
-            free_base = compare(self._free_base, before, after) if movable else None
-            as_predicted = compare(errors, before, after)
-            out.append(Gain(key=after, as_predicted=as_predicted, free_base=free_base))
+            ways = [errors, self._free_base] if movable else [errors]
+            out.append(Gain(after, tuple(compare(way, before, after) for way in ways)))
         return out
 
     def constant(self, joint: int) -> float:
@@ -226,16 +197,8 @@ class ModelScores:
         out = []
         for name, value in found[0]["parameters"].items() if found else ():
             values = [f["parameters"][name] for f in good]
-            out.append(
-                Identified(
-                    name=name,
-                    best=float(value),
-                    low=float(min(values)),
-                    high=float(max(values)),
-                    seeds=len(good),
-                    on_bound=name in found[0].get("on_bound", []),
-                )
-            )
+            on_bound = name in found[0].get("on_bound", [])
+            out.append(Identified(name, value, min(values), max(values), len(good), on_bound))
         return out, len(found)
 
     def _found(self, key: str, joint: int) -> list[dict[str, Any]]:
@@ -257,8 +220,6 @@ class ModelScores:
         """
         one, two = self.models[key].found, self.models[other].found
         gap = np.array([two[j][0]["loss"] - one[j][0]["loss"] for j in sorted(set(one) & set(two))])
-        if len(gap) < 2:
-            return float(gap.sum()), float("inf")
         return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
 
     def drift(self) -> dict[Configuration, float]:
@@ -269,30 +230,26 @@ class ModelScores:
 
     # ---- what is left ----------------------------------------------------------------------------
 
-    def residual(self, key: str | None = None) -> Array:
-        """Return (cells,) predicted − measured of a model [% of base]."""
-        return 100 * (self.predicted[key or self.last] - self.measured)
-
     def targets(self) -> dict[str, tuple[float, float]]:
         """Return (reached, aimed at) of every target, of the last statement [% of base]."""
         s = self.scores[self.last]
         reached = (s.mean, s.median, s.by_column["4.10 final"], max(s.by_joint.values()))
         return {k: (r, aim) for (k, aim), r in zip(TARGETS.items(), reached, strict=True)}
 
-    def shares(self, joint: int) -> Array:
-        """Split the mean square of the held-out residual of a joint's last statement.
+    def squares(self, joint: int) -> Array:
+        """Split the sum of squares of the held-out residual of a joint's last statement.
 
         Returns:
-            Shares (3,) that are constant per configuration (its base moved), common to all
-            configurations at one frequency (the model's frequency response), and the rest.
+            Sums (3,) that are constant per configuration (its base moved), common to all
+            configurations at one frequency (the model's frequency response), and the rest
+            [% of base, squared].
         """
         mask = self.held_out & (self.joint == joint)
-        r = self.residual()[mask]
+        r = 100 * (self.predicted[self.last] - self.measured)[mask]
         cells = [c for c, m in zip(self.cells, mask, strict=True) if m]
         where = _group_means(r, [c.configuration for c in cells])
         tone = _group_means(r - where, [c.row.frequency_hz for c in cells])
-        parts = np.array([(x**2).sum() for x in (where, tone, r - where - tone)])
-        return np.asarray(parts / (parts.sum() or 1.0))
+        return np.array([(x**2).sum() for x in (where, tone, r - where - tone)])
 
 
 def _group_means(values: Array, groups: Sequence[object]) -> Array:

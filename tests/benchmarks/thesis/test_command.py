@@ -218,9 +218,9 @@ def test_the_bar_counts_what_was_done_before(thesis, work, simulated, monkeypatc
 
 @pytest.fixture
 def fitted(monkeypatch) -> list[str]:
-    """Pretend to fit: models are made up; return those that were saved anew."""
+    """Pretend to fit: models are the kept ones; return those that were saved anew."""
     saved: list[str] = []
-    found = made_up.made_up()
+    found = models.NestedModels(Path(models.__file__).parent).models
 
     def fit(self, progress=None):
         for key, model in found.items():
@@ -267,7 +267,7 @@ def test_interrupted_fits_go_on(thesis, work, fitted, monkeypatch):
     done = list(fitted)
     monkeypatch.setattr(models.NestedModels, "fit", whole)
     assert thesis("gap", "--out", "a", "--threads", 1).code == 0
-    assert fitted == [*done, *(k for k in made_up.made_up() if k not in done)]
+    assert fitted == [*done, *(k for k in models.NestedModels(work / "a").models if k not in done)]
     # other seeds are another run
     assert thesis("gap", "--out", "a", "--seeds", 1).code == 2
 
