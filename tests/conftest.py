@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.browser import chromium  # noqa: F401
+from tests.command_line import cli, dither, inputs, refused, two, work  # noqa: F401
 
 HERE = Path(__file__).parent
 # never stale, so that workers and runs may share it; the user's own stays as it is

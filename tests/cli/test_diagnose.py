@@ -1,5 +1,6 @@
 """``stiction diagnose``: files, schema, exit codes, same bytes twice, its own result judged."""
 
+import dataclasses
 import html.parser
 import json
 import tomllib
@@ -13,6 +14,7 @@ from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, sliding, write_csv
+from tests.robots.arms import chain
 
 PARAMETERS = {c.name: {p.name for p in c.parameters} for c in CAUSES}
 VERDICTS = {"explained", "partly explained", "no discrepancy", "cannot tell"}
@@ -141,38 +143,6 @@ def test_writes_what_the_contract_says(ran, work, two, log, cli):
     assert cli("diagnose", log, "--robot", "panda", "--nominal", "a/model.toml").code == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "options", "says"),
-    [
-        ("", (), "log.csv"),
-        ("t,q1,q2,tau1,tau2\n", (), "log.csv"),
-        ("t,q1,tau1\n0,0,0\n1,0,0\n", (), "log.csv"),
-        (None, (), "no such file"),
-        ("good", ("--robot", "robbie"), "unknown robot 'robbie'"),
-        ("good", ("--nominal", "soft"), "rigid, shipped"),
-        ("good", ("--nominal", "gone.toml"), "gone.toml"),
-        ("good", ("--torque", "both"), "motor"),
-        ("good", ("--cutoff", "-3"), "above 0"),
-        ("good", ("--payload", "-1", "0", "0", "0"), "payload mass"),
-        ("good", ("--robot", "panda"), "log.csv"),
-        ("good", ("--out", "taken.txt"), "taken.txt"),
-    ],
-)
-def test_bad_input_is_one_line_and_writes_nothing(cli, work, two, inputs, text, options, says):
-    path = inputs / "log.csv"
-    if text == "good":
-        write_csv(path, hidden(load_arm(two), seconds=3.0))
-    elif text is not None:
-        path.write_text(text)
-    (work / "taken.txt").write_text("mine")
-    robot = () if "--robot" in options else ("--robot", two)
-    done = cli("diagnose", path, *robot, *options)
-    assert done.code == 2
-    assert len(done.lines) == 1
-    assert says in done.lines[0]
-    assert {p.name for p in work.iterdir()} == {"taken.txt"}
-
-
 def test_poses_at_rest_without_time(cli, work, two, inputs):
     """Gravity torques with an offset of 0.7 N·m on joint 1, and no log beside them."""
     arm = load_arm(two)
@@ -199,13 +169,6 @@ def test_poses_at_rest_without_time(cli, work, two, inputs):
     assert "missing column 't'" in done.lines[0]
 
 
-def test_no_log_at_all(cli, two, work):
-    done = cli("diagnose", "--robot", two)
-    assert done.code == 2
-    assert done.lines == ["error: no log given: expected one or more logs, or poses"]
-    assert list(work.iterdir()) == []
-
-
 @pytest.mark.slow
 def test_several_logs_are_held_out_one_by_one(cli, work, two, inputs):
     """Three logs in one call; the same one twice is refused."""
@@ -223,7 +186,140 @@ def test_several_logs_are_held_out_one_by_one(cli, work, two, inputs):
     assert cli("diagnose", paths[0], paths[0], "--robot", two).code == 2
 
 
-def test_robot_must_be_named(cli, inputs):
-    done = cli("diagnose", inputs / "log.csv")
-    assert done.code == 2
-    assert "--robot" in done.lines[0]
+# ---- logs that took no part (--check) ------------------------------------------------------------
+
+KEYS = {"nominal_rms_nm", "extended_rms_nm", "verdict", "worse_joints", "not_transferring"}
+
+
+def sprung(q, dq, ddq):
+    """Friction, and a cable on joint 1 that another day is not there."""
+    return 0.5 * sliding(q) + np.array([3.0, 0.0]) * q
+
+
+def dry(q, dq, ddq):
+    return 0.5 * sliding(q)
+
+
+@pytest.fixture
+def other(two, inputs):
+    write_csv(inputs / "other.csv", hidden(load_arm(two), dry, seed=7))
+    return inputs / "other.csv"
+
+
+@pytest.mark.slow
+def test_a_log_that_took_no_part_is_in_every_file(cli, work, two, inputs, other):
+    log = inputs / "log.csv"
+    write_csv(log, hidden(load_arm(two), sprung))
+    done = cli("diagnose", log, "--robot", two, "--check", other, "--out", "a", "--json")
+    assert done.code == 0, done.err
+    found = json.loads((work / "a/diagnosis.json").read_text("utf-8"))
+    assert {x for x in found if x == "left_out_motion"} == set()
+    check = found["check"]
+    assert set(check) == KEYS
+    assert check["verdict"] == "does not hold"
+    assert check["worse_joints"] == [1]
+    assert check["not_transferring"] == ["external_spring"]
+    assert len(check["nominal_rms_nm"]) == len(check["extended_rms_nm"]) == 2
+    assert check["extended_rms_nm"][0] > check["nominal_rms_nm"][0]
+    answer = json.loads(done.out)
+    assert answer["check"] == check
+    assert "does not hold on joint 1" in answer["summary"]
+    text = (work / "a/report.md").read_text("utf-8")
+    for words in ("## Check on logs that took no part", "**worse**", "**does not transfer**"):
+        assert words in text
+    assert "`other.csv` (check): 3000 rows" in text
+    assert (work / "a/plots/check.png").is_file()
+    assert "Check on logs" in (work / "a/report.html").read_text("utf-8")
+    told = json.loads((work / "a/provenance.json").read_text("utf-8"))
+    assert set(told["inputs"]) >= {"log1", "check1"}
+    assert "check 1 | `other.csv`" in text
+    # the diagnosis is that without it
+    done = cli("diagnose", log, "--robot", two, "--out", "b")
+    assert done.code == 0
+    alone = json.loads((work / "b/diagnosis.json").read_text("utf-8"))
+    assert "check" not in alone
+    assert {**alone, "check": check} == found
+    assert (work / "a/model.xml").read_bytes() == (work / "b/model.xml").read_bytes()
+
+
+@pytest.mark.slow
+def test_several_logs_are_left_out_one_by_one(cli, work, two, inputs, other):
+    paths = [inputs / f"log{k}.csv" for k in (1, 2)]
+    for k, path in enumerate(paths, 1):
+        write_csv(path, hidden(load_arm(two), dry, seed=k))
+    done = cli("diagnose", *paths, "--robot", two, "--check", other, "--out", "a")
+    assert done.code == 0, done.err
+    assert "the model holds" in done.out
+    found = json.loads((work / "a/diagnosis.json").read_text("utf-8"))
+    assert found["check"]["verdict"] == "holds"
+    left = found["left_out_motion"]
+    assert left["motions"] == ["log1.csv", "log2.csv"]
+    assert {(c["name"], c["verdict"]) for c in left["causes"]} == {
+        ("coulomb_friction", "transfers")
+    }
+    assert "### One motion left out" in (work / "a/report.md").read_text("utf-8")
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+TEXTS = {
+    "empty.csv": "",
+    "text.csv": "nothing of the kind\n",
+    "header.csv": "t,q1,q2,tau1,tau2\n",
+    "one_joint.csv": "t,q1,tau1\n0,0,0\n1,0,0\n",
+    "table.csv": (
+        "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"
+        "two,1,load,+,0,0,0.5,0.01,4,0\n"
+    ),
+}
+BAD = {
+    # robot and logs: further options: what is said
+    "": {
+        "--robot {two.xml}": "error: no log given: expected one or more logs, or poses",
+        "{log.csv}": "--robot",
+    },
+    "--robot {two.xml}": {
+        "{empty.csv}": "empty.csv",
+        "{header.csv}": "header.csv",
+        "{one_joint.csv}": "one_joint.csv",
+        "nowhere.csv": "no such file",
+    },
+    "--robot {two.xml} {log.csv}": {
+        "--nominal soft": "rigid, shipped",
+        "--nominal gone.toml": "gone.toml",
+        "--torque both": "motor",
+        "--cutoff -3": "above 0",
+        "--payload -1 0 0 0": "payload mass",
+        "--out {empty.csv}": "empty.csv",
+        "{log.csv}": "log.csv",
+    },
+    "{log.csv} --robot": {"robbie": "unknown robot 'robbie'", "panda": "log.csv"},
+    "--robot {two.xml} {log.csv} --check": {
+        "gone.csv": "gone.csv: no such file",
+        "{text.csv}": "text.csv",
+        "{empty.csv}": "empty.csv",
+        "{short.csv}": "expected 1 s or more",
+        "{three.csv}": "columns for 3 joints, but the robot has 2",
+        "{log.csv}": "it is diagnosed too",
+        "{still.csv}": "expected one or more that move in both",
+        "{table.csv}": "table.csv is a torque table: expected joint logs",
+    },
+    "--robot {two.xml} {table.csv} --check": {
+        "{log.csv}": "is a torque table: expected joint logs"
+    },
+}
+CASES = [(f"{a} {b}".strip(), says) for a, ends in BAD.items() for b, says in ends.items()]
+
+
+@pytest.mark.parametrize(("line", "says"), CASES, ids=[line for line, _ in CASES])
+def test_bad_input(refused, two, inputs, line, says):
+    arm = load_arm(two)
+    for name, text in TEXTS.items():
+        (inputs / name).write_text(text)
+    log = hidden(arm, seconds=3.0)
+    write_csv(inputs / "log.csv", log)
+    write_csv(inputs / "still.csv", dataclasses.replace(log, q=0.01 * log.q, dq=None))
+    write_csv(inputs / "short.csv", hidden(arm, seconds=0.6))
+    (inputs / "three.xml").write_text(chain(3))
+    write_csv(inputs / "three.csv", hidden(load_arm(inputs / "three.xml"), seconds=3.0))
+    assert says in refused("diagnose", *line.split())

@@ -31,7 +31,7 @@ from pyarrow import parquet
 from stiction_envs.cli import main
 from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
 from stiction_envs.measured.logs.reader import JointLog
-from tests.cli.conftest import Ran
+from tests.command_line import Ran
 from tests.gap.small_logs import motion, write_csv
 from tests.robots.arms import chain
 

@@ -1,40 +1,75 @@
-"""``stiction identify``: files, what they hold, same bytes twice, exit codes."""
+"""Parameters from measurements: ``stiction excite``, ``identify`` and ``calibrate``."""
 
 import dataclasses
 import json
+import tomllib
 
 import numpy as np
 import pytest
 
+from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.sje import calibrate
+from stiction_envs.friction.parameters import load_friction
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.identify import MODELS
+from stiction_envs.method_settings import override
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters
+from tests.cli.short_commands import BASE_TWO
 from tests.gap.small_logs import RATE, motion, write_csv
 
-FILES = {
-    *("identification.json", "report.md", "report.html", "model.xml", "residual.png"),
-    "provenance.json",
-}
+# ---- excite --------------------------------------------------------------------------------------
+
+QUICK = ["--harmonics", 3, "--base-frequency", 0.2]
 
 
-@pytest.fixture
-def log(two, inputs):
-    """A log of an arm whose links are not the nominal ones."""
-    arm = load_arm(two)
+@pytest.mark.usefixtures("short_motion")
+def test_a_motion_and_what_its_files_hold(cli, two, work):
+    ran = cli("excite", two, "--out", "a", "--json", "--sweeps", "--rate", 100, *QUICK)
+    assert ran.code == 0, ran.err
+    written = {"trajectory.csv", "excitation.json", "excitation.png", "provenance.json"}
+    assert {p.name for p in (work / "a").iterdir()} == written
+    said = json.loads(ran.out)
+    assert said["condition"] < said["random_condition"]["median"]
+    kept = json.loads((work / "a" / "excitation.json").read_text())
+    assert kept["condition"] == said["condition"]
+    text = (work / "a" / "trajectory.csv").read_text().splitlines()
+    assert text[0] == "t,q1,q2,dq1,dq2"
+    table = np.array([[float(v) for v in line.split(",")] for line in text[1:]])
+    np.testing.assert_allclose(np.diff(table[:, 0]), 0.01, atol=1e-6)
+    assert abs(table[-1, 0] - said["duration_s"]) < 0.011
+    assert np.abs(table[[0, -1], 3:]).max() < 1e-6
+    low, high = load_arm(two).limits.position.T
+    assert (table[:, 1:3] >= low).all()
+    assert (table[:, 1:3] <= high).all()
+    np.testing.assert_allclose(np.gradient(table[:, 1], 0.01)[5:-5], table[5:-5, 3], atol=0.02)
+
+
+@pytest.mark.usefixtures("short_motion")
+def test_no_motion_fits(cli, work, two):
+    ran = cli("excite", two, "--clearance", 30, *QUICK)
+    assert ran.code == 1
+    assert "clearance" in ran.err
+    assert list(work.iterdir()) == []
+
+
+# ---- identify ------------------------------------------------------------------------------------
+
+
+def test_links_and_what_their_files_hold(cli, two, inputs, work):
+    """The log is of an arm whose links are not the nominal ones."""
     t, q, dq, ddq = motion(2, seconds=20.0)
-    made = excited.log(
-        excited.perturbed(arm, 0.3, 1), (q + arm.rest, dq, ddq), RATE, noise=0.01, seed=1
-    )
-    path = inputs / "made.csv"
-    write_csv(path, dataclasses.replace(made, t=t))
-    return path
-
-
-def test_files_and_what_they_hold(cli, two, log, work):
+    arm = load_arm(two)
+    moved = (q + arm.rest, dq, ddq)
+    made = excited.log(excited.perturbed(arm, 0.3, 1), moved, RATE, noise=0.01, seed=1)
+    log = inputs / "made.csv"
+    write_csv(log, dataclasses.replace(made, t=t))
     ran = cli("identify", log, "--robot", two, "--torque", "link", "--out", "a", "--json")
     assert ran.code == 0, ran.err
-    assert {p.name for p in (work / "a").iterdir()} == FILES
+    assert {p.name for p in (work / "a").iterdir()} == {
+        *("identification.json", "report.md", "report.html", "model.xml", "residual.png"),
+        "provenance.json",
+    }
     said = json.loads(ran.out)
     held = said["held_out_rms_nm"]
     assert tuple(held) == MODELS
@@ -48,27 +83,70 @@ def test_files_and_what_they_hold(cli, two, log, work):
     assert json.loads((work / "a" / "identification.json").read_text())["links"] == said["links"]
 
 
-def test_the_same_run_gives_the_same_bytes(cli, two, log, work):
-    for name in "ab":
-        assert cli("identify", log, "--robot", two, "--out", name).code == 0
-    for file in FILES - {"provenance.json"}:
-        assert (work / "a" / file).read_bytes() == (work / "b" / file).read_bytes()
+# ---- calibrate -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["missing.csv", "--robot", "panda"], "missing.csv: no such file"),
-        (["LOG", "--robot", "panda"], "made.csv"),
-        (["LOG", "--robot", "ur5"], "iiwa14, iiwa7, panda"),
-        (["LOG", "--robot", "TWO", "--cutoff", 0], "above 0"),
-        (["--robot", "panda"], "LOG"),
-    ],
-)
-def test_bad_input(cli, two, log, work, options, text):
-    given = {"LOG": log, "TWO": two}
-    ran = cli("identify", *(given.get(x, x) for x in options))
-    assert ran.code == 2
+@pytest.fixture
+def base(inputs):
+    path = inputs / "base.csv"
+    path.write_text(BASE_TWO)
+    return path
+
+
+def test_calibrate(cli, work, two, base):
+    ran = cli("calibrate", two, base, "--out", "new/friction.toml", "--json")
+    assert ran.code == 0
+    result = json.loads(ran.out)
+    assert result["largest_relative_error"] < 0.002
+    measured = [r["measured_nm"] for r in result["rows"]]
+    np.testing.assert_allclose([r["simulated_nm"] for r in result["rows"]], measured, rtol=0.002)
+    found = tomllib.loads((work / "new" / "friction.toml").read_text("utf-8"))["provenance"]
+    assert found["table"] == "base.csv"
+    assert len(found["arguments_sha256"]) == 64
+    assert "mujoco" in found["versions"]
+    # what it wrote is what other commands read
+    assert load_friction(work / "new" / "friction.toml", 2).n == 2
+    assert cli("export", two, "--from", "new", "--out", "model").code == 0
+    again = cli("calibrate", two, base, "--out", "new/friction.toml")
+    assert again.code == 2
+    assert "or force" in again.err
+
+
+@pytest.fixture
+def mine(inputs):
+    """A user's friction TOML: no [meta], some quantities assumed, some left out; a diagnosis."""
+    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05}
+    values |= {"viscous": 0.4, "bristle_stiffness": 600.0, "rotor_inertia": 0.2}
+    text = "".join(f"[{k}]\nvalue = {v}\nassumed = true\n" for k, v in values.items())
+    text = text.replace("0.4\nassumed = true", '0.4\nsource = "my own log"')
+    path = inputs / "mine.toml"
+    path.write_text(text + '[arm]\nrobot = "two"\n[[cause]]\nname = "x"\n')
+    return path
+
+
+def check_sources(path) -> None:
+    """What was calibrated says so; all else is as the user's file has it."""
+    found = tomllib.loads(path.read_text("utf-8"))
+    assert found["meta"] == {}
+    assert found["stiction"]["source"].startswith("calibrated: ")
+    assert found["viscous"]["source"] == "my own log"
+    assert found["rotor_inertia"]["source"] == "assumed"
+    assert found["ripple_amplitude"]["source"] == "assumed: not in mine.toml"
+    assert load_friction(path, 2).n == 2
+
+
+def test_calibrate_begins_with_a_users_friction(cli, work, two, base, mine):
+    ran = cli("calibrate", two, base, "--friction", mine, "--out", "friction.toml")
+    assert ran.code == 0, ran.err
+    check_sources(work / "friction.toml")
+
+
+def test_calibrate_that_fails_writes_nothing(cli, work, two, base, monkeypatch):
+    own = {"calibration.rounds": 1, "calibration.tolerance": 0.0}
+    hopeless = override(experiment_settings(), own)
+    monkeypatch.setattr(calibrate, "experiment_settings", lambda: hopeless)
+    ran = cli("calibrate", two, base, "--out", "friction.toml")
+    assert ran.code == 1
     assert len(ran.lines) == 1
-    assert text in ran.err
+    assert "did not converge" in ran.lines[0]
     assert list(work.iterdir()) == []

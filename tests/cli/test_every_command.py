@@ -1,7 +1,8 @@
-"""A full disk, or a read-only folder, in the middle of every command that writes.
+"""What every command promises: its help, its report, its folder, and what a bad disk leaves.
 
-One line says which file and why, what was written before is whole, nothing half-written is left,
-and the same command again ends with the bytes of a run that was never disturbed.
+A full disk, or a read-only folder, in the middle of a command: one line says which file and why,
+what was written before is whole, nothing half-written is left, and the same command again ends with
+the bytes of a run that was never disturbed.
 """
 
 from __future__ import annotations
@@ -14,11 +15,61 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiction_envs.cli.dispatch import all_commands
+from tests.browser import WIDTHS, wrong
 from tests.cli.bad_disk import REASONS, BadDisk, Kind
-from tests.cli.short_commands import QUICK, SLOW, Command
+from tests.cli.short_commands import COMMANDS, QUICK, SLOW, Command
+from tests.command_line import contents
 
 KINDS: tuple[Kind, ...] = ("full", "read-only")
 GROWING = ("trials.csv", "curve.csv", "policy.zip", "provenance.json")
+REPORTING = ("identify", "sje", "gte", "diagnose", "tune", "search", "train")
+SIMULATING = ("sje", "gte", "tune", "calibrate", "export", "excite", "view")
+NAMES = [module.__name__.rpartition(".")[2] for module in all_commands()]
+
+
+@pytest.mark.parametrize("name", ["", *NAMES])
+def test_help(cli, work, name):
+    ran = cli(*name.split(), "--help")
+    assert (ran.code, ran.err) == (0, "")
+    assert list(work.iterdir()) == []
+    if not name:
+        assert "0 done" in ran.out
+        return
+    assert f"example:\n  stiction {name} " in ran.out
+    options = {"--json"} if name == "view" else {"--out", "--force", "--json", "--seed"}
+    assert ("1 defects found" in ran.out) == (name == "check"), "its exit codes differ"
+    if name in SIMULATING:
+        options |= {"--payload", "--tilt"}
+    assert {o for o in options if o not in ran.out} == set()
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_another_runs_files_are_replaced_only_by_force(run_short, work, name):
+    assert run_short(QUICK[name], "here").code == 0
+    before = contents(work)
+    ran = run_short(QUICK[name], "here", None, "--seed", 3)
+    assert (ran.code, len(ran.lines)) == (2, 1)
+    assert f"a run of stiction {name}" in ran.err
+    assert contents(work) == before
+    assert run_short(QUICK[name], "here", None, "--seed", 3, "--force").code == 0
+    if name == "excite":
+        motion = work / "here" / "out" / "trajectory.csv"
+        assert motion.read_bytes() != before[motion]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REPORTING)
+def test_a_report_can_be_read_on_a_desk_and_on_a_phone(run_short, work, chromium, name):
+    assert run_short(COMMANDS[name], "here").code == 0
+    pages = list((work / "here").rglob("*.html"))
+    assert pages
+    for page in pages:
+        for width in WIDTHS:
+            assert not wrong(chromium, page, width), (page.name, width)
+
+
+# ---- a bad disk ----------------------------------------------------------------------------------
 
 
 def below(folder: Path) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import sys
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
+from tests.cli.short_commands import EPISODES, TRAINING
 from tests.tuning.policies.small import made_up
 from tuning.commands import evaluate
 from tuning.commands import train as command
@@ -18,28 +20,13 @@ from tuning.policies import algorithms, checkpoint, evaluation, task
 from tuning.policies import train as training
 from tuning.policies.settings import policy_settings
 
-SETTINGS = """
-[ppo]
-envs = 4
-rollout = 8
-batch_size = 16
-network = [16]
-[sac]
-envs = 4
-learning_starts = 16
-[run]
-evaluation_every = 32
-evaluation_episodes = 2
-checkpoint_every = 32
-final_episodes = 2
-"""
-QUICK = ["--env", "control_interval_s=0.2", 'fixed_options={"joint":6,"load":"no_load"}']
+QUICK = shlex.split(EPISODES)
 
 
 @pytest.fixture
 def settings(inputs):
     path = inputs / "small.toml"
-    path.write_text(SETTINGS)
+    path.write_text(TRAINING)
     return path
 
 
@@ -75,20 +62,9 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     assert found[0]["seed"] == found[2]["seed"]
     assert set(result["distilled"]["lost"]) == {"table", "rule"}
     # the policy plays in the environment that it was trained for, on seeds of its own
-    ran = cli(
-        "evaluate",
-        "panda",
-        "sje",
-        "--policy",
-        "none",
-        "out/policy.zip",
-        *QUICK,
-        "--json",
-        "--episodes",
-        2,
-        "--out",
-        "evaluated",
-    )
+    policies = ["--policy", "none", "out/policy.zip"]
+    options = [*policies, *QUICK, "--json", "--episodes", 2, "--out", "evaluated"]
+    ran = cli("evaluate", "panda", "sje", *options)
     assert ran.code == 0
     result = json.loads(ran.out)
     assert list(result["summary"]) == ["none", "out/policy.zip"]
@@ -140,33 +116,32 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     assert json.loads(ran.out)["resumed_at"] is None
 
 
-BAD = {
-    "algorithm": ({"algo": "a2c"}, [], "unknown algorithm 'a2c': expected one of sac, ppo, td3"),
-    "few": ({"steps": 31}, [], "31 steps: expected at least 32: one rollout"),
-    "few_sac": ({"steps": 19, "algo": "sac"}, [], "19 steps: expected at least 20"),
-    "no_steps": ({"steps": 0}, [], "whole numbers from 1"),
-    "experiment": ({"experiment": "push"}, [], "'push'"),
-    "argument": ({}, ["--env", "gravity=0"], "unknown argument of the sje environment 'gravity'"),
-    "no_value": ({}, ["--env", "gravity"], "--env gravity: expected NAME=VALUE"),
-    "value": ({}, ["--env", "control_interval_s=0.123"], "control_interval_s 0.123"),
-    "option": ({}, ["--env", 'fixed_options={"knot":6}'], "unknown reset option 'knot'"),
-    "spread": ({}, ["--env", 'randomise={"mass":1}'], "unknown spread to randomise 'mass'"),
-    "trajectory": ({}, ["--trajectory", "triangle"], "--trajectory: not with sje"),
-    "setting": ({}, ["--settings", "{settings}"], "no such setting: expected one of"),
-    "friction": ({}, ["--friction-factor", "0"], "expected finite numbers above 0"),
+BAD_TRAINING = {
+    "panda sje --algo a2c --steps 64": "unknown algorithm 'a2c': expected one of sac, ppo, td3",
+    "panda sje --algo ppo --steps 31": "31 steps: expected at least 32: one rollout",
+    "panda sje --algo sac --steps 19": "19 steps: expected at least 20",
+    "panda sje --algo ppo --steps 0": "whole numbers from 1",
+    "panda push --algo ppo --steps 64": "'push'",
 }
+BAD_OPTIONS = {
+    "--env gravity=0": "unknown argument of the sje environment 'gravity'",
+    "--env gravity": "--env gravity: expected NAME=VALUE",
+    "--env control_interval_s=0.123": "control_interval_s 0.123",
+    """--env 'fixed_options={"knot":6}'""": "unknown reset option 'knot'",
+    """--env 'randomise={"mass":1}'""": "unknown spread to randomise 'mass'",
+    "--trajectory triangle": "--trajectory: not with sje",
+    "--settings {own.toml}": "no such setting: expected one of",
+    "--friction-factor 0": "expected finite numbers above 0",
+}
+BAD_TRAINING |= {f"panda sje --algo ppo --steps 64 {k}": v for k, v in BAD_OPTIONS.items()}
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input_writes_nothing(train, work, inputs, name):
-    named, more, words = BAD[name]
-    own = inputs / "own.toml"
-    own.write_text("[ppo]\nspeed = 3\n")
-    ran = train(*[str(own) if x == "{settings}" else x for x in more], **named)
-    assert ran.code == 2
-    assert len(ran.lines) == 1
-    assert words in ran.err
-    assert list(work.iterdir()) == []
+@pytest.mark.parametrize(("line", "says"), BAD_TRAINING.items(), ids=BAD_TRAINING)
+def test_bad_training_is_refused(refused, settings, inputs, line, says):
+    (inputs / "own.toml").write_text("[ppo]\nspeed = 3\n")
+    words = shlex.split(line)
+    usual = [*words[:2], "--settings", settings, *QUICK]
+    assert says in refused("train", *usual, *words[2:])
 
 
 def test_without_the_extra_one_line_says_what_to_install(train, work, monkeypatch):
@@ -182,49 +157,29 @@ def test_without_the_extra_one_line_says_what_to_install(train, work, monkeypatc
 
 
 BAD_POLICIES = {
-    "name": ("gte", ["best"], "unknown policy 'best': expected one of none, gated, random, rule"),
-    "missing": ("gte", ["policy.zip"], "policy.zip: no such file"),
-    "twice": ("gte", ["none", "none"], "expected each once"),
-    "robot": ("gte", ["{iiwa}"], "GTE environment of iiwa7: expected one for the GTE environment"),
-    "experiment": ("sje", ["{gte}"], "expected one for the SJE environment of panda"),
-    "observations": ("gte", ["{gte}"], "policy for other observations"),
-    "table": ("gte", ["{table}"], "joint 7: 50 N·m"),
+    "gte --policy best": "unknown policy 'best': expected one of none, gated, random, rule",
+    "gte --policy policy.zip": "policy.zip: no such file",
+    "gte --policy none none": "expected each once",
+    "gte --policy {iiwa.zip}": "GTE environment of iiwa7: expected one for the GTE environment",
+    "sje --policy {gte.zip}": "expected one for the SJE environment of panda",
+    "gte --policy {gte.zip}": "policy for other observations",
+    "gte --policy {table.csv}": "joint 7: 50 N·m",
 }
 
 
-@pytest.mark.parametrize("name", BAD_POLICIES)
-def test_policies_that_cannot_be_played(cli, work, inputs, name):
-    experiment, policies, words = BAD_POLICIES[name]
+@pytest.mark.parametrize(("line", "says"), BAD_POLICIES.items(), ids=BAD_POLICIES)
+def test_policies_that_cannot_be_played(refused, inputs, line, says):
     made_up(robot="iiwa7").save(inputs / "iiwa.zip")
     made_up().save(inputs / "gte.zip")
     (inputs / "table.csv").write_text("joint,frequency_hz,amplitude_nm\n7,15,50\n")
-    files = {"{iiwa}": "iiwa.zip", "{gte}": "gte.zip", "{table}": "table.csv"}
-    named = [str(inputs / files[p]) if p in files else p for p in policies]
-    ran = cli("evaluate", "panda", experiment, "--policy", *named)
-    assert ran.code == 2
-    assert len(ran.lines) == 1
-    assert words in ran.err
-    assert list(work.iterdir()) == []
+    assert says in refused("evaluate", "panda", *line.split())
 
 
 def test_another_friction_is_told_from_the_nominal_one(cli):
     returns = []
     for factor in (1, 1.2):
-        ran = cli(
-            "evaluate",
-            "panda",
-            "sje",
-            "--policy",
-            "none",
-            *QUICK,
-            "--episodes",
-            2,
-            "--friction-factor",
-            factor,
-            "--out",
-            f"out{factor}",
-            "--json",
-        )
+        options = ["--episodes", 2, "--friction-factor", factor, "--out", f"out{factor}", "--json"]
+        ran = cli("evaluate", "panda", "sje", "--policy", "none", *QUICK, *options)
         assert ran.code == 0
         returns.append(json.loads(ran.out)["summary"]["none"]["return"])
     assert abs(returns[0]) < 0.05

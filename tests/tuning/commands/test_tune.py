@@ -1,22 +1,21 @@
-"""``stiction calibrate`` and ``stiction tune`` on an arm of two joints."""
+"""``stiction tune`` on an arm of two joints: the protocol, the search, and beside a robot."""
 
+import csv
 import json
-import tomllib
 
-import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import read_amplitudes
-from stiction_envs.method_settings import override
-from tests.cli.test_bad_input import BASE_TWO
+from tests.cli.test_identify import check_sources
+from tests.robots.arms import chain
 from tuning.commands import tune as tune_command
 from tuning.protocol import tune as tuner
 from tuning.search import bounds, options
 from tuning.study import samplers
 
+SEARCH = ["--protocol", "search"]
+ROBOT = [*SEARCH, "--out", "out", "--threads", 1]
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
 
 
@@ -24,61 +23,6 @@ def finished(folder) -> tuner.Tuning:
     """What a run of the protocol gives, without having run."""
     summary = {"robot": "two", "final": [], "mean_reduction_percent": None}
     return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
-
-
-@pytest.fixture
-def base(inputs):
-    path = inputs / "base.csv"
-    path.write_text(BASE_TWO)
-    return path
-
-
-def test_calibrate(cli, work, two, base):
-    ran = cli("calibrate", two, base, "--out", "new/friction.toml", "--json")
-    assert ran.code == 0
-    result = json.loads(ran.out)
-    assert result["largest_relative_error"] < 0.002
-    measured = [r["measured_nm"] for r in result["rows"]]
-    np.testing.assert_allclose([r["simulated_nm"] for r in result["rows"]], measured, rtol=0.002)
-    found = tomllib.loads((work / "new" / "friction.toml").read_text("utf-8"))["provenance"]
-    assert found["table"] == "base.csv"
-    assert len(found["arguments_sha256"]) == 64
-    assert "mujoco" in found["versions"]
-    # what it wrote is what other commands read
-    assert load_friction(work / "new" / "friction.toml", 2).n == 2
-    assert cli("export", two, "--from", "new", "--out", "model").code == 0
-    again = cli("calibrate", two, base, "--out", "new/friction.toml")
-    assert again.code == 2
-    assert "or force" in again.err
-
-
-@pytest.fixture
-def mine(inputs):
-    """A user's friction TOML: no [meta], some quantities assumed, some left out; a diagnosis."""
-    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05}
-    values |= {"viscous": 0.4, "bristle_stiffness": 600.0, "rotor_inertia": 0.2}
-    text = "".join(f"[{k}]\nvalue = {v}\nassumed = true\n" for k, v in values.items())
-    text = text.replace("0.4\nassumed = true", '0.4\nsource = "my own log"')
-    path = inputs / "mine.toml"
-    path.write_text(text + '[arm]\nrobot = "two"\n[[cause]]\nname = "x"\n')
-    return path
-
-
-def check_sources(path) -> None:
-    """What was calibrated says so; all else is as the user's file has it."""
-    found = tomllib.loads(path.read_text("utf-8"))
-    assert found["meta"] == {}
-    assert found["stiction"]["source"].startswith("calibrated: ")
-    assert found["viscous"]["source"] == "my own log"
-    assert found["rotor_inertia"]["source"] == "assumed"
-    assert found["ripple_amplitude"]["source"] == "assumed: not in mine.toml"
-    assert load_friction(path, 2).n == 2
-
-
-def test_calibrate_begins_with_a_users_friction(cli, work, two, base, mine):
-    ran = cli("calibrate", two, base, "--friction", mine, "--out", "friction.toml")
-    assert ran.code == 0, ran.err
-    check_sources(work / "friction.toml")
 
 
 def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, mine, monkeypatch):
@@ -92,19 +36,6 @@ def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, m
     with pytest.raises(Calibrated):
         tuner.tune(two, table=base, friction=mine, out=work / "t", scatter=False)
     check_sources(work / "t" / "friction.toml")
-
-
-def test_calibrate_that_fails_writes_nothing(cli, work, two, base, monkeypatch):
-    from stiction_envs.experiments.sje import calibrate
-
-    own = {"calibration.rounds": 1, "calibration.tolerance": 0.0}
-    hopeless = override(experiment_settings(), own)
-    monkeypatch.setattr(calibrate, "experiment_settings", lambda: hopeless)
-    ran = cli("calibrate", two, base, "--out", "friction.toml")
-    assert ran.code == 1
-    assert len(ran.lines) == 1
-    assert "did not converge" in ran.lines[0]
-    assert list(work.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -166,12 +97,9 @@ def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
     assert {p.name for p in (work / "t").iterdir()} == {"provenance.json"}
 
 
-def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two):
-    ran = cli("tune", two, *TUNE[:-1], 7, "--out", "t")
-    assert ran.code == 2
-    assert len(ran.lines) == 1
-    assert "scale 7.0: expected above 0 up to 5" in ran.lines[0]
-    assert list(work.iterdir()) == []
+def test_a_scale_beyond_its_bounds_is_refused(refused, two):
+    line = refused("tune", two, *TUNE[:-1], 7, "--out", "t")
+    assert "scale 7.0: expected above 0 up to 5" in line
 
 
 @pytest.mark.parametrize(
@@ -183,13 +111,10 @@ def test_tune_that_refuses_its_input_leaves_no_folder(cli, work, two):
         ("study.txt", "expected a URL, or a file that ends in .journal"),
     ],
 )
-def test_tune_with_a_storage_that_cannot_be_opened(cli, work, two, storage, message):
-    ran = cli("tune", two, *TUNE, "--out", "t", "--storage", storage)
-    assert ran.code == 2
-    assert len(ran.lines) == 1
-    assert message in ran.lines[0]
-    assert "cret" not in ran.err
-    assert list(work.iterdir()) == []
+def test_tune_with_a_storage_that_cannot_be_opened(refused, two, storage, message):
+    line = refused("tune", two, *TUNE, "--out", "t", "--storage", storage)
+    assert message in line
+    assert "cret" not in line
 
 
 def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
@@ -222,3 +147,61 @@ def test_names_written_out_for_help_are_the_packages_own():
     assert tune_command.COMPENSATIONS == options.COMPENSATIONS
     assert tune_command.PRICES == options.PRICES
     assert set(tune_command.FREE) == set(bounds.OPTIONS)
+
+
+@pytest.mark.slow  # ramps of an arm that nobody calibrated
+def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
+    (work / "two.xml").write_text(chain(2))
+    argv = ["tune", "two.xml", *SEARCH, "--sampler", "random", "--evaluations", 3]
+    argv += ["--out", "found", "--seed", 4, "--json"]
+    ran = cli(*argv)
+    assert ran.code == 0
+    result = json.loads(ran.out)
+    assert result["command"] == "tune"
+    assert [r["joint"] for r in result["final"]] == [1, 2]
+    names = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
+    before = {name: (work / "found" / name).read_bytes() for name in names}
+    with (work / "found" / "trials.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 6
+    assert cli(*argv).code == 0  # it goes on where it was: at its end
+    assert before == {name: (work / "found" / name).read_bytes() for name in names}
+    ran = cli("sje", "two.xml", "--dither", "found/final.yaml", "--iterations", 1, "--out", "ros")
+    assert ran.code == 0
+    ran = cli("sje", "two.xml", "--dither", "found/final.csv", "--iterations", 1, "--out", "csv")
+    assert (work / "ros/sje.csv").read_bytes() == (work / "csv/sje.csv").read_bytes()
+    assert ran.code == 0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_settings")
+def test_ask_tell_ask(cli, work, two):
+    ran = cli("tune", two, *ROBOT, "--ask")
+    assert ran.code == 0, ran.err
+    table = (work / "out" / "ask.csv").read_text()
+    assert table.splitlines()[0] == "joint,frequency_hz,amplitude_nm"
+    assert table.strip() in ran.out, "the table is on standard output too"
+    rows = list(csv.DictReader((work / "out" / "measure.csv").open()))
+    for row in rows:
+        row["tau_nm"] = (1 if row["direction"] == "+" else -1) * (
+            0.7 if float(row["amplitude_nm"]) else 0.8
+        )
+    with (work / "told.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    ran = cli("tune", two, *ROBOT, "--tell", "told.csv", "--ask", 2, "--json")
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert found["told"] == 4
+    assert [j["measured_settings"] for j in found["joints"]] == [1, 1]
+    again = {(r["joint"], r["frequency_hz"], r["amplitude_nm"]) for r in found["ask"]}
+    told = {(int(r["joint"]), float(r["frequency_hz"]), float(r["amplitude_nm"])) for r in rows}
+    assert not again & told
+    assert "–" not in (work / "out" / "final.csv").read_text()
+    before = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    (work / "bad.csv").write_text((work / "told.csv").read_text().replace("0.7", "700"))
+    ran = cli("tune", two, *ROBOT, "--tell", "bad.csv")
+    assert (ran.code, len(ran.lines)) == (2, 1)
+    assert "expected up to" in ran.lines[0]
+    after = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    assert after == before

@@ -1,0 +1,257 @@
+"""Logs and tables as commands read them: ``stiction check``, robots' own logs, other formats."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import stiction_envs as st
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.kinds import LOG, file_kind
+from stiction_envs.measured.logs.formats import registry
+from stiction_envs.measured.logs.formats.base import ColumnFile
+from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.robots import load_arm
+from tests.gap.small_logs import hidden, sliding, write_csv
+from tests.measured.checks.test_checks import THESIS, sje, write_sje
+from tests.measured.checks.test_thesis_forms import IN_PRINT
+from tests.measured.logs.bad_logs import good_values
+from tests.measured.logs.robot_csv import libfranka
+from tests.measured.logs.ros_bags import joint_states, merged, write_bag
+
+
+@pytest.fixture
+def clean(inputs):
+    path = inputs / "sje.csv"
+    write_sje(path, sje(np.random.default_rng(0)))
+    return path
+
+
+@pytest.fixture
+def log(inputs, two):
+    """A log of the small arm with dry friction."""
+    path = inputs / "log.csv"
+    write_csv(path, hidden(load_arm(two), lambda q, dq, ddq: 0.5 * sliding(q)))
+    return path
+
+
+def test_nothing_wrong(cli, work, clean, log, two):
+    ran = cli("check", clean, log, "--robot", two)
+    assert ran.code == 0, ran.out
+    assert ran.out == "nothing wrong\n"
+    assert ran.err == ""
+    assert list(work.iterdir()) == []
+    # the number of joints is told from the columns
+    assert cli("check", log).code == 0
+
+
+def test_the_thesis_in_print(cli, work):
+    """All twelve tables at once: their misprints, and what contradicts between them."""
+    tables = sorted(THESIS.glob("table_*.csv"))
+    assert len(tables) == 12
+    ran = cli("check", *tables, "--json", "--out", "found")
+    assert ran.code == 1
+    found = json.loads(ran.out)["findings"]
+    misprints = [x for x in found if x["kind"] != "remark"]
+    assert ran.lines == [f"error: {len(misprints)} defects found"]
+    assert "panda joint 5, no_load +, intermediate" in {x["where"] for x in misprints}
+    # weights that are not in the tables are not known here
+    assert len(found) >= sum(map(len, IN_PRINT.values())) - 3
+    with open(work / "found" / "findings.csv", encoding="utf-8") as file:
+        assert list(csv.DictReader(file)) == found
+    assert json.loads((work / "found" / "provenance.json").read_text())["finished"]
+
+
+def test_remarks_are_no_defects(cli, work):
+    ran = cli("check", *(THESIS / f"table_4_{i}.csv" for i in (3, 5, 6)))
+    assert ran.code == 0
+    assert ran.out.count(": remark: ") == len(ran.out.splitlines()) == 5
+
+
+def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
+    """A repeated row, a column nobody knows, a torque that stands at its limit."""
+    header, *rows = log.read_text().splitlines()
+    rows[100:100] = rows[99:100]
+    cells = [row.split(",") for row in rows]
+    for k in range(300, 330):
+        cells[k][4] = "9.0"
+    text = "\n".join([header + ",mood", *(",".join([*c, "1"]) for c in cells)])
+    log.write_text(text + "\n")
+    ran = cli("check", log, "--robot", two)
+    assert ran.code == 1
+    kinds = [line.split(": ")[1] for line in ran.out.splitlines()]
+    assert sorted(kinds) == ["corrected", "remark", "warning"]
+    assert "'mood'" in ran.out
+    assert "tau2 stays at its largest value" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("t,q1,q2,tau1,tau2\n0,0,0,0,0\n1,9,9,9,9\n0.5,0,0,0,0\n", "unreadable: line 4: t falls"),
+        ("t,q1,tau1\n0,0,up\n", "unreadable: line 2: tau1 is 'up'"),
+        ("t,x\n0,0\n", "unreadable: no column q1"),
+        ("", "unreadable: empty file"),
+        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,0,4\n", "unreadable: line 2: 6 val"),
+        ("robot,joint,load,direction,tau_base_Nm\narm,1,load,+,x\n", "unreadable: line 2: tau_bas"),
+        (
+            "robot,joint,load,direction,tau_base_Nm\narm,1,load,up,0.4\n",
+            "unreadable: line 2: unknown direction",
+        ),
+    ],
+)
+def test_a_file_that_nothing_can_be_done_with_is_a_defect(cli, inputs, clean, text, says):
+    """It is what was asked for; the other files are checked all the same."""
+    path = inputs / "bad.csv"
+    path.write_text(text)
+    ran = cli("check", path, clean)
+    assert ran.code == 1
+    (line,) = ran.out.splitlines()
+    assert line.startswith(f"{path}: {says}"), line
+    assert ran.lines == ["error: 1 defect found"]
+
+
+# ---- logs as robots write them -------------------------------------------------------------------
+
+
+@pytest.fixture
+def values(log):
+    """Its numbers, t, q, dq, tau, as the text rounds them."""
+    t, q, tau = np.split(np.loadtxt(log, delimiter=",", skiprows=1), [1, 3], axis=1)
+    return np.column_stack([t, q, np.gradient(q, t[:, 0], axis=0), tau])
+
+
+@pytest.fixture
+def bag(values, inputs):
+    """The same as ROS 2 records it, joints by names that only have the same numbers."""
+    states = joint_states(values, ("my_joint1", "my_joint2"), speeds=False)
+    return write_bag(inputs / "bag", "folder", states)
+
+
+@pytest.mark.slow
+def test_diagnose_and_identify_a_bag(cli, two, log, bag, work):
+    for command, name in (("diagnose", "diagnosis"), ("identify", "identification")):
+        found = {}
+        for path in (log, bag):
+            options = ["--robot", two, "--torque", "link", "--out", path.name, "--force"]
+            ran = cli(command, path, *options)
+            assert ran.code == 0, ran.err
+            found[path.name] = json.loads((work / path.name / f"{name}.json").read_text())
+        a, b = (found[path.name] for path in (log, bag))
+        shown = ("causes", "extended", "nominal", "verdict", "links", "friction")
+        assert {k: a[k] for k in shown if k in a} == {k: b[k] for k in shown if k in b}
+        made = json.loads((work / bag.name / "provenance.json").read_text())
+        assert len(made["inputs"]["log1"]["sha256"]) == 64
+    assert "my_joint1, my_joint2" in (work / "bag/report.md").read_text()
+
+
+def test_check_says_what_a_log_is(cli, inputs):
+    path = inputs / "log.csv"
+    path.write_text(libfranka(good_values()))
+    ran = cli("check", path, "--robot", "panda", "--json")
+    assert ran.code == 0, ran.err
+    assert "tau is state.tau_J" in ran.out
+
+
+def test_options_reach_the_reader(cli, two, values, inputs):
+    names = ("shoulder", "elbow")
+    states = joint_states(values, names, topic="/a")
+    other = joint_states(values, names, topic="/b")
+    path = write_bag(inputs / "log", "mcap", merged(states, other))
+    ran = cli("check", path, "--robot", two)
+    assert ran.code == 1
+    assert "several topics with states of joints: /a, /b: expected one; name the topic" in ran.out
+    ran = cli("check", path, "--robot", two, "--topic", "/a")
+    assert "its joints are elbow, shoulder: expected names" in ran.out
+    ran = cli("check", path, "--robot", two, "--topic", "/a", "--joints", *names)
+    assert ran.code == 0, ran.out + ran.err
+
+
+@pytest.mark.parametrize("command", ["diagnose", "identify"])
+def test_a_bag_without_the_extra_writes_nothing(cli, two, bag, work, command, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    ran = cli(command, bag, "--robot", two)
+    assert ran.code == 2
+    (line,) = [x for x in ran.lines if x.startswith("error")]
+    assert "reading a ROS bag needs rosbags: pip install 'stiction-envs[ros]'" in line
+    assert list(work.iterdir()) == []
+
+
+# ---- a kind of log from outside the package ------------------------------------------------------
+
+
+class Semicolons(ColumnFile):
+    """Columns between semicolons."""
+
+    ends: ClassVar = (".semi",)
+
+    def columns(self, where: str) -> dict[str, Any]:
+        """Read the columns."""
+        with open(where, encoding="utf-8") as file:
+            names, *rows = csv.reader(file, delimiter=";")
+        return dict(zip(names, np.array(rows, float).T, strict=True))
+
+
+OURS = {"time_us": "t", "angle1": "q1", "angle2": "q2", "torque1": "tau1", "torque2": "tau2"}
+MINE = Header(
+    mark="time_us",
+    column=lambda name: OURS.get(name, name),
+    per_second=1e6,
+    side="link",
+    note="a log of mine",
+)
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Both kinds come from the entry points of another package; afterwards they are forgotten."""
+    points = [SimpleNamespace(load=lambda new=new: new) for new in (Semicolons(), MINE)]
+    monkeypatch.setattr(registry, "_formats", [*registry._formats])
+    before = [*registry.HEADERS]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    registry._load_entry_points.cache_clear()
+    yield
+    registry.HEADERS[:] = before
+    registry._load_entry_points.cache_clear()
+
+
+@pytest.mark.usefixtures("known")
+def test_a_format_from_outside_is_read_by_library_and_commands(cli, inputs, two, log) -> None:
+    (own,) = read_logs([log], 2)
+    semi, mine = inputs / "log.semi", inputs / "mine.csv"
+    semi.write_text(log.read_text("utf-8").replace(",", ";"), "utf-8")
+    table = np.column_stack([1e6 * own.t, own.q, own.tau])
+    np.savetxt(mine, table, delimiter=",", header=",".join(OURS), comments="", fmt="%.17g")
+    registry._load_entry_points.cache_clear()
+    registry.HEADERS.remove(MINE)
+    registry._formats.pop()
+    assert file_kind(mine) == LOG  # before anything else has asked for formats
+    for path, side in ((semi, None), (mine, "link")):
+        (read,) = read_logs([path], 2)
+        assert read.side == side
+        np.testing.assert_allclose(read.t, own.t, atol=1e-9)
+        np.testing.assert_array_equal(read.tau, own.tau)
+        assert not st.check(path, robot=two).defects
+        assert cli("check", path, "--robot", two).code == 0
+        ran = cli("diagnose", path, "--robot", two, "--out", path.stem, "--force")
+        assert ran.code == 0, ran.err
+
+
+@pytest.mark.usefixtures("known")
+def test_what_another_kind_has_is_refused(tmp_path: Path) -> None:
+    assert ".semi" in registry.log_ends()
+    for new in (Semicolons(), MINE):
+        with pytest.raises(StictionError, match="expected"):
+            registry.register(new)
+    (tmp_path / "a.none").touch()
+    with pytest.raises(StictionError, match=r"unknown kind of file: expected one of .*\.semi"):
+        read_logs([tmp_path / "a.none"], 2)
