@@ -66,7 +66,7 @@ class RegressorLibrary:
         self._limits: dict[Candidate, tuple[list[float], list[float], list[float]]] = {}
         self.residual = data.residual
         own = data.settings.candidates
-        share = own.diagnosed if data.model.diagnosed else own.given
+        share = own.diagnosed if data.diagnosed else own.given
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
         """(n,) root mean square error assumed for the nominal model's friction, over the noise."""

@@ -9,13 +9,7 @@ from typing import get_type_hints
 
 from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
-from stiction_envs.method_settings import (
-    Count,
-    NotNegative,
-    Positive,
-    Share,
-    load_settings,
-)
+from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
 
 PATH = Path(__file__).with_name("settings.toml")
 
@@ -36,50 +30,6 @@ class SpectraSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrepareSettings:
-    """Which part of a segment is kept after the filter."""
-
-    trim_periods: NotNegative
-    """Periods of the cutoff that are cut off at each end, where the filter extrapolates [-]. The
-    acceleration's error is 0.3 % there. At most `trim_share` of a segment is cut off."""
-    most_rate: Positive
-    """Largest number of samples kept per period of the cutoff [-]; more add no information."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReversalPathSettings:
-    """How overshoot and noise are removed from the angles at which friction reverses."""
-
-    wider: Positive
-    """Cutoff for these angles over the cutoff for all signals [-]."""
-    noise_band: NotNegative
-    """Half width of the play over the remaining noise [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueSignSettings:
-    """When a log's torques have the opposite sign."""
-
-    least_load: Positive
-    """Least standard deviation of a joint's rigid-body torque for it to show the sign [N·m]."""
-    opposite: Share
-    """Least correlation of measured and rigid-body torque for the sign to be certain [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueLagSettings:
-    """When a log's torques lag its angles."""
-
-    least_lag: Positive
-    """Least sum of delay and time constant that is corrected where a load shows it [s]. The cause
-    `actuator_delay` covers shorter ones."""
-    least_friction_lag: NotNegative
-    """The same where only friction shows the lag, which that cause does not cover [s]."""
-    residual_left: Share
-    """Largest remaining part of the residual for a lag to be corrected [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class RecordingSettings:
     """How the logs' time is cut into held-out blocks."""
 
@@ -89,16 +39,6 @@ class RecordingSettings:
     """Blocks of time, over all logs, that are held out in turn: enough to see their spread."""
     guard: NotNegative
     """Time between two blocks that belongs to neither [s]; longer than any filter here."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrictionStateSettings:
-    """What is assumed about dry friction before the search for causes."""
-
-    presliding_distance: Positive
-    """Presliding distance of dry friction [rad]: 0.5 N·m on 2500 N·m/rad."""
-    presliding_distances: tuple[Positive, ...]
-    """Presliding distances, from which each joint's torque at reversals chooses one [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,14 +57,6 @@ class NoiseSettings:
     falling: Positive
     """Least drop of the torque's spectrum over the octave above the band that shows a low-pass
     before logging [-]; a first-order filter has 4, white noise 1."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionSettings:
-    """Which logs were recorded together."""
-
-    cold_after: Positive
-    """Pause after which gears are cold again [s]: three of their thermal time constants."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,14 +144,6 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckSettings:
-    """When a model predicts logs that were not used to find it."""
-
-    worse: NotNegative
-    """A joint is worse if its error exceeds the nominal one by this part of it [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class GapSettings:
     """All settings of this package, and of the logs it reads."""
 
@@ -227,22 +151,10 @@ class GapSettings:
     """When a joint moves."""
     spectra: SpectraSettings
     """The choice of the cutoff."""
-    prepare: PrepareSettings
-    """The part of a segment that is kept after the filter."""
-    reversal_path: ReversalPathSettings
-    """The angles at which friction reverses."""
-    torque_sign: TorqueSignSettings
-    """Torques of the opposite sign."""
-    torque_lag: TorqueLagSettings
-    """Torques that lag."""
     recording: RecordingSettings
     """Held-out blocks of time."""
-    friction_state: FrictionStateSettings
-    """Dry friction before the search for causes."""
     noise: NoiseSettings
     """The noise floor."""
-    sessions: SessionSettings
-    """Which logs were recorded together."""
     candidates: CandidateSettings
     """Weights of rows."""
     selection: SelectionSettings
@@ -253,8 +165,6 @@ class GapSettings:
     """The causes' parameters."""
     verdict: VerdictSettings
     """When nothing is left to explain."""
-    check: CheckSettings
-    """Logs that were not used to find the model."""
     tables: TableSettings
     """Torque tables."""
 

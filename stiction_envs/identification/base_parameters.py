@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCES
 from stiction_envs.robots.regressor import (
     BaseSet,
     base_set,
@@ -161,12 +162,11 @@ def presliding(data: Data, base: BaseSet, rotor: bool) -> Array:
     Chosen with free base parameters: with the nominal links their errors would choose.
     """
     scores = []
-    distances = data.settings.friction_state.presliding_distances
-    for distance in distances:
+    for distance in PRESLIDING_DISTANCES:
         d = design(data, rotor=rotor, distance=np.full(data.n, distance))
         found = fit(d.columns[:, :, base.kept], d.torque)
         scores.append(np.square(found.residual).mean(axis=0))
-    return np.array(distances)[np.argmin(scores, axis=0)]
+    return np.array(PRESLIDING_DISTANCES)[np.argmin(scores, axis=0)]
 
 
 def structural_base(data: Data, rotor: bool) -> tuple[BaseSet, Array]:

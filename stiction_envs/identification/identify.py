@@ -334,7 +334,7 @@ def identify_data(
     """
     say = progress or (lambda *_: None)
     chosen = settings or identification_settings()
-    rotor = data.torque == "motor"
+    rotor = data.recording.torque == "motor"
     base, reach = structural_base(data, rotor)
     d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
     if d.torque.size < 2 * base.size:

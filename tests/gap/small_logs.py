@@ -9,9 +9,9 @@ import numpy as np
 
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
@@ -61,8 +61,7 @@ def hidden(
 
 def sliding(q: np.ndarray) -> np.ndarray:
     """Direction of motion of joints whose dry friction bites within the engine's distance."""
-    distance = gap_settings().friction_state.presliding_distance
-    return bristles(q, [slice(0, len(q))], np.full((q.shape[1], 1), distance))[..., 0]
+    return bristles(q, [slice(0, len(q))], np.full((q.shape[1], 1), PRESLIDING_DISTANCE))[..., 0]
 
 
 def data_of(arm: Arm, log: JointLog) -> Data:

@@ -231,7 +231,7 @@ def clock(data: Data) -> Array:
     if not np.isfinite(data.dt):
         return np.arange(float(len(data.t)))
     step = np.diff(data.t, prepend=data.t[0])
-    new = np.diff(data.segment, prepend=data.segment[0]) != 0
+    new = np.diff(data.recording.segment, prepend=data.recording.segment[0]) != 0
     return np.cumsum(np.where(new | (step < 0), 0.0, step))
 
 
@@ -244,7 +244,7 @@ def trace(
         axes.plot(x[at], y[at], ".", ms=3, mew=0, color=colour, label=label)
         return
     y = y[at].copy()
-    y[np.flatnonzero(np.diff(data.segment[at]))] = np.nan
+    y[np.flatnonzero(np.diff(data.recording.segment[at]))] = np.nan
     axes.plot(x[at], y, color=colour, lw=width, label=label)
 
 

@@ -176,7 +176,7 @@ def log_page(
         "seconds": SECONDS,
         "replay": REPLAY,
         "check": check,
-        "check_worse": d.settings.check.worse,
+        "check_worse": checks.WORSE,
         "left_out": left_out,
         "squares": lines,
         "about_logs": [

@@ -1,7 +1,6 @@
 """The data that causes use: a recording, the torque of the nominal model, and its dry friction.
 
-Three frozen dataclasses; `Data` contains the other two. A change makes a new `Data`, and derived
-values stay with the old one.
+A change makes a new `Data`; derived values stay with the old one.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.settings import GapSettings
-from stiction_envs.gap.signals.bristle import bristles, grown
+from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
     FrictionState,
     friction_torque,
@@ -31,35 +30,28 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NominalTorque:
-    """Torque of the nominal model along a recording; (T, n) each [N·m]."""
-
-    whole: Array
-    """Torque with friction."""
-    rigid: Array
-    """Torque without friction, which the gears transmit."""
-    carried: Array | None = None
-    """Torque of causes in ``rigid`` that ``whole`` lacks: a payload, a tilt."""
-    diagnosed: bool = False
-    """Whether it contains causes of an earlier diagnosis."""
-    gravity: tuple[float, ...] = ()
-    """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
-
-    def __post_init__(self) -> None:
-        for x in (self.whole, self.rigid, self.carried):
-            if x is not None:
-                x.flags.writeable = False
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Data:
     """T samples of n joints, measured and nominal."""
 
     recording: Recording
-    model: NominalTorque
+    nominal: Array
+    """(T, n) torque of the nominal model [N·m]."""
+    rigid: Array
+    """(T, n) torque of the nominal model without friction, which the gears transmit [N·m]."""
+    carried: Array | None = None
+    """(T, n) torque of causes in ``rigid`` that ``nominal`` lacks: payload, tilt [N·m]."""
+    diagnosed: bool = False
+    """Whether the nominal model contains causes of an earlier diagnosis."""
+    gravity_found: tuple[float, ...] = ()
+    """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
     friction: FrictionState
     noise: Array
     """(n,) noise floor of the residual torque [N·m]."""
+
+    def __post_init__(self) -> None:
+        for x in (self.nominal, self.rigid, self.carried):
+            if x is not None:
+                x.flags.writeable = False
 
     # ---- the recording -----------------------------------------------------------------------
 
@@ -77,11 +69,6 @@ class Data:
     def pinocchio(self) -> pin.Model:
         """The nominal rigid arm as a pinocchio model."""
         return self.recording.pinocchio
-
-    @property
-    def torque(self) -> str:
-        """Side of the gear on which torque was measured: "motor" or "link"."""
-        return self.recording.torque
 
     @property
     def n(self) -> int:
@@ -129,11 +116,6 @@ class Data:
         return self.recording.reversal_path
 
     @property
-    def segment(self) -> NDArray[np.int64]:
-        """(T,) number of the segment: time runs on within one."""
-        return self.recording.segment
-
-    @property
     def block(self) -> NDArray[np.int64]:
         """(T,) number of the block that is held out together, −1 in a guard."""
         return self.recording.block
@@ -156,35 +138,10 @@ class Data:
 
     # ---- the nominal model -------------------------------------------------------------------
 
-    @property
-    def nominal(self) -> Array:
-        """(T, n) torque of the nominal model [N·m]."""
-        return self.model.whole
-
-    @property
-    def rigid(self) -> Array:
-        """(T, n) torque of the nominal model without friction, which the gears transmit [N·m]."""
-        return self.model.rigid
-
-    @property
-    def carried(self) -> Array | None:
-        """(T, n) torque of causes in ``rigid`` that ``nominal`` lacks: payload, tilt [N·m]."""
-        return self.model.carried
-
-    @property
-    def gravity(self) -> Array:
-        """(T, n) gravity torque of the nominal arm [N·m]."""
-        return self.recording.gravity
-
     @cached_property
     def residual(self) -> Array:
         """(T, n) measured less nominal torque [N·m]."""
         return self.tau - self.nominal
-
-    @property
-    def gravity_found(self) -> tuple[float, ...]:
-        """Gravity x, y, z for bodies once a tilt was found [m/s²]; else ()."""
-        return self.model.gravity
 
     def carrying(self, torque: Array, gravity: tuple[float, ...] = ()) -> Data:
         """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
@@ -194,8 +151,7 @@ class Data:
             gravity: x, y, z of gravity for bodies from now on [m/s²]; () for the arm's gravity.
         """
         carried = torque if self.carried is None else self.carried + torque
-        model = replace(self.model, rigid=self.rigid + torque, carried=carried, gravity=gravity)
-        return replace(self, model=model)
+        return replace(self, rigid=self.rigid + torque, carried=carried, gravity_found=gravity)
 
     def on(self, arm: Arm) -> Data:
         """Return data of another rigid arm with the same motion and the same torque.
@@ -214,13 +170,13 @@ class Data:
             friction: whether friction is among them.
             rotor: (n,) inertia that they add to the rotors [kg·m²].
         """
-        model = replace(self.model, whole=self.nominal + torque, carried=None, diagnosed=True)
         state = replace(
             self.friction,
             in_nominal=self.has_friction or friction,
             rotor=self.friction.rotor + rotor,
         )
-        return replace(self, model=model, friction=state)
+        nominal = self.nominal + torque
+        return replace(self, nominal=nominal, carried=None, diagnosed=True, friction=state)
 
     # ---- dry friction ------------------------------------------------------------------------
 
@@ -246,10 +202,7 @@ class Data:
 
         A joint that stops keeps its friction until it goes back by the presliding distance.
         """
-        distance = self.friction.presliding_distance
-        return bristles(self.reversal_path, self.runs(), distance[:, None], self.settings.motion)[
-            ..., 0
-        ]
+        return self.recording.bristles(self.friction.presliding_distance[:, None])[..., 0]
 
     def direction(self, joint: int) -> Array:
         """Return (T,) direction of a joint (from 0) as in `directions`."""
@@ -316,7 +269,8 @@ def assemble(
         nominal = recording.rigid + friction_torque(recording, friction)
     return Data(
         recording=recording,
-        model=NominalTorque(whole=nominal, rigid=recording.rigid),
+        nominal=nominal,
+        rigid=recording.rigid,
         friction=state,
         noise=noise_floor(recording, signals.noise_tau, recording.tau - nominal),
     )

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording, rate
 
 Array = NDArray[np.float64]
+PRESLIDING_DISTANCE = 2e-4
+"""Presliding distance of dry friction [rad]; assumed: 0.5 N·m on 2500 N·m/rad."""
+PRESLIDING_DISTANCES = (2e-5, 6e-5, 2e-4, 6e-4)
+"""Presliding distances, of which each joint's torque at reversals chooses one [rad]; assumed."""
 FALLING_SPEED = 0.1
-"""Speed scale with which friction may fall in the fit of presliding distances [rad/s]."""
+"""Speed scale with which friction may fall in the fit of presliding distances [rad/s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,12 +95,7 @@ def steady_friction(
 def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
     """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m]."""
     state = FrictionState.of(friction)
-    direction = bristles(
-        recording.reversal_path,
-        recording.runs,
-        state.presliding_distance[:, None],
-        recording.settings.motion,
-    )[..., 0]
+    direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
     if recording.torque == "link":
         friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
     ratio = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
@@ -117,19 +115,15 @@ def presliding_distances(
         residual: (T, n) measured less nominal torque [N·m].
         logged: turns a torque (T,) into the logged torque.
     """
-    s = recording.settings.friction_state
-    distances = s.presliding_distances
-    path, dq, ddq = recording.reversal_path, recording.dq, recording.ddq
-    zeta = bristles(
-        path, recording.runs, np.tile(distances, (recording.n, 1)), recording.settings.motion
-    )
+    dq, ddq = recording.dq, recording.ddq
+    zeta = recording.bristles(np.tile(PRESLIDING_DISTANCES, (recording.n, 1)))
     zeta = recording.smooth(zeta)
-    out = np.full(recording.n, s.presliding_distance)
+    out = np.empty(recording.n)
     for j in range(recording.n):
         falls = np.exp(-np.abs(dq[:, j]) / FALLING_SPEED)
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []
-        for k in range(len(distances)):
+        for k in range(len(PRESLIDING_DISTANCES)):
             # friction's fall with speed may show apart from when it turns
             x = np.column_stack([common, zeta[:, j, k], zeta[:, j, k] * falls])
             x = np.stack([logged(column) for column in x.T], axis=1)
@@ -137,5 +131,5 @@ def presliding_distances(
             xx = x.T @ x
             c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]
             left.append(float(np.sum(np.square(r - x @ c))))
-        out[j] = distances[int(np.argmin(left))]
+        out[j] = PRESLIDING_DISTANCES[int(np.argmin(left))]
     return out

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from stiction_envs.gap.signals.bristle import bristles
+from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.poses import scatter, wander
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
 LONGEST_WINDOW = 2.0
-"""Longest window of the spectrum for slow noise [s]: two periods of the slowest noise."""
+"""Longest window of the spectrum for slow noise [s]; assumed: two periods of the slowest noise."""
 LEAST_WINDOWS = 4.0
-"""Least number of windows that fit into the longest run."""
+"""Least number of windows that fit into the longest run [-]; assumed."""
 LEVEL = 2.0
-"""Largest ratio of a spectrum to its median in the octave above where it is flat [-]."""
+"""Largest ratio of a spectrum to its median in the octave above where it is flat [-]; assumed."""
 
 
 def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
@@ -36,7 +36,7 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
         noise_tau: (n,) noise of the filtered torques [N·m]; NaN for poses alone.
         residual: (T, n) measured less nominal torque [N·m].
     """
-    creep = wander(recording.q, residual, recording.rigid, recording.settings.motion)
+    creep = wander(recording.q, residual, recording.rigid, recording.settings.motion.travel_span)
     return np.maximum(_floor(recording, noise_tau, residual), creep)
 
 
@@ -82,24 +82,21 @@ def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Arr
 
 
 def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
-    """Return (n,) noise of the residual [N·m]: that of the torque, and of the acceleration.
+    """Return (n,) noise of the residual [N·m]: that of the torque, and that of the acceleration.
 
     The latter grows with frequency: the upper half of the filter's band contains all of it and half
     of the torque's. Medians over windows ignore the few that contain a jump of friction.
     """
     own = recording.settings
-    least, distance = own.noise.least_noise, own.friction_state.presliding_distance
+    least = own.noise.least_noise
     q, dq, ddq, runs = recording.q, recording.dq, recording.ddq, recording.runs
     torque = np.asarray(noise_tau)
     if not np.all(np.isfinite(torque)):
-        poses = scatter(q, residual, own.noise)
+        poses = scatter(q, residual, own.noise.same_pose)
         return np.full(q.shape[1], least) if poses is None else poses + least
     torque = np.maximum(torque, least)
-    direction = recording.smooth(
-        bristles(recording.reversal_path, runs, np.full((q.shape[1], 1), distance), own.motion)[
-            ..., 0
-        ]
-    )
+    distances = np.full((q.shape[1], 1), PRESLIDING_DISTANCE)
+    direction = recording.smooth(recording.bristles(distances)[..., 0])
     longest = max(runs, key=lambda r: r.stop - r.start)
     window = int(min(longest.stop - longest.start, max(32, 1.0 / recording.dt)))
     out = torque.copy()

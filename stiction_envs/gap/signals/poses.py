@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stiction_envs.gap.settings import NoiseSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment
-from stiction_envs.measured.settings import MotionThresholds
 
 Array = NDArray[np.float64]
 LEAST_PAIRS = 10
-"""Least number of pairs of such poses for an estimate of the scatter."""
+"""Least number of pairs of such poses for an estimate of the scatter [-]; assumed."""
 
 
 def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
@@ -39,19 +37,18 @@ def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
     return np.concatenate(out)
 
 
-def scatter(q: Array, residual: Array, settings: NoiseSettings | None = None) -> Array | None:
+def scatter(q: Array, residual: Array, same_pose: float) -> Array | None:
     """Return (n,) scatter of the residual between equal poses [N·m], if there are any.
 
     Args:
         q: (T, n) [rad].
         residual: (T, n) measured less nominal torque [N·m].
-        settings: constants of the method; None for those of ``settings.toml``.
+        same_pose: as of `NoiseSettings` [rad].
     """
-    s = settings or gap_settings().noise
     if len(q) < 2:
         return None
     distance, nearest = cKDTree(q).query(q, k=2)
-    first = np.flatnonzero(distance[:, 1] < s.same_pose)
+    first = np.flatnonzero(distance[:, 1] < same_pose)
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
     if len(pairs) < LEAST_PAIRS:
         return None
@@ -59,9 +56,7 @@ def scatter(q: Array, residual: Array, settings: NoiseSettings | None = None) ->
     return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
 
 
-def wander(
-    q: Array, residual: Array, rigid: Array, motion: MotionThresholds | None = None
-) -> Array:
+def wander(q: Array, residual: Array, rigid: Array, least: float) -> Array:
     """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0.
 
     Sensors see their torque creep within the friction band, far below the sensors' own noise in
@@ -71,9 +66,8 @@ def wander(
         q: (T, n) [rad].
         residual: (T, n) measured less nominal torque [N·m].
         rigid: (T, n) torque of the rigid body, which others' motion changes [N·m].
-        motion: when a joint moves; None for ``settings.toml``'s.
+        least: angle that a joint must turn to count as moving [rad].
     """
-    least = (motion or gap_settings().motion).travel_span
     out = np.zeros(q.shape[1])
     for j in np.flatnonzero(np.ptp(q, axis=0) < least):
         x = np.stack([np.ones(len(q)), rigid[:, j]], axis=1)

@@ -29,18 +29,23 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
-from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, nominal_step, resample
+from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, resample
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.settings import MotionThresholds
 
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
+TRIM_PERIODS = 2.0
+"""Periods of the cutoff that are cut off at each end, where the filter extrapolates [-].
+Measured on sines: the acceleration's error is 0.3 % there."""
 TRIM_SHARE = 0.15
-"""Largest share of a segment that is cut off at each end [-]."""
+"""Largest share of a segment that is cut off at each end [-]; assumed."""
+MOST_RATE = 100.0
+"""Largest number of samples kept per period of the cutoff [-]; assumed: times are right to a
+hundredth of the filter's period. With a fiftieth, delays and bristles of a real log were lost."""
 LEAST_RATE = 5.0
-"""Least number of samples kept per period of the cutoff [-]."""
+"""Least number of samples kept per period of the cutoff [-]; assumed."""
 MOST_SAMPLES = 120000
-"""Default number of samples kept of all logs together."""
+"""Default number of samples kept of all logs together [-]; assumed, to limit the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +103,7 @@ class Signals:
 
 
 def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
-    """The filter of all signals: Butterworth of order :data:`ORDER`, forwards and backwards.
+    """Return the filter of all signals: Butterworth of order `ORDER`, forwards and backwards.
 
     Nonlinear functions of the signals must pass it too before a comparison.
 
@@ -168,16 +173,17 @@ def prepare(
             noise_tau_raw=nan,
             motion_hz=float("nan"),
             low_passed=np.zeros(n, dtype=bool),
-            sessions=sessions(logs, own.sessions),
+            sessions=sessions(logs),
             notes=("poses at rest only: nothing filtered",),
         )
-    steps = [nominal_step(log.step) for _, log in moving]
+    # without the last digits, which are rounding of the times
+    steps = [float(f"{log.step:.6g}") for _, log in moving]
     notes: list[str] = []
     spectra = Spectra([log for _, log in moving], steps, own)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     slowest = max(steps)
-    enough = int(1 / (slowest * own.prepare.most_rate * cutoff))
+    enough = int(1 / (slowest * MOST_RATE * cutoff))
     thin = max(1, enough, int(np.ceil(seconds / slowest / most_samples)))
     dt = thin * slowest
     if thin > 1:
@@ -190,7 +196,7 @@ def prepare(
     left_out, shortest = 0, (PERIODS - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
-            made = _segment(i, log, rows, step, dt, cutoff, own)
+            made = _segment(i, log, rows, step, dt, cutoff, own.motion.rest_speed)
             left_out += made is None
             segments += [made] if made is not None else []
     if left_out:
@@ -205,20 +211,20 @@ def prepare(
             f"without a gap: expected one or more (cutoff {cutoff:.3g} Hz)"
         )
     noise, raw = spectra.noise(cutoff)
-    if spectra.filtered():
+    if spectra.rounded().all():
         notes.append(
             "the torques are smooth down to the last digit: they were filtered before they were "
             "logged, and their noise is larger than it seems"
         )
     segments.sort(key=lambda s: (s.log, s.t[0]))
-    notes += _rest(segments, dt, own.measured.motion)
+    notes += _rest(segments, dt, own.motion.rest_speed)
     return Signals(
         segments=tuple(segments),
         dt=dt,
         cutoff_hz=cutoff,
         noise_tau=noise,
         noise_tau_raw=raw,
-        sessions=sessions(logs, own.sessions),
+        sessions=sessions(logs),
         motion_hz=spectra.motion_hz,
         low_passed=spectra.low_passed(cutoff, own.noise.falling),
         notes=tuple(notes),
@@ -226,30 +232,24 @@ def prepare(
 
 
 def _segment(
-    number: int,
-    log: JointLog,
-    rows: slice,
-    step: float,
-    dt: float,
-    cutoff: float,
-    own: GapSettings,
+    number: int, log: JointLog, rows: slice, step: float, dt: float, cutoff: float, slow: float
 ) -> Segment | None:
+    """Return the signals of some rows of a log; None where they are too short for the filter."""
     seconds = log.t[rows][-1] - log.t[rows][0]
     # One period of margin for the rounding of the longest segment's own cutoff.
     if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
         return None
     t, values = resample(log, rows, step)
     # The filter does not know the signal before and after.
-    ends = min(own.prepare.trim_periods / cutoff, TRIM_SHARE * seconds)
+    ends = min(TRIM_PERIODS / cutoff, TRIM_SHARE * seconds)
     cut = max(3, int(np.ceil(ends / step)))
-    inner = slice(cut, len(t) - cut)
     pick: slice | None = None
     factor = round(dt / step)
     if abs(factor * step - dt) < 1e-6 * dt:
         pick = slice(cut, len(t) - cut, factor)
         at = t[pick]
     else:
-        at = np.arange(t[inner][0], t[inner][-1], dt)
+        at = np.arange(t[cut], t[-cut - 1], dt)
 
     def taken(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return x[pick] if pick is not None else CubicSpline(t, x)(at)
@@ -260,38 +260,29 @@ def _segment(
             smooth = lowpass(array[:, j], 1 / step, cutoff)
             out[name][:, j] = taken(smooth)
             if name == "q":
-                path = reversal_path(array[:, j], 1 / step, cutoff, lowpass, own.reversal_path)
+                path = reversal_path(array[:, j], 1 / step, cutoff, lowpass)
                 out["reversal_path"][:, j] = (
                     path[pick] if pick is not None else np.interp(at, t, path)
                 )
                 out["dq"][:, j] = taken(np.convolve(smooth, _FIRST[::-1], "same") / step)
                 out["ddq"][:, j] = taken(np.convolve(smooth, _SECOND[::-1], "same") / step**2)
     core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "reversal_path")}
-    static = bool(np.abs(core["dq"]).max() < own.measured.motion.rest_speed)
+    static = bool(np.abs(core["dq"]).max() < slow)
     return Segment(log=number, t=at, **core, extra=out, static=static)
 
 
 def _poses(number: int, log: JointLog) -> Segment:
-    zero = np.zeros_like(log.q)
+    """Return poses as a segment at rest."""
+    t, q, tau, zero = log.t.copy(), log.q.copy(), log.tau.copy(), np.zeros_like(log.q)
     extra = {name: array.copy() for name, array in log.extra.items()}
-    return Segment(
-        log=number,
-        t=log.t.copy(),
-        q=log.q.copy(),
-        dq=zero,
-        ddq=zero.copy(),
-        tau=log.tau.copy(),
-        reversal_path=log.q.copy(),
-        extra=extra,
-        static=True,
-    )
+    core = {"q": q, "dq": zero, "ddq": zero, "tau": tau, "reversal_path": q}
+    return Segment(log=number, t=t, **core, extra=extra, static=True)
 
 
-def _rest(segments: Sequence[Segment], dt: float, motion: MotionThresholds) -> list[str]:
-    """How long the arm rests, if it rests for long."""
+def _rest(segments: Sequence[Segment], dt: float, slow: float) -> list[str]:
+    """Return how long the arm rests, if it rests for long."""
     moved = [s for s in segments if not s.static]
     count = sum(len(s.t) for s in moved)
-    slow = motion.rest_speed
     resting = sum(int((np.abs(s.dq).max(axis=1) < slow).sum()) for s in moved)
     if not count or resting < 0.1 * count:
         return []

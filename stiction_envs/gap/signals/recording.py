@@ -12,6 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
+from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.poses import segment_numbers
 from stiction_envs.gap.signals.prepare import Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
@@ -67,19 +68,9 @@ class Recording:
     """Constants of the method, for all derived values."""
 
     def __post_init__(self) -> None:
-        for x in (
-            self.t,
-            self.since_log,
-            self.since_session,
-            self.q,
-            self.dq,
-            self.ddq,
-            self.tau,
-            self.reversal_path,
-        ):
-            x.flags.writeable = False
-        for number in (self.segment, self.block, self.log):
-            number.flags.writeable = False
+        for x in vars(self).values():
+            if isinstance(x, np.ndarray):
+                x.flags.writeable = False
 
     @property
     def n(self) -> int:
@@ -116,6 +107,14 @@ class Recording:
             self._derived.pop(make, None)  # two results at once take too much memory
             self._derived[make] = arguments, make(self, *arguments)
         return self._derived[make][1]
+
+    def bristles(self, distance: Array) -> Array:
+        """Return (T, n, k) `bristles` along the reversal path, unfiltered [-].
+
+        Args:
+            distance: (n, k) presliding distances [rad].
+        """
+        return bristles(self.reversal_path, self.runs, distance, self.settings.motion)
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, segment by segment.

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.settings import SessionSettings
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
+COLD_AFTER = 3600.0
+"""Pause after which gears are cold again [s]; assumed: three time constants of a gear that warms up
+in 20 min."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,13 +33,8 @@ class Sessions:
     """Whether logs with motion share a clock, if there are several."""
 
 
-def sessions(logs: Sequence[JointLog], settings: SessionSettings) -> Sessions:
-    """Return when each log was recorded, if the clocks show it.
-
-    Args:
-        logs: one or more.
-        settings: when a gear is cold again.
-    """
+def sessions(logs: Sequence[JointLog]) -> Sessions:
+    """Return when each log was recorded, if the clocks show it."""
     start, since = np.array([log.t[0] for log in logs]), np.zeros(len(logs))
     moving = np.array([i for i, log in enumerate(logs) if not log.static], dtype=int)
     dated = {logs[i].date is not None for i in moving}
@@ -47,7 +44,7 @@ def sessions(logs: Sequence[JointLog], settings: SessionSettings) -> Sessions:
     pause = begin[order][1:] - end[order][:-1]
     common = len(moving) > 1 and len(dated) == 1 and bool((pause > 0).all())
     if common:
-        first = np.r_[True, pause > settings.cold_after]
+        first = np.r_[True, pause > COLD_AFTER]
         of_session = np.maximum.accumulate(np.where(first, np.arange(len(order)), 0))
         since[moving[order]] = begin[order] - begin[order][of_session]
     return Sessions(start=start, since=since, common_clock=common)

@@ -17,23 +17,22 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
-from stiction_envs.gap.settings import GapSettings, SpectraSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.settings import MotionThresholds
 
 ORDER = 4
 """Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
 cutoff."""
 MOTION_SHARE = 0.95
-"""The motion ends at the frequency below which this share of the speed's power lies [-]."""
+"""The motion ends where this share of the speed's power lies below [-]; assumed."""
 ACCURATE_ABSOLUTE = 0.05
-"""Least acceleration for the arm to count as accelerating [rad/s²]: 0.05 N·m at 1 kg·m²."""
+"""Least acceleration of an arm that accelerates [rad/s²]; assumed: 0.05 N·m at 1 kg·m²."""
 PERIODS = 6.0
-"""Least length of a segment in periods of the cutoff [-]."""
+"""Least length of a segment in periods of the cutoff [-]; assumed."""
 MOST_ROWS = 300000
-"""Most rows of all logs that are used, to limit the time for long logs."""
+"""Most rows of all logs that are used [-]; assumed, to limit the time for long logs."""
 STRETCHES = 6
-"""Number of parts of a longer segment, spread over it."""
+"""Number of parts of a longer segment, spread over it [-]; assumed."""
 
 
 class Spectra:
@@ -43,9 +42,8 @@ class Spectra:
         self,
         logs: Sequence[JointLog],
         steps: Sequence[float],
-        settings: GapSettings | None = None,
+        own: GapSettings,
     ) -> None:
-        own = settings or gap_settings()
         self.settings = own.spectra
         self.rate = 1 / max(steps)
         self.n = logs[0].n
@@ -56,9 +54,7 @@ class Spectra:
             if s.stop - s.start >= 64
         ]
         self.longest = max((seconds for seconds, _, _ in segments), default=0.0)
-        pieces = [
-            (seconds, k, part) for seconds, k, s in segments for part in _samples_of(s, own.spectra)
-        ]
+        pieces = [(seconds, k, part) for seconds, k, s in segments for part in _samples_of(s)]
         # The longest segments are sufficient, and limit the time for long logs.
         pieces.sort(key=lambda p: -p[0])
         length = int(self.rate * min(4.0, self.longest / 4))
@@ -88,20 +84,18 @@ class Spectra:
                 if len(change):
                     self.grain[j] = min(self.grain[j], float(np.percentile(change, 1)))
             v = np.diff(values["q"], axis=0) * self.rate
-            motion.append(spread_power(v, self.rate))
+            motion.append(_spread_power(v, self.rate))
         self.empty = not total
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(
-            motion, self.knee_q, own.spectra, own.measured.motion
-        )
+        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q, own.motion.mover_ratio)
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
 
     def choose(self, notes: list[str]) -> float:
-        """Cutoff, Hz, for a low-pass that keeps the signal and removes noise."""
+        """Return the cutoff [Hz] of a low-pass that keeps the signal and removes noise."""
         s = self.settings
         highest = s.highest * self.rate
         if self.empty:
@@ -122,7 +116,7 @@ class Spectra:
         return cutoff
 
     def noise(self, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Noise of the torques after and before the filter, standard deviations, (n,) each, N·m.
+        """Return (n,) standard deviations of the torques' noise after and before the filter [N·m].
 
         The spectrum just above the filter's band, and above where it stops falling, is taken to
         continue within the band.
@@ -154,15 +148,11 @@ class Spectra:
         near = (self.f >= low) & (self.f < 2 * low)
         far = (self.f >= 2 * low) & (self.f < min(4 * low, 0.9 * self.rate / 2))
         if self.empty or not near.any() or not far.any():
-            return self._rounded()
+            return self.rounded()
         falls = np.median(self.tau[near], axis=0) > drop * np.median(self.tau[far], axis=0)
-        return np.asarray(falls | self._rounded())
+        return np.asarray(falls | self.rounded())
 
-    def filtered(self) -> bool:
-        """Whether torques contain only rounding at high frequencies."""
-        return bool(self._rounded().all())
-
-    def _rounded(self) -> NDArray[np.bool_]:
+    def rounded(self) -> NDArray[np.bool_]:
         """Return (n,) whether each torque contains only rounding at high frequencies."""
         if self.empty:
             return np.zeros(self.n, dtype=bool)
@@ -179,12 +169,7 @@ class Spectra:
         return np.asarray(spectrum / gain**power)
 
     def _accurate(self, joint: int, acceleration: float) -> float:
-        """Cutoff at which the acceleration of ``joint`` has the allowed noise, Hz.
-
-        Args:
-            joint: from 0.
-            acceleration: its root mean square, rad/s².
-        """
+        """Return the cutoff [Hz] with the allowed noise of a joint's RMS acceleration [rad/s²]."""
         above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
         noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
         most = max(self.settings.accurate * acceleration, ACCURATE_ABSOLUTE)
@@ -193,7 +178,7 @@ class Spectra:
         return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
 
     def _knee(self, spectrum: NDArray[np.float64], start: float) -> float:
-        """Frequency, at least ``start``, Hz, above which the spectrum does not fall, Hz."""
+        """Return the frequency, at least ``start``, above which the spectrum does not fall [Hz]."""
         edges = np.searchsorted(self.f, self.f[1] * 2 ** (np.arange(60) / 3) * (1 - 1e-9))
         edges = np.unique(edges[edges < 0.95 * len(self.f)])
         # By thirds of octaves, so that the highest octave does not dominate the median.
@@ -207,8 +192,8 @@ class Spectra:
         return float(self.f[-1])
 
 
-def _samples_of(rows: slice, s: SpectraSettings) -> list[slice]:
-    """The rows, or stretches spread over them if there are too many."""
+def _samples_of(rows: slice) -> list[slice]:
+    """Return the rows, or stretches spread over them if there are too many."""
     length = rows.stop - rows.start
     if length <= MOST_ROWS:
         return [rows]
@@ -217,15 +202,10 @@ def _samples_of(rows: slice, s: SpectraSettings) -> list[slice]:
     return [slice(int(a), int(a) + part) for a in starts]
 
 
-def nominal_step(step: float) -> float:
-    """The step without its last digits, which are rounding of the times."""
-    return float(f"{step:.6g}")
-
-
 def resample(
     log: JointLog, rows: slice, step: float
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Even times, (K,), s, and q, tau and extra channels at them, (K, n) each."""
+    """Return even times (K,) [s], and q, tau and extra channels (K, n) at them."""
     t = log.t[rows]
     values = {"q": log.q[rows], "tau": log.tau[rows]}
     values |= {name: array[rows] for name, array in log.extra.items()}
@@ -242,10 +222,10 @@ def resample(
     return even, out
 
 
-def spread_power(
+def _spread_power(
     v: NDArray[np.float64], rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies, Hz, and the part of Σ v² of each speed ``v`` (K, n) at them."""
+    """Return frequencies [Hz] and the part of Σ v² of each speed ``v`` (K, n) at them."""
     window = np.hanning(len(v))[:, None]
     power = np.abs(np.fft.rfft((v - v.mean(axis=0)) * window, axis=0)) ** 2
     return np.asarray(np.fft.rfftfreq(len(v), 1 / rate)), 2 * power / np.sum(window**2)
@@ -254,10 +234,9 @@ def spread_power(
 def _motion(
     pieces: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
     most: Sequence[float],
-    s: SpectraSettings,
-    thresholds: MotionThresholds,
+    mover_ratio: float,
 ) -> tuple[NDArray[np.int64], float, NDArray[np.float64]]:
-    """Joints that move, the end of their band [Hz], and root mean square accelerations [rad/s²].
+    """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
     Each joint counts up to the frequency in ``most``, Hz, where its noise begins.
     """
@@ -269,7 +248,7 @@ def _motion(
     each = power.sum(axis=0)
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
-    movers = np.flatnonzero(each >= thresholds.mover_ratio**2 * each.max())
+    movers = np.flatnonzero(each >= mover_ratio**2 * each.max())
     end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

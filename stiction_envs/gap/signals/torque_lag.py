@@ -23,50 +23,51 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from stiction_envs.gap.settings import GapSettings, TorqueLagSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.signals.torque_sign import by_log, correct_sign
+from stiction_envs.gap.signals.torque_sign import LEAST_LOAD, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-LONGEST_DELAY = 0.15
-"""Longest delay that is tried [s]."""
-DELAY_STEP = 0.01
-"""Step between delays that are tried [s]."""
+LEAST_LAG = 0.1
+"""Least sum of delay and time constant that is corrected where a load shows it [s]. The cause
+`actuator_delay` covers shorter ones."""
+LEAST_FRICTION_LAG = 0.01
+"""The same where only friction shows the lag, which that cause does not cover [s]; assumed."""
+RESIDUAL_LEFT = 0.5
+"""Largest remaining part of the residual for a lag to be corrected [-]; assumed."""
+DELAYS = np.arange(0.0, 0.1501, 0.01)
+"""Delays that are tried [s]; assumed."""
 LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
-"""Time constants that are tried [s]."""
-FINER_REACH = 0.0075
-"""Range of finer delays on either side of the best one [s]."""
-FINER_STEP = 0.0025
-"""Step between finer delays [s]."""
+"""Time constants that are tried [s]; assumed."""
+FINER_DELAYS = np.arange(-0.0075, 0.0076, 0.0025)
+"""Steps of the delay about the best one [s]; assumed."""
 FINER_LOWPASSES = (-0.01, -0.005, 0.0, 0.005, 0.01)
-"""Steps of the time constant about the best one [s]."""
-HINT_LEFT = 0.85
-"""Largest remaining part of the residual at a first delay for a closer search [-]."""
+"""Steps of the time constant about the best one [s]; assumed."""
 FIRST_DELAYS = (0.03, 0.06, 0.1)
-"""Delays of the first search [s]."""
+"""Delays of the first search [s]; assumed."""
+HINT_LEFT = 0.85
+"""Largest remaining part of the residual at a first delay for a closer search [-]; assumed."""
 LEAST_RUNS = 4
-"""Least number of runs that distinguish a time from a distance."""
+"""Least number of runs that distinguish a time from a distance [-]; assumed."""
 SPEED_RATIO = 3.0
-"""Least ratio of the fastest to the slowest run [-]."""
+"""Least ratio of the fastest to the slowest run [-]; assumed."""
 LAG_RATIO = 1.3
 """Largest ratio of these runs' lags for a time [-]; for a distance it would be `SPEED_RATIO` or
-more."""
+more. Assumed."""
 FIRST_ROWS = 4000
-"""Most rows of a log in the first search."""
+"""Most rows of a log in the first search [-]; assumed, to limit the time."""
 MOST_ROWS = 20000
-"""Most rows of a log in the closer search."""
+"""Most rows of a log in the closer search [-]; assumed, to limit the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueLag:
-    """One log whose torques lag its angles."""
+    """By how much a log's torques lag its angles."""
 
-    log: int
-    """Number of the log, from 0."""
     delay: float
     """δ [s]."""
     lowpass: float
@@ -80,7 +81,6 @@ class TorqueLag:
     loaded: bool
     """Whether a load shows it; else reversals at several speeds show it."""
     certain: bool
-    """Whether the lag is certain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,48 +94,38 @@ class _Run:
     torque: Array
 
 
-def torque_lags(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[TorqueLag]:
-    """Return the logs whose torques lag, or may lag."""
-    own = settings or gap_settings()
-    s, least_load = own.torque_lag, own.torque_sign.least_load
-    slow = own.measured.motion.reversal_speed
-    out = []
-    for number, parts in by_log(signals).items():
-        parts = [x for x in parts if not x.static and len(x.t) > 32]
-        if not parts:
-            continue
-        rigid = _rigid(arm, parts, MOST_ROWS)
-        loaded = np.flatnonzero(np.concatenate(rigid).std(axis=0) > least_load)
+def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> TorqueLag | None:
+    """Return how much the torques of one log lag, or may lag; None where they do not."""
+    slow = (settings or gap_settings()).motion.reversal_speed
+    parts = [x for x in signals.segments if not x.static and len(x.t) > 32]
+    if not parts:
+        return None
+    rigid = _rigid(arm, parts)
+    joints = np.flatnonzero(np.concatenate(rigid).std(axis=0) > LEAST_LOAD)
+    loaded = len(joints) > 0
+    if not loaded:
+        if len(parts) < LEAST_RUNS:
+            return None
         speed = np.sqrt(np.mean(np.square(np.concatenate([x.dq for x in parts])), axis=0))
-        found, certain = None, True
-        if len(loaded):
-            runs_of_each = [_runs(parts, rigid, int(j), True, slow) for j in loaded]
-            found = _search(runs_of_each, signals.dt, s)
-        elif len(parts) >= LEAST_RUNS:
-            loaded = np.array([int(np.argmax(speed))])
-            runs = _runs(parts, rigid, int(loaded[0]), False, slow)
-            found = _search([runs], signals.dt, s)
-            certain = found is not None and _is_time(runs, signals.dt, s, slow)
-        if found is None:
-            continue
-        delay, lowpass, before, after = found
-        best = int(np.argmin(after / before))
-        by_load = bool(np.concatenate(rigid)[:, loaded[best]].std() > least_load)
-        least = s.least_lag if by_load else s.least_friction_lag
-        if delay + lowpass > least and after[best] < s.residual_left * before[best]:
-            out.append(
-                TorqueLag(
-                    log=number,
-                    delay=delay,
-                    lowpass=lowpass,
-                    joint=int(loaded[best]) + 1,
-                    before=float(before[best]),
-                    after=float(after[best]),
-                    loaded=by_load,
-                    certain=certain,
-                )
-            )
-    return out
+        joints = np.array([np.argmax(speed)])
+    runs = [_runs(parts, rigid, int(j), loaded, slow) for j in joints]
+    found = _search(runs, signals.dt)
+    if found is None:
+        return None
+    delay, lowpass, before, after = found
+    best = int(np.argmin(after / before))
+    least = LEAST_LAG if loaded else LEAST_FRICTION_LAG
+    if delay + lowpass <= least or after[best] >= RESIDUAL_LEFT * before[best]:
+        return None
+    return TorqueLag(
+        delay=delay,
+        lowpass=lowpass,
+        joint=int(joints[best]) + 1,
+        before=float(before[best]),
+        after=float(after[best]),
+        loaded=loaded,
+        certain=loaded or _is_time(runs[0], signals.dt, slow),
+    )
 
 
 def correct_torques(
@@ -166,8 +156,7 @@ def correct_torques(
         if log.static:
             continue
         # several logs together may be thinned out so far that a delay is no longer visible
-        alone = signals if len(read) == 1 else make([log])
-        found = next(iter(torque_lags(alone, arm, settings)), None)
+        found = torque_lag(signals if len(read) == 1 else make([log]), arm, settings)
         if found is None:
             continue
         text = f"torques come {1e3 * found.delay:.0f} ms later than the angles they belong to"
@@ -215,11 +204,11 @@ def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
     )
 
 
-def _rigid(arm: Arm, parts: Sequence[Segment], most: int) -> list[Array]:
+def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
     """Return (T, n) rigid-body torque of each segment, interpolated between selected rows."""
     model = arm.pinocchio()
     out = []
-    step = max(1, sum(len(s.t) for s in parts) // most)
+    step = max(1, sum(len(s.t) for s in parts) // MOST_ROWS)
     for s in parts:
         at = np.unique(np.r_[np.arange(0, len(s.t), step), len(s.t) - 1])
         torque = inverse_dynamics(model, s.q[at], s.dq[at], s.ddq[at])
@@ -244,7 +233,7 @@ def _runs(
 
 
 def _residual(
-    runs: Sequence[_Run], delay: float, lowpass: float, dt: float, step: int, longest: float
+    runs: Sequence[_Run], dt: float, step: int, delay: float = 0.0, lowpass: float = 0.0
 ) -> float:
     """Return the root mean square that a fit with a delay and a low-pass leaves [N·m]."""
     columns, torques = [], []
@@ -253,7 +242,7 @@ def _residual(
         if lowpass > 0:
             k = np.exp(-dt / lowpass)
             moved = lfilter([1 - k], [1, -k], moved, axis=0, zi=k * moved[:1])[0]
-        at = run.t[run.t > run.t[0] + longest][::step]
+        at = run.t[run.t > run.t[0] + DELAYS[-1]][::step]
         shifted = [np.interp(at - delay, run.t, x) for x in moved.T]
         rest = [np.interp(at, run.t, x) for x in (*run.fixed.T, run.torque)]
         columns.append(np.stack([*shifted, *rest[:-1]], axis=1))
@@ -267,55 +256,46 @@ def _residual(
     return float(np.sqrt(np.mean(np.square(y - x @ c))))
 
 
-def _delays(s: TorqueLagSettings) -> Array:
-    """Return the delays that are tried [s]."""
-    return np.arange(0.0, LONGEST_DELAY + 0.01 * DELAY_STEP, DELAY_STEP)
-
-
 def _search(
-    joints: Sequence[Sequence[_Run]], dt: float, s: TorqueLagSettings
+    joints: Sequence[Sequence[_Run]], dt: float
 ) -> tuple[float, float, Array, Array] | None:
     """Return δ, T and the joints' residuals without and with them; None without a hint."""
     rows = sum(len(r.t) for r in joints[0])
-    delays = _delays(s)
-    longest = float(delays[-1])
     step = max(1, rows // FIRST_ROWS)
-    now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
+    now = np.array([_residual(j, dt, step) for j in joints])
     if not np.all(np.isfinite(now)) or np.any(now <= 0):
         return None
-    first = [[_residual(j, d, 0.0, dt, step, longest) for j in joints] for d in FIRST_DELAYS]
+    first = [[_residual(j, dt, step, d) for j in joints] for d in FIRST_DELAYS]
     if np.min(np.array(first) / now) > HINT_LEFT:
         return None
     step = max(1, rows // MOST_ROWS)
-    now = np.array([_residual(j, 0.0, 0.0, dt, step, longest) for j in joints])
-    tried = [(float(d), t) for t in LOWPASSES for d in delays]
-    finer = np.arange(-FINER_REACH, FINER_REACH + 0.04 * FINER_STEP, FINER_STEP)
+    now = np.array([_residual(j, dt, step) for j in joints])
+    tried = [(float(d), t) for t in LOWPASSES for d in DELAYS]
     best = (0.0, 0.0)
     for _ in range(2):
-        left = np.array([[_residual(j, d, t, dt, step, longest) for j in joints] for d, t in tried])
+        left = np.array([[_residual(j, dt, step, d, t) for j in joints] for d, t in tried])
         k = int(np.argmin(np.sum(np.square(left / now), axis=1)))
         best = tried[k]
         tried = [
-            (float(np.clip(best[0] + d, 0.0, longest)), float(max(best[1] + t, 0.0)))
+            (float(np.clip(best[0] + d, 0.0, DELAYS[-1])), max(best[1] + t, 0.0))
             for t in FINER_LOWPASSES
-            for d in finer
+            for d in FINER_DELAYS
         ]
     return *best, now, left[k]
 
 
-def _is_time(runs: Sequence[_Run], dt: float, s: TorqueLagSettings, slow: float) -> bool:
+def _is_time(runs: Sequence[_Run], dt: float, slow: float) -> bool:
     """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
-    delays = _delays(s)
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])
         if np.sqrt(np.mean(v**2)) < slow:
             continue
-        left = [_residual([run], d, 0.0, dt, 1, float(delays[-1])) for d in delays]
+        left = [_residual([run], dt, 1, d) for d in DELAYS]
         speeds.append(float(np.median(v)))
-        times.append(float(delays[int(np.argmin(left))]))
+        times.append(float(DELAYS[int(np.argmin(left))]))
     if len(speeds) < LEAST_RUNS or max(speeds) < SPEED_RATIO * min(speeds):
         return False
     # one run may be disturbed
     usual = np.sort(times)[1:-1]
-    return bool(usual[0] > s.least_friction_lag and usual[-1] <= LAG_RATIO * usual[0])
+    return bool(usual[0] > LEAST_FRICTION_LAG and usual[-1] <= LAG_RATIO * usual[0])

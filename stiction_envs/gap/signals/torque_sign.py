@@ -14,16 +14,16 @@ The sign from an earlier diagnosis of the same robot ranks after the first.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import GapSettings, TorqueSignSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured.logs.corrections import Correction
@@ -34,14 +34,18 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 CHANGING, HELD, FRICTION = "a changing load", "a held load", "friction"
 """What shows a sign, the most reliable first: somebody may push friction, but not a load."""
+LEAST_LOAD = 0.5
+"""Least standard deviation of a rigid-body torque that shows the sign [N·m]; assumed."""
 LEAST_HELD = 5.0
-"""Least load of all holding joints together for a sign [N·m]: friction holds less."""
+"""Least load of all holding joints together for a sign [N·m]; assumed: friction holds less."""
+LEAST_CORRELATION = 0.9
+"""Least correlation of measured and expected torque for a sign to be certain [-]; assumed."""
 RESIDUAL_LEFT = 0.5
-"""Largest remaining part of the residual after inversion [-]."""
+"""Largest remaining part of the residual after inversion [-]; assumed."""
 CLEAR_DIRECTION = 0.5
-"""Smoothed direction, in [-1, 1], above which a joint counts as moving that way [-]."""
+"""Smoothed direction, in [-1, 1], above which a joint counts as moving that way [-]; assumed."""
 MOST_ROWS = 4000
-"""Rows of a log that are used, evenly spaced."""
+"""Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,43 +70,40 @@ class Sign:
 
 def signs(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> list[Sign]:
     """Return what loads and friction show, log by log."""
-    own = settings or gap_settings()
-    s, motion = own.torque_sign, own.measured.motion
+    motion = (settings or gap_settings()).motion
     out = []
-    for number, parts in by_log(signals).items():
-        q, dq, ddq, tau = _rows(parts, MOST_ROWS)
+    for number in dict.fromkeys(s.log for s in signals.segments):
+        q, dq, ddq, tau = _rows([s for s in signals.segments if s.log == number])
         rigid = inverse_dynamics(arm.pinocchio(), q, dq, ddq)
         held = []
         for j in range(arm.n):
             one, side = np.ones(len(q)), np.tanh(dq[:, j] / motion.reversal_speed)
-            if rigid[:, j].std() > s.least_load:
+            if rigid[:, j].std() > LEAST_LOAD:
                 other = np.stack([one, side, dq[:, j]], axis=1)
-                load, torque = without(rigid[:, j], other), without(tau[:, j], other)
-                if load.std() > s.least_load:
-                    out.append(_sign(number, j, CHANGING, load, torque, s))
+                load, torque = _without(rigid[:, j], other), _without(tau[:, j], other)
+                if load.std() > LEAST_LOAD:
+                    out.append(_sign(number, j, CHANGING, load, torque))
                 continue
             held.append(j)
             there, back = (side > CLEAR_DIRECTION), (side < -CLEAR_DIRECTION)
             if min(there.mean(), back.mean()) > motion.moving_share:
                 other = np.stack([one, rigid[:, j], ddq[:, j]], axis=1)
-                side, torque = without(side, other), without(tau[:, j], other)
+                side, torque = _without(side, other), _without(tau[:, j], other)
                 size = abs(float(side @ torque)) / float(side @ side)
-                out.append(_sign(number, j, FRICTION, size * side, torque, s))
+                out.append(_sign(number, j, FRICTION, size * side, torque))
         load, torque = rigid[:, held].mean(axis=0), tau[:, held].mean(axis=0)
         if np.linalg.norm(load) > LEAST_HELD:
             largest = held[int(np.argmax(np.abs(load)))]
-            out.append(_sign(number, largest, HELD, load, torque, s))
+            out.append(_sign(number, largest, HELD, load, torque))
     return out
 
 
-def _sign(
-    log: int, joint: int, shown_by: str, expected: Array, torque: Array, s: TorqueSignSettings
-) -> Sign:
+def _sign(log: int, joint: int, shown_by: str, expected: Array, torque: Array) -> Sign:
     below = np.sqrt(float(expected @ expected) * float(torque @ torque))
     correlation = float(expected @ torque) / max(below, 1e-300)
     upright, turned = (float(np.sqrt(np.mean((torque - x) ** 2))) for x in (expected, -expected))
-    opposite = correlation < -s.opposite and turned < RESIDUAL_LEFT * upright
-    right = correlation > s.opposite and upright < RESIDUAL_LEFT * turned
+    opposite = correlation < -LEAST_CORRELATION and turned < RESIDUAL_LEFT * upright
+    right = correlation > LEAST_CORRELATION and upright < RESIDUAL_LEFT * turned
     return Sign(
         log=log,
         joint=joint + 1,
@@ -171,40 +172,22 @@ def inverted(
     logs: Sequence[JointLog], signals: Signals, text: str
 ) -> tuple[list[JointLog], Signals]:
     """Return logs and signals with all torques inverted, and the correction's note."""
-    turned = [
-        dataclasses.replace(
-            log,
-            tau=-log.tau,
-            extra={k: -v if k == "tau_cmd" else v for k, v in log.extra.items()},
-            corrections=(
-                *log.corrections,
-                Correction(kind="sign", rows=len(log.t), text=text),
-            ),
-        )
-        for log in logs
-    ]
-    segments = tuple(
-        dataclasses.replace(
-            s,
-            tau=-s.tau,
-            extra={k: -v if k == "tau_cmd" else v for k, v in s.extra.items()},
-        )
-        for s in signals.segments
-    )
-    return turned, dataclasses.replace(signals, segments=segments)
+
+    def torques(x: JointLog | Segment) -> dict[str, Any]:
+        extra = {k: -v if k == "tau_cmd" else v for k, v in x.extra.items()}
+        return {"tau": -x.tau, "extra": extra}
+
+    turned = []
+    for log in logs:
+        done = Correction(kind="sign", rows=len(log.t), text=text)
+        turned.append(replace(log, **torques(log), corrections=(*log.corrections, done)))
+    segments = tuple(replace(s, **torques(s)) for s in signals.segments)
+    return turned, replace(signals, segments=segments)
 
 
-def by_log(signals: Signals) -> dict[int, list[Segment]]:
-    """Return the segments of each log."""
-    out: dict[int, list[Segment]] = {}
-    for s in signals.segments:
-        out.setdefault(s.log, []).append(s)
-    return out
-
-
-def _rows(parts: Sequence[Segment], most: int) -> tuple[Array, Array, Array, Array]:
+def _rows(parts: Sequence[Segment]) -> tuple[Array, Array, Array, Array]:
     """Return angles, speeds, accelerations and torques of evenly spaced rows."""
-    step = max(1, -(-sum(len(s.t) for s in parts) // most))
+    step = max(1, -(-sum(len(s.t) for s in parts) // MOST_ROWS))
     q, dq, ddq, tau = (
         np.concatenate([getattr(s, name)[::step] for s in parts])
         for name in ("q", "dq", "ddq", "tau")
@@ -212,6 +195,6 @@ def _rows(parts: Sequence[Segment], most: int) -> tuple[Array, Array, Array, Arr
     return q, dq, ddq, tau
 
 
-def without(y: Array, x: Array) -> Array:
+def _without(y: Array, x: Array) -> Array:
     """Return y (T,) without the part that the columns x (T, k) explain."""
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])

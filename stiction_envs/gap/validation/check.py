@@ -8,7 +8,7 @@ the diagnosed ones. Both models then predict their torque, for the same arm, sid
 baseline.
 
 A joint is **worse** where the extended model's error exceeds the nominal model's by more than
-``worse`` of it and the added error, √(extended² − nominal²), exceeds the noise floor. The model
+`WORSE` of it and the added error, √(extended² − nominal²), exceeds the noise floor. The model
 **holds** where no joint is worse.
 
 A cause **does not transfer** where it makes a joint worse. Let p be the torque that its parts add
@@ -53,6 +53,8 @@ CHANCE = 0.01
 """Chance that scatter between blocks names a cause as not transferring [-]; as in `selection`."""
 LEAST_TORQUE = 0.5
 """Least torque of a cause, root mean square, over the noise floor of a joint [-]."""
+WORSE = 0.05
+"""A joint is worse if its error exceeds the nominal one by this part of it [-]; assumed."""
 HARM = 0.1
 """Part of a joint's squared error that a cause must add to it [-]: 5 % of the error, as worse."""
 BLOCKS = 12
@@ -210,7 +212,7 @@ def check_model(d: Diagnosis, given: CheckLogs) -> Check:
     """Try the nominal and the extended model of a diagnosis on logs that took no part."""
     arm, settings = d.data.arm, d.settings
     logs, signals = _same_sign(d, given)
-    torque, friction = d.data.torque, d.baseline.friction
+    torque, friction = d.data.recording.torque, d.baseline.friction
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
     nominal, found = d.baseline.extend(base), model_of(d)
     extended = found.extend(base).nominal
@@ -218,7 +220,7 @@ def check_model(d: Diagnosis, given: CheckLogs) -> Check:
     noise = base.noise
     before, after = (_rms(base.tau - x, weight) for x in (nominal.nominal, extended))
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
-    worse = (after > (1 + settings.check.worse) * before) & (added > noise)
+    worse = (after > (1 + WORSE) * before) & (added > noise)
     return Check(
         logs=logs,
         data=nominal,

@@ -189,7 +189,7 @@ def test_tilt_columns_are_the_gravity_of_a_leaning_arm(data: Data) -> None:
     torque = inverse_dynamics(model, data.q, zero, zero)
     for j in range(7):
         own = BY_NAME["base_tilt"].columns(data, j, ()) @ [*side, 1 - np.cos(lean)]
-        assert np.allclose(data.gravity[:, j] + own, torque[:, j], atol=1e-9)
+        assert np.allclose(data.recording.gravity[:, j] + own, torque[:, j], atol=1e-9)
 
 
 def test_a_bristle_ends_at_its_level_and_remembers_at_rest() -> None:
@@ -347,7 +347,7 @@ def test_a_gap_needs_a_load_that_changes_sign_by_more_than_noise(data: Data) -> 
     still = replace(
         data,
         recording=replace(data.recording, dq=0 * data.dq),
-        model=replace(data.model, rigid=shaking),
+        rigid=shaking,
         noise=np.full(7, 0.01),
     )
     assert "changes sign" in BY_NAME["backlash"].why_not_identifiable(still, 2)

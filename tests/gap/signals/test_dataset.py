@@ -31,7 +31,7 @@ def test_what_is_worked_out_follows_a_changed_recording(data: Data) -> None:
     other = replace(data, recording=back)
     model, dq, ddq = recording.pinocchio, recording.dq, recording.ddq
     np.testing.assert_array_equal(back.rigid, inverse_dynamics(model, q, dq, ddq))
-    np.testing.assert_array_equal(other.gravity, gravity_torque(model, q))
+    np.testing.assert_array_equal(other.recording.gravity, gravity_torque(model, q))
     for name in ("payload", "base_tilt", "coulomb_friction", "stribeck_friction", "backlash"):
         cause = cause_named(name)
         shape = cause.shapes(data, 1, data.rigid[:, 1])[0]

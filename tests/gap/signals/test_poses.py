@@ -53,10 +53,10 @@ def test_each_pose_is_a_segment_and_a_log_is_one() -> None:
 def test_scatter_is_that_of_poses_taken_twice() -> None:
     log = poses()
     residual = log.tau - gravity_torque(panda().pinocchio(), log.q)
-    found = scatter(log.q, residual)
+    found = scatter(log.q, residual, 0.03)
     assert found is not None
     np.testing.assert_allclose(found.mean(), BAND / np.sqrt(3), rtol=0.25)
-    assert scatter(log.q[:150], residual[:150]) is None
+    assert scatter(log.q[:150], residual[:150], 0.03) is None
 
 
 def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import gap_settings
-from stiction_envs.gap.signals.prepare import (
-    Segment,
-    Signals,
-    lowpass,
-    prepare,
-)
+from stiction_envs.gap.signals import prepare as module
+from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass, prepare
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 
 MEASURED = Path(__file__).parents[4] / "shared" / "measured"
@@ -285,14 +279,14 @@ def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     assert any("the cutoff is lowered" in note for note in chosen.notes)
 
 
-def test_samples_far_closer_than_the_filter_lets_change_are_thinned_out() -> None:
+def test_samples_far_closer_than_the_filter_lets_change_are_thinned_out(monkeypatch) -> None:
     """A hundred to a period of the cutoff are left, and they are those of the full rate."""
     log = noisy(1e-5, 0.05)
     thin = prepare([log], cutoff_hz=5.0)
     assert thin.dt == pytest.approx(1 / (100 * 5.0))
-    own = gap_settings()
-    every = replace(own, prepare=replace(own.prepare, most_rate=1e9))
-    full = prepare([log], cutoff_hz=5.0, settings=every)
+    with monkeypatch.context() as every:
+        every.setattr(module, "MOST_RATE", 1e9)
+        full = prepare([log], cutoff_hz=5.0)
     assert full.dt == pytest.approx(1e-3)
     assert np.array_equal(only(thin).tau, only(full).tau[::2])
     assert prepare([log], cutoff_hz=20.0).dt == pytest.approx(1e-3)

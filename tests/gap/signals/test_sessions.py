@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.settings import gap_settings
-from stiction_envs.gap.signals.sessions import Sessions, sessions
+from stiction_envs.gap.signals.sessions import sessions
 from stiction_envs.measured.logs.reader import JointLog
 
 DAY = 86400.0
@@ -16,10 +15,6 @@ def log(begin: float, *, date: float | None = None, seconds: float = 20.0, stati
     t = begin + np.arange(0.0, seconds, 0.5)
     q = np.zeros((len(t), 2))
     return JointLog(source="x", t=t, q=q, dq=None, tau=q.copy(), date=date, static=static)
-
-
-def found(*logs: JointLog) -> Sessions:
-    return sessions(logs, gap_settings().sessions)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +29,7 @@ def found(*logs: JointLog) -> Sessions:
     ],
 )
 def test_clocks_that_rise_say_when(logs, since) -> None:
-    when = found(*logs)
+    when = sessions(logs)
     assert when.common_clock
     assert when.since.tolist() == pytest.approx(since)
 
@@ -49,12 +44,12 @@ def test_clocks_that_rise_say_when(logs, since) -> None:
     ],
 )
 def test_others_do_not(logs) -> None:
-    when = found(*logs)
+    when = sessions(logs)
     assert not when.common_clock
     assert not when.since.any()
 
 
 def test_poses_have_no_time() -> None:
-    when = found(log(0.0, static=True), log(100.0), log(160.0))
+    when = sessions([log(0.0, static=True), log(100.0), log(160.0)])
     assert when.since.tolist() == [0, 0, 60]
     assert when.start.tolist() == [0, 100, 160]

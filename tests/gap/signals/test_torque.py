@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lags
+from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
 from stiction_envs.gap.signals.torque_sign import correct_sign, signs
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
@@ -188,7 +188,8 @@ def test_late_torques_are_brought_forward(good: JointLog, delay: float, lowpass:
     (log,), signals = correct_torques([delayed(good, delay, lowpass)], ARM, prepare)
     assert kinds(log) == ["lag"]
     assert "later than the angles" in log.corrections[0].text
-    found = torque_lags(prepare([delayed(good, delay, lowpass)]), ARM)[0]
+    found = torque_lag(prepare([delayed(good, delay, lowpass)]), ARM)
+    assert found is not None
     assert found.delay + found.lowpass == pytest.approx(delay + lowpass, abs=0.015)
     # what is left of the delay is noise
     s = signals.segments[0]
