@@ -138,10 +138,13 @@ def diagnose(
     if settings is not None:
         arguments["settings"] = fingerprint(own)
     inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
-    if isinstance(nominal, str | Path) and Path(nominal).is_file():
-        inputs["nominal"] = Path(nominal)
+    nominal_name = "given"
+    if isinstance(nominal, str | Path):
+        nominal_name = Path(nominal).name
+        if Path(nominal).is_file():
+            inputs["nominal"] = Path(nominal)
     shared: dict[str, Any] = {
-        "nominal_name": _name(nominal),
+        "nominal_name": nominal_name,
         "sources": sources,
         "provenance": provenance("diagnose", arguments, seed=seed, inputs=inputs),
         "threads": threads,
@@ -207,9 +210,3 @@ def _read(
     from_files = iter(read)
     logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]
-
-
-def _name(nominal: str | Path | FrictionParameters | Nominal) -> str:
-    if not isinstance(nominal, str | Path):
-        return "given"
-    return str(nominal) if nominal in ("rigid", "shipped") else Path(nominal).name

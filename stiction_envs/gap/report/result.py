@@ -1,15 +1,17 @@
-"""A diagnosis with all that is written of it, of logs or of torque tables."""
+"""A diagnosis of logs or of torque tables, and the files that are written of it."""
 
 from __future__ import annotations
 
 import abc
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
@@ -35,50 +37,6 @@ class Picture:
     caption: str
 
 
-class FoundCause(Protocol):
-    """What causes of logs and of tables have in common."""
-
-    @property
-    def name(self) -> str:
-        """As in ``diagnosis.json``."""
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """From 1; none for the arm as a whole."""
-
-    @property
-    def gain_percent(self) -> float:
-        """What is lost when it alone is taken out [%]."""
-
-    @property
-    def evidence(self) -> str:
-        """One sentence that can be checked in the data."""
-
-    @property
-    def confused_with(self) -> Iterable[str]:
-        """Causes that the data cannot tell from it."""
-
-
-class Found(Protocol):
-    """What diagnoses of logs and of tables have in common."""
-
-    @property
-    def robot(self) -> str:
-        """Name of the arm."""
-
-    @property
-    def verdict(self) -> str:
-        """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
-
-    @property
-    def causes(self) -> Sequence[FoundCause]:
-        """Strongest first."""
-
-    @property
-    def gain_percent(self) -> float:
-        """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DiagnosisResult(Result):
     """What a simulation gets wrong about measured data."""
@@ -87,10 +45,9 @@ class DiagnosisResult(Result):
     """Of the report, in ``templates/``."""
     data: ClassVar[str]
     """What was measured: "logs" or "torque tables"."""
-    diagnosis: Found
-    """With what it was worked out from."""
+    diagnosis: Diagnosis | TableDiagnosis
     nominal_name: str
-    """What was judged: "rigid", "shipped" or a file's name."""
+    """The nominal model: "rigid", "shipped", a file's name, or "given"."""
     sources: LogSources
     provenance: dict[str, Any]
     threads: int = 0
@@ -106,7 +63,7 @@ class DiagnosisResult(Result):
         return self.diagnosis.verdict
 
     @property
-    def causes(self) -> Sequence[FoundCause]:
+    def causes(self) -> tuple[NamedCause, ...] | tuple[FoundTableCause, ...]:
         """Strongest first."""
         return self.diagnosis.causes
 
@@ -116,11 +73,7 @@ class DiagnosisResult(Result):
         return self.diagnosis.gain_percent
 
     def headline(self, amount: str = "") -> str:
-        """Return the verdict in a sentence, and what the causes explain.
-
-        Args:
-            amount: of the error before and after, a clause.
-        """
+        """Return the verdict in a sentence, and what the causes explain, with an ``amount``."""
         text = HEADLINES[self.verdict].format(data=self.data)
         if not self.causes:
             return text
@@ -136,7 +89,7 @@ class DiagnosisResult(Result):
     @property
     @abc.abstractmethod
     def note(self) -> str:
-        """What the report says at its top, where friction is assumed."""
+        """A note at the top of the report, where friction is assumed."""
 
     @property
     @abc.abstractmethod
@@ -145,18 +98,14 @@ class DiagnosisResult(Result):
 
     @abc.abstractmethod
     def page(self, plots: Path) -> dict[str, Any]:
-        """Draw the pictures of the report; return what its template asks for.
-
-        Args:
-            plots: folder of the pictures.
-        """
+        """Draw the report's pictures into a folder; return the variables of its template."""
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return what the report says of how the result was made, besides inputs and versions."""
+        """Return rows of the report's provenance, besides inputs and versions."""
         return [("nominal", self.nominal_name)]
 
     def validate(self, say: Callable[[str, float], None]) -> None:
-        """Do what takes long before the report is written; ``say`` is told what."""
+        """Compute what takes long before the report is written; ``say`` is called as progress."""
 
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
         """Write ``diagnosis.json``, ``model.xml``, ``model.toml``, the report and its pictures.
@@ -214,13 +163,7 @@ def where(numbers: tuple[int, ...]) -> str:
 
 
 def describe(verdict: str, summary: str, causes: Iterable[Mapping[str, Any]]) -> str:
-    """Return verdict and causes as readable lines, a cause in a line.
-
-    Args:
-        verdict: one of the four.
-        summary: it in sentences.
-        causes: entries of ``diagnosis.json``.
-    """
+    """Return verdict and causes, entries of ``diagnosis.json``, as readable lines."""
     lines = [f"{verdict}: {summary}", ""]
     for cause in causes:
         confused = ", ".join(cause["confused_with"])

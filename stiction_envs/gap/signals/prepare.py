@@ -17,7 +17,7 @@ The cutoff comes from the spectra, each of which stops falling where noise takes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -29,9 +29,10 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
-from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, resample
+from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
 
+Array = NDArray[np.float64]
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 TRIM_PERIODS = 2.0
@@ -54,27 +55,24 @@ class Segment:
 
     log: int
     """Number of its log, from 0."""
-    t: NDArray[np.float64]
+    t: Array
     """Time on the log's clock, (K,), s; numbers of the poses for a static log."""
-    q: NDArray[np.float64]
+    q: Array
     """Angles, (K, n), rad."""
-    dq: NDArray[np.float64]
+    dq: Array
     """Speeds, (K, n), rad/s."""
-    ddq: NDArray[np.float64]
+    ddq: Array
     """Accelerations, (K, n), rad/s²."""
-    tau: NDArray[np.float64]
+    tau: Array
     """Torques, (K, n), N·m."""
-    reversal_path: NDArray[np.float64]
+    reversal_path: Array
     """Angles without overshoot or reversals caused by noise, (K, n), rad: for friction's reversals
     (:mod:`stiction_envs.gap.signals.reversal_path`)."""
-    extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Further channels through the same filter, (K, n) each."""
     static: bool = False
     """At rest throughout: poses without time, or never faster than ``rest_speed``."""
 
     def __post_init__(self) -> None:
-        core = (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path)
-        for array in (*core, *self.extra.values()):
+        for array in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
             array.flags.writeable = False
 
 
@@ -87,10 +85,8 @@ class Signals:
     """Time between samples of every segment except static poses, s; NaN without motion logs."""
     cutoff_hz: float
     """Cutoff of the filter, Hz, where the amplitude is halved; NaN without any motion log."""
-    noise_tau: NDArray[np.float64]
+    noise_tau: Array
     """Noise of the filtered torques, standard deviation, (n,), N·m: the scale for residuals."""
-    noise_tau_raw: NDArray[np.float64]
-    """Noise of the torques as logged, standard deviation, (n,), N·m."""
     motion_hz: float
     """Frequency that bounds nearly all of the motion, Hz; NaN without any motion log."""
     low_passed: NDArray[np.bool_]
@@ -102,7 +98,7 @@ class Signals:
     """How the signals were computed, one sentence each."""
 
 
-def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
+def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
     """Return the filter of all signals: Butterworth of order `ORDER`, forwards and backwards.
 
     Nonlinear functions of the signals must pass it too before a comparison.
@@ -121,7 +117,7 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> NDArray[np.float6
 
 
 @lru_cache
-def _sections(rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
+def _sections(rate_hz: float, cutoff_hz: float) -> Array:
     """Return the second-order sections of `lowpass`."""
     return np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
 
@@ -164,13 +160,11 @@ def prepare(
     moving = [(i, log) for i, log in enumerate(logs) if not log.static]
     segments = [_poses(i, log) for i, log in enumerate(logs) if log.static]
     if not moving:
-        nan = np.full(n, np.nan)
         return Signals(
             segments=tuple(segments),
             dt=float("nan"),
             cutoff_hz=float("nan"),
-            noise_tau=nan,
-            noise_tau_raw=nan,
+            noise_tau=np.full(n, np.nan),
             motion_hz=float("nan"),
             low_passed=np.zeros(n, dtype=bool),
             sessions=sessions(logs),
@@ -210,7 +204,6 @@ def prepare(
             f"{moving[0][1].source}: no segment of {shortest:.3g} s "
             f"without a gap: expected one or more (cutoff {cutoff:.3g} Hz)"
         )
-    noise, raw = spectra.noise(cutoff)
     if spectra.rounded().all():
         notes.append(
             "the torques are smooth down to the last digit: they were filtered before they were "
@@ -222,8 +215,7 @@ def prepare(
         segments=tuple(segments),
         dt=dt,
         cutoff_hz=cutoff,
-        noise_tau=noise,
-        noise_tau_raw=raw,
+        noise_tau=spectra.noise(cutoff),
         sessions=sessions(logs),
         motion_hz=spectra.motion_hz,
         low_passed=spectra.low_passed(cutoff, own.noise.falling),
@@ -239,44 +231,36 @@ def _segment(
     # One period of margin for the rounding of the longest segment's own cutoff.
     if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
         return None
-    t, values = resample(log, rows, step)
+    t, q, tau = resample(log, rows, step)
+    smooth = lowpass(q, 1 / step, cutoff)
+    path = by_column(lambda x: reversal_path(x, 1 / step, cutoff, lowpass), q)
+    core = {
+        "q": smooth,
+        "dq": by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, smooth),
+        "ddq": by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, smooth),
+        "tau": lowpass(tau, 1 / step, cutoff),
+        "reversal_path": path,
+    }
     # The filter does not know the signal before and after.
     ends = min(TRIM_PERIODS / cutoff, TRIM_SHARE * seconds)
     cut = max(3, int(np.ceil(ends / step)))
-    pick: slice | None = None
     factor = round(dt / step)
     if abs(factor * step - dt) < 1e-6 * dt:
-        pick = slice(cut, len(t) - cut, factor)
-        at = t[pick]
+        kept = slice(cut, len(t) - cut, factor)
+        at, core = t[kept], {name: x[kept].copy() for name, x in core.items()}
     else:
         at = np.arange(t[cut], t[-cut - 1], dt)
-
-    def taken(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return x[pick] if pick is not None else CubicSpline(t, x)(at)
-
-    out = {name: np.empty((len(at), log.n)) for name in (*values, "dq", "ddq", "reversal_path")}
-    for name, array in values.items():
-        for j in range(log.n):
-            smooth = lowpass(array[:, j], 1 / step, cutoff)
-            out[name][:, j] = taken(smooth)
-            if name == "q":
-                path = reversal_path(array[:, j], 1 / step, cutoff, lowpass)
-                out["reversal_path"][:, j] = (
-                    path[pick] if pick is not None else np.interp(at, t, path)
-                )
-                out["dq"][:, j] = taken(np.convolve(smooth, _FIRST[::-1], "same") / step)
-                out["ddq"][:, j] = taken(np.convolve(smooth, _SECOND[::-1], "same") / step**2)
-    core = {name: out.pop(name) for name in ("q", "dq", "ddq", "tau", "reversal_path")}
+        core = {name: by_column(lambda x: CubicSpline(t, x)(at), y) for name, y in core.items()}
+        core["reversal_path"] = by_column(lambda x: np.interp(at, t, x), path)
     static = bool(np.abs(core["dq"]).max() < slow)
-    return Segment(log=number, t=at, **core, extra=out, static=static)
+    return Segment(log=number, t=at, **core, static=static)
 
 
 def _poses(number: int, log: JointLog) -> Segment:
     """Return poses as a segment at rest."""
     t, q, tau, zero = log.t.copy(), log.q.copy(), log.tau.copy(), np.zeros_like(log.q)
-    extra = {name: array.copy() for name, array in log.extra.items()}
     core = {"q": q, "dq": zero, "ddq": zero, "tau": tau, "reversal_path": q}
-    return Segment(log=number, t=t, **core, extra=extra, static=True)
+    return Segment(log=number, t=t, **core, static=True)
 
 
 def _rest(segments: Sequence[Segment], dt: float, slow: float) -> list[str]:

@@ -9,7 +9,7 @@ Stationary Time Series", 1949).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy.signal import butter, sosfreqz, welch
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.logs.reader import JointLog
 
+Array = NDArray[np.float64]
 ORDER = 4
 """Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
 cutoff."""
@@ -64,27 +65,26 @@ class Spectra:
         self.tau = np.zeros((len(self.f), self.n))
         self.grain = np.full(self.n, np.inf)
         """Smallest step of each torque, N·m."""
-        motion: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        motion: list[tuple[Array, Array]] = []
         total, used = 0.0, 0
         for _, k, rows in pieces:
             if used >= MOST_ROWS:
                 break
-            t, values = resample(logs[k], rows, 1 / self.rate)
+            t, q, tau = resample(logs[k], rows, 1 / self.rate)
             if len(t) < 2 * self.length:
                 continue
             used += len(t)
             total += len(t)
             for j in range(self.n):
                 # Differences keep the strong slow motion from leaking into high frequencies.
-                bend = np.diff(values["q"][:, j], 2)
+                bend = np.diff(q[:, j], 2)
                 self.q[:, j] += len(t) * self._welch(bend, 4)
-                self.tau[:, j] += len(t) * self._welch(np.diff(values["tau"][:, j]), 2)
+                self.tau[:, j] += len(t) * self._welch(np.diff(tau[:, j]), 2)
                 change = np.abs(np.diff(logs[k].tau[rows, j]))
                 change = change[change > 0]
                 if len(change):
                     self.grain[j] = min(self.grain[j], float(np.percentile(change, 1)))
-            v = np.diff(values["q"], axis=0) * self.rate
-            motion.append(_spread_power(v, self.rate))
+            motion.append(_spread_power(np.diff(q, axis=0) * self.rate, self.rate))
         self.empty = not total
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
@@ -115,8 +115,8 @@ class Spectra:
         )
         return cutoff
 
-    def noise(self, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (n,) standard deviations of the torques' noise after and before the filter [N·m].
+    def noise(self, cutoff: float) -> Array:
+        """Return (n,) standard deviation of the filtered torques' noise [N·m].
 
         The spectrum just above the filter's band, and above where it stops falling, is taken to
         continue within the band.
@@ -126,16 +126,14 @@ class Spectra:
         width = float(np.mean(gain**2)) * self.rate / 2
         rounding = self.grain / np.sqrt(12)
         nyquist = self.rate / 2
-        inside, raw = np.zeros(self.n), np.zeros(self.n)
+        inside = np.zeros(self.n)
         for j, knee in enumerate(self.knee_tau if not self.empty else ()):
             # A spectrum that falls to the end hides its noise; the part next to the band bounds it.
             start = max(cutoff, knee) if knee < nyquist else cutoff
             low = min(1.5 * start, 0.6 * nyquist)
             above = (self.f >= low) & (self.f <= min(2 * low, 0.9 * nyquist))
-            floor = float(np.median(self.tau[above, j]))
-            inside[j] = np.sqrt(floor * width)
-            raw[j] = np.sqrt(np.where(self.f >= low, self.tau[:, j], floor).sum() * self.f[1])
-        return np.maximum(inside, rounding * np.sqrt(width / nyquist)), np.maximum(raw, rounding)
+            inside[j] = np.sqrt(float(np.median(self.tau[above, j])) * width)
+        return np.maximum(inside, rounding * np.sqrt(width / nyquist))
 
     def low_passed(self, cutoff: float, drop: float) -> NDArray[np.bool_]:
         """Return (n,) whether torques passed a low-pass before they were logged.
@@ -160,7 +158,7 @@ class Spectra:
         rounding = self.grain**2 / 12 / self.f[-1]
         return np.asarray(np.median(self.tau[top], axis=0) < 4 * rounding)
 
-    def _welch(self, differences: NDArray[np.float64], power: int) -> NDArray[np.float64]:
+    def _welch(self, differences: Array, power: int) -> Array:
         # The median over windows ignores the few that hold a jump or a collision.
         average = "median" if len(differences) >= 4 * self.length else "mean"
         spectrum = welch(differences, self.rate, nperseg=self.length, average=average)[1]
@@ -177,7 +175,7 @@ class Spectra:
             return float(self.f[-1])
         return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
 
-    def _knee(self, spectrum: NDArray[np.float64], start: float) -> float:
+    def _knee(self, spectrum: Array, start: float) -> float:
         """Return the frequency, at least ``start``, above which the spectrum does not fall [Hz]."""
         edges = np.searchsorted(self.f, self.f[1] * 2 ** (np.arange(60) / 3) * (1 - 1e-9))
         edges = np.unique(edges[edges < 0.95 * len(self.f)])
@@ -202,29 +200,28 @@ def _samples_of(rows: slice) -> list[slice]:
     return [slice(int(a), int(a) + part) for a in starts]
 
 
-def resample(
-    log: JointLog, rows: slice, step: float
-) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Return even times (K,) [s], and q, tau and extra channels (K, n) at them."""
-    t = log.t[rows]
-    values = {"q": log.q[rows], "tau": log.tau[rows]}
-    values |= {name: array[rows] for name, array in log.extra.items()}
+def by_column(make: Callable[[Array], Array], x: Array) -> Array:
+    """Return what a function makes of each column of (K, n)."""
+    return np.stack([make(column) for column in x.T], axis=1)
+
+
+def resample(log: JointLog, rows: slice, step: float) -> tuple[Array, Array, Array]:
+    """Return even times (K,) [s], and angles [rad] and torques [N·m] (K, n) at them."""
+    t, q, tau = log.t[rows], log.q[rows], log.tau[rows]
     count = int(np.floor((t[-1] - t[0]) / step * (1 + 1e-9))) + 1
     even = t[0] + step * np.arange(count)
     if count == len(t) and np.abs(t - even).max() < 0.01 * step:
-        return even, values
+        return even, q, tau
     # A spline through rows that nearly coincide would overshoot.
     smooth = np.diff(t).min() > 0.5 * step
-    out = {name: np.empty((count, log.n)) for name in values}
-    for name, array in values.items():
-        for j, x in enumerate(array.T):
-            out[name][:, j] = CubicSpline(t, x)(even) if smooth else np.interp(even, t, x)
-    return even, out
+
+    def evened(x: Array) -> Array:
+        return np.asarray(CubicSpline(t, x)(even) if smooth else np.interp(even, t, x))
+
+    return even, by_column(evened, q), by_column(evened, tau)
 
 
-def _spread_power(
-    v: NDArray[np.float64], rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _spread_power(v: Array, rate: float) -> tuple[Array, Array]:
     """Return frequencies [Hz] and the part of Σ v² of each speed ``v`` (K, n) at them."""
     window = np.hanning(len(v))[:, None]
     power = np.abs(np.fft.rfft((v - v.mean(axis=0)) * window, axis=0)) ** 2
@@ -232,10 +229,10 @@ def _spread_power(
 
 
 def _motion(
-    pieces: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    pieces: Sequence[tuple[Array, Array]],
     most: Sequence[float],
     mover_ratio: float,
-) -> tuple[NDArray[np.int64], float, NDArray[np.float64]]:
+) -> tuple[NDArray[np.int64], float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
     Each joint counts up to the frequency in ``most``, Hz, where its noise begins.

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,16 +171,12 @@ def inverted(
     logs: Sequence[JointLog], signals: Signals, text: str
 ) -> tuple[list[JointLog], Signals]:
     """Return logs and signals with all torques inverted, and the correction's note."""
-
-    def torques(x: JointLog | Segment) -> dict[str, Any]:
-        extra = {k: -v if k == "tau_cmd" else v for k, v in x.extra.items()}
-        return {"tau": -x.tau, "extra": extra}
-
     turned = []
     for log in logs:
-        done = Correction(kind="sign", rows=len(log.t), text=text)
-        turned.append(replace(log, **torques(log), corrections=(*log.corrections, done)))
-    segments = tuple(replace(s, **torques(s)) for s in signals.segments)
+        extra = {k: -v if k == "tau_cmd" else v for k, v in log.extra.items()}
+        done = (*log.corrections, Correction(kind="sign", rows=len(log.t), text=text))
+        turned.append(replace(log, tau=-log.tau, extra=extra, corrections=done))
+    segments = tuple(replace(s, tau=-s.tau) for s in signals.segments)
     return turned, replace(signals, segments=segments)
 
 

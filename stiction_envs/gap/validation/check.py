@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -178,11 +179,8 @@ def check_logs(
                 f"{where}: {has} moves more than {span:g} rad in it, {took} in the diagnosed logs: "
                 "expected one or more that move in both"
             )
-
-    def make(some: Sequence[JointLog]) -> Signals:
-        most = settings.recording.most_rows
-        return prepare(some, cutoff_hz=cutoff_hz, most_samples=most, settings=settings)
-
+    most = settings.recording.most_rows
+    make = partial(prepare, cutoff_hz=cutoff_hz, most_samples=most, settings=settings)
     read, signals = correct_torques(logs, arm, make, settings)
     return CheckLogs(logs=tuple(read), signals=signals)
 

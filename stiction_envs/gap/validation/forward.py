@@ -64,8 +64,6 @@ class Run:
     """(n,) from the measured angles [rad]."""
     torque_rms: Array
     """(n,) of what the tracking servo adds [N·m]."""
-    torque: Array
-    """(W, K, n) what it adds [N·m], NaN likewise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -315,7 +313,6 @@ def _run(
         angle=angle,
         position_rms=_rms(angle - measured[:, : angle.shape[1]]),
         torque_rms=_rms(added[:, _steps(TRANSIENT) :]),
-        torque=added,
     )
 
 
