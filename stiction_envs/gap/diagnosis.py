@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Cause, Part, TorqueShift, cause_named, registered
+from stiction_envs.gap.causes import Cause, Part, cause_named, registered
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.model_file import Nominal, nominal_of
@@ -401,7 +402,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
 
     def carried(term: Candidate) -> bool:
         cause = diagnosis.library.causes[term.cause]
-        return cause.acts_on_all if isinstance(cause, TorqueShift) else data.carried is not None
+        return cause.acts_on_all if isinstance(cause, ActuatorDelay) else data.carried is not None
 
     def part(term: Candidate, mine: Array) -> Part:
         own, shape = diagnosis.library.causes[term.cause].part_of(mine, term.shape)

@@ -21,7 +21,8 @@ from stiction_envs.friction.parameters import (
     check_possible,
     load_friction,
 )
-from stiction_envs.gap.causes import Part, TorqueShift, cause_named
+from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm, load_arm
@@ -99,13 +100,13 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
         loaded = data.carrying(torque)
         added = sound = torque
         for p, cause in causes:
-            if not isinstance(cause, TorqueShift) and not cause.changes_arm:
+            if not isinstance(cause, ActuatorDelay) and not cause.changes_arm:
                 more = cause.torque(loaded if p.carried else data, p)
                 added = added + more
                 if not cause.resembles_delay:
                     sound = sound + more
         for p, cause in causes:
-            if isinstance(cause, TorqueShift):
+            if isinstance(cause, ActuatorDelay):
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + whole.torque(data, p)
         friction = any(cause.base_friction for _, cause in causes)

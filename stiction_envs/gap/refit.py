@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Cause, Shape, TorqueShift
+from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.body.bodies import leaned
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def _gravity(
     return tuple(float(x) for x in leaned(library.data.pinocchio.gravity.linear, side))
 
 
-def _presliding_given_delay(data: Data, shift: TorqueShift, shape: Shape, length: float) -> Data:
+def _presliding_given_delay(data: Data, shift: ActuatorDelay, shape: Shape, length: float) -> Data:
     """Return data with presliding distances of dry friction, given the delay."""
 
     def late(torque: Array) -> Array:
@@ -101,12 +102,12 @@ def refine_delay(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[
 
 def _late(library: RegressorLibrary, terms: Sequence[Candidate]) -> Candidate | None:
     """Return the term that shifts all torques, or None."""
-    return next((t for t in terms if isinstance(library.causes[t.cause], TorqueShift)), None)
+    return next((t for t in terms if isinstance(library.causes[t.cause], ActuatorDelay)), None)
 
 
-def _shift(library: RegressorLibrary, term: Candidate) -> TorqueShift:
+def _shift(library: RegressorLibrary, term: Candidate) -> ActuatorDelay:
     cause = library.causes[term.cause]
-    assert isinstance(cause, TorqueShift)
+    assert isinstance(cause, ActuatorDelay)
     return cause
 
 
@@ -116,7 +117,7 @@ def _without_delays(library: RegressorLibrary, terms: Sequence[Candidate]) -> Ar
     some = [
         t
         for t in terms
-        if not isinstance(causes[t.cause], TorqueShift) and not causes[t.cause].resembles_delay
+        if not isinstance(causes[t.cause], ActuatorDelay) and not causes[t.cause].resembles_delay
     ]
     return _torque(library, terms, some)
 

@@ -1,14 +1,14 @@
 """The causes, one module each; one line here registers a cause of the package.
 
-A package of somebody else's adds one by `register` (see :mod:`stiction_envs.gap.causes.base`).
+Other packages add one by `register` (see :mod:`stiction_envs.gap.causes.base`).
 """
 
-from stiction_envs.gap.causes.base import Cause, Parameter, Shape, TorqueShift
+from stiction_envs.gap.causes.base import Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.body.base_tilt import BaseTilt
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.body.link_parameters import LinkParameters
 from stiction_envs.gap.causes.body.payload import Payload
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.friction.direction_asymmetry import DirectionAsymmetry
 from stiction_envs.gap.causes.friction.load_dependent_friction import LoadDependentFriction
@@ -24,7 +24,6 @@ from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
 from stiction_envs.gap.causes.outside.position_dependent_torque import PositionDependentTorque
-from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.registry import (
     cause_named,
     parameter_units,
@@ -32,7 +31,6 @@ from stiction_envs.gap.causes.registry import (
     registered,
     unregister,
 )
-from stiction_envs.gap.causes.view import View
 
 CAUSES: tuple[Cause, ...] = tuple(
     register(cause())
@@ -58,7 +56,7 @@ CAUSES: tuple[Cause, ...] = tuple(
         ExternalSpring,
     )
 )
-"""Those of the package, in the order of the contract; `registered` has all."""
+"""The causes of the package, in the order of the contract; `registered` returns all causes."""
 
 __all__ = [
     "CAUSES",
@@ -67,7 +65,6 @@ __all__ = [
     "Parameter",
     "Part",
     "Shape",
-    "TorqueShift",
     "View",
     "cause_named",
     "parameter_units",

@@ -1,21 +1,21 @@
-"""The face of a cause: everything that the project knows of it, in one class.
+"""The interface of a cause: all that the project knows of it, in one class.
 
 A cause is something that simulations leave out or get wrong. It adds columns (T, k) times
 coefficients (k,) to the residual torque of a joint, measured less nominal. To add one, derive from
-`Cause`, and call `stiction_envs.gap.causes.register` with an instance; nothing else names it:
+`Cause`, and call `stiction_envs.gap.causes.register` with an instance. Nothing else names it:
 
 1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
 2. its torque: `columns`, and `shapes` where it has nonlinear parameters;
 3. its numbers: `values` as in ``diagnosis.json``, `why_not_identifiable` where data cannot show it;
 4. its picture: `view`;
-5. its model: `contribute` to a `ModelDraft`; by default MuJoCo has no such thing, which is said;
-6. its traits: flags, all false by default, by which the search treats it as it should be.
+5. its model: `contribute` to a `ModelDraft`; by default the model says that MuJoCo lacks it;
+6. its traits: flags that tell the search how to treat it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -23,9 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import OWN_TORQUE, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 
@@ -49,6 +47,36 @@ class Parameter:
     """Value at which nothing is wrong."""
 
 
+@dataclass(frozen=True)
+class View:
+    """What a cause is drawn against in a report; the ordinate is the residual torque."""
+
+    label: str
+    """Of the axis, with its unit."""
+    of: Callable[[Data, int, Shape], Array] | None
+    """(T,) variable of a joint (from 0) for nonlinear parameters; None for the torque that the
+    cause itself predicts."""
+    folded: bool = False
+    """Whether torques are counted in the direction of motion."""
+    note: str = ""
+    """What to look for, a clause."""
+    limit: Callable[[Shape], float] | None = None
+    """Size of the variable up to which it is drawn; None for all of it."""
+
+
+OWN_TORQUE = View(
+    "torque that the cause predicts [N·m]",
+    None,
+    note="on the diagonal the cause is right in every pose",
+)
+"""For causes that no single variable shows."""
+
+
+def variable(field: str) -> Callable[[Data, int, Shape], Array]:
+    """Return what `View` takes for a field (T, n) of the data."""
+    return lambda data, joint, shape: np.asarray(getattr(data, field)[:, joint])
+
+
 class Cause(ABC):
     """Something that simulations leave out or get wrong; see the module's text."""
 
@@ -61,6 +89,7 @@ class Cause(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     view: ClassVar[View] = OWN_TORQUE
     """What it is drawn against."""
+
     # ---- traits ------------------------------------------------------------------------------
 
     arm_wide: ClassVar[bool] = False
@@ -70,22 +99,24 @@ class Cause(ABC):
     is_linear: ClassVar[bool] = True
     """Whether it has no nonlinear parameter."""
     refinable: ClassVar[bool] = True
-    """Whether its nonlinear parameter is a number that can be refined between those tried."""
+    """Whether its nonlinear parameter is a number that can be refined between those tried, and that
+    must not end on the first or last of them."""
     multimodal: ClassVar[bool] = False
     """Whether neighbours among its nonlinear parameters predict quite different torques."""
     dependent_parameters: ClassVar[int] = 0
-    """How many of its numbers, linear and not, are no free choice given the others."""
+    """How many of its numbers, linear and nonlinear, follow from the others or from a prior."""
     needs: ClassVar[tuple[str, ...]] = ()
-    """Names of causes that are in the model of a joint wherever this one is."""
+    """Names of causes that a joint's model must have with this one."""
     standalone: ClassVar[bool] = True
-    """Whether it may be named without what it `needs`, where that is found not to be there."""
+    """Whether it may be named where what it `needs` is not significant."""
     base_friction: ClassVar[bool] = False
-    """Whether it is the joint's plain friction. It refines nothing, and a model that holds it has
-    friction, which may then be too much too."""
+    """Whether it is the joint's plain friction, and not a refinement of it. A nominal model with
+    friction may also have too much of it: the coefficients may then be negative."""
     approximate: ClassVar[bool] = False
-    """Whether its law is only a likeness, so that torques small against its own mean nothing."""
+    """Whether its law is approximate: a torque that is small against its own is then no evidence
+    of another cause."""
     resembles_delay: ClassVar[bool] = False
-    """Whether a delay at its full size may look like it, as long as the delay is not known."""
+    """Whether a large delay that is not known yet may look like it."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
     changes_arm: ClassVar[bool] = False
@@ -114,7 +145,7 @@ class Cause(ABC):
         Args:
             data: the logs.
             joint: from 0.
-            residual: (T,) what is left when the causes that are `removed_first` are out [N·m].
+            residual: (T,) without the causes that are `removed_first` [N·m].
         """
         return [()]
 
@@ -131,32 +162,39 @@ class Cause(ABC):
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return lowest and highest coefficients, (k,) each; by default the parameters'.
 
-        ``joint`` counts from 0 and is -1 for causes of the whole arm. Of a nonlinear parameter with
-        fewer columns than others the first count.
+        ``joint`` counts from 0 and is -1 for causes of the whole arm. With fewer columns than
+        bounds, the first bounds count.
         """
-        low = [p.low for p in self.parameters for _ in range(p.size)]
-        high = [p.high for p in self.parameters for _ in range(p.size)]
+        low = [p.low - p.neutral for p in self.parameters for _ in range(p.size)]
+        high = [p.high - p.neutral for p in self.parameters for _ in range(p.size)]
+        if self.base_friction and data.has_friction:
+            low = [-np.inf] * len(low)
         return np.array(low), np.array(high)
 
     def prior(self, data: Data, joint: int) -> Array:
-        """Return (k,) standard deviations of the coefficients about zero before anything is seen.
-
-        What these data do not show stays there; by default nothing is known.
-        """
+        """Return (k,) prior standard deviations of the coefficients about zero; none by default."""
         return np.full(len(self.bounds(data, joint)[0]), np.inf)
 
     # ---- what was found ----------------------------------------------------------------------
 
-    @abstractmethod
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return the parameters of coefficients (k,) and nonlinear parameters."""
+        """Return the parameters of coefficients (k,) and nonlinear parameters, by name.
+
+        By default a parameter of `size` 1 is its neutral value plus the next coefficient, and one
+        of `size` 0 is the next nonlinear parameter.
+        """
+        linear, nonlinear = iter(coefficients), iter(shape)
+        return {
+            p.name: p.neutral + float(next(linear)) if p.size else next(nonlinear)
+            for p in self.parameters
+        }
 
     def describe(self, coefficients: Array) -> str:
         """Return `what`, for these coefficients."""
         return self.what
 
     def assumption(self, data: Data, shape: Shape) -> str:
-        """Return what it takes for granted since these data do not say it, a clause; or nothing."""
+        """Return what it assumes because these data do not show it, a clause; or nothing."""
         return ""
 
     def dry_friction(self, coefficients: Array) -> float:
@@ -168,17 +206,17 @@ class Cause(ABC):
         return 0.0
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Whether it is too small to be distinguished from how simulations and logs are timed."""
+        """Whether it is too small to matter."""
         return False
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Whether what it is about is on a bound: then it is something else, or nothing."""
+        """Whether its main coefficient is on a bound: then it is something else, or nothing."""
         low, high = self.bounds(data, joint)
         return bool(np.any((coefficients <= low) | (coefficients >= high)))
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Whether a nonlinear parameter is at the end of what was tried, or within this factor."""
-        if len(shapes) < 2 or not shape:
+        if not self.refinable or len(shapes) < 2 or not shape:
             return False
         tried = sorted({s[0] for s in shapes})
         if tried[0] <= 0:
@@ -197,45 +235,49 @@ class Cause(ABC):
     def profile(
         self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
     ) -> tuple[Array, Array]:
-        """Return others than the first nonlinear parameter, (K,), and what is left with each, (K,).
+        """Return values of the first nonlinear parameter (K,), and the error left with each (K,).
 
-        What is left is the weighted squared error with the best of all else. For causes of which a
-        tangent does not tell how far the parameter may be off; others have none.
+        The error is weighted and squared, with the best of all else. Only for causes whose
+        parameter has an interval that a tangent does not show.
 
         Args:
             data: the logs.
             joint: from 0.
-            shape: that was found.
+            shape: what was found.
             residual: (T,) what the other causes leave on the joint [N·m].
-            weight: (T,) of each row.
+            weight: (T,) weight of each row.
         """
         raise NotImplementedError
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
-        """Return coefficients and nonlinear parameters as they stand in a model."""
+        """Return coefficients and nonlinear parameters as a model file holds them."""
         return coefficients, shape
 
     # ---- the model with it -------------------------------------------------------------------
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Put a part into the model; what MuJoCo or the friction tables cannot hold is noted.
+        """Put a part into the model; note what MuJoCo or the friction tables cannot hold.
 
         Args:
-            draft: of the model; changed in place.
-            part: of this cause.
+            draft: draft of the model, changed in place.
+            part: part of this cause.
         """
-        draft.leave_out(part, "MuJoCo's joints have no such thing")
+        if self.changes_arm:
+            link = f" of link {part.joint}" if part.joint else ""
+            draft.not_in_tables.append(f"{self.name}{link}: in [[cause]] and model.xml")
+        else:
+            draft.leave_out(part, "MuJoCo's joints have no such thing")
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm with a part that `changes_arm`.
 
         Raises:
-            StictionError: a part that is not as `part_of` makes it, or of a body that cannot exist.
+            StictionError: a part that is not as `part_of` makes it, or a body that cannot exist.
         """
         return arm
 
     def lean(self, coefficients: Array) -> Array:
-        """Return (2,) part of gravity that points towards x and y [-]."""
+        """Return (2,) share of gravity that it adds along x and y [-]."""
         return np.zeros(2)
 
     def contribution_order(self, part: Part) -> tuple[int, float]:
@@ -246,8 +288,8 @@ class Cause(ABC):
         """Return (T,) what MJCF holds of a part that was left out, on its joint [N·m]; or None.
 
         Args:
-            draft: of the model, with all causes in it.
-            part: of this cause.
+            draft: draft of the model, with all causes in it.
+            part: part of this cause.
             data: the logs.
         """
         return None
@@ -264,7 +306,7 @@ class Cause(ABC):
         """
         c, out = np.array(part.coefficients), np.zeros_like(data.q)
         if not np.isfinite(data.dt) and not self.shown_at_rest:
-            return out  # poses have no motion, and what friction holds there nobody knows
+            return out  # poses at rest do not show what friction holds
         if self.coupled:
             spread = self.spread(data, part.joint - 1, part.shape)
             columns = {j: spread[:, j] for j in range(data.n)}
@@ -278,33 +320,3 @@ class Cause(ABC):
                 )
             out[:, j] = x @ c
         return out
-
-
-class TorqueShift(Cause):
-    """A cause that moves all torque there is in time, that of the other causes too.
-
-    What it shifts is known only once the others are: the search finds it on the nominal torque
-    first, then again as one that acts on all of the model's.
-    """
-
-    @property
-    @abstractmethod
-    def acts_on_all(self) -> bool:
-        """Whether it shifts a torque that was given, and not the nominal torque only."""
-
-    @abstractmethod
-    def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> TorqueShift:
-        """Return the same cause that shifts a torque (T, n) [N·m], trying further ``lengths``."""
-
-    @abstractmethod
-    def shifted(self, data: Data, torque: Array, shape: Shape) -> Array:
-        """Return (T,) what it adds to a torque (T,), per unit of its coefficient."""
-
-    @abstractmethod
-    def nearby(self, shape: Shape) -> list[Shape]:
-        """Return nonlinear parameters to try once the torque that is shifted has changed."""
-
-
-def log_grid(low: float, high: float, count: int) -> list[Shape]:
-    """Return values spread evenly in the logarithm."""
-    return [(float(x),) for x in np.geomspace(low, high, count)]

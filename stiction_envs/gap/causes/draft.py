@@ -1,4 +1,4 @@
-"""The model that causes are put into: what each of them changes, and what MuJoCo cannot hold of it.
+"""The model that causes are put into: what each of them changes, and what MuJoCo cannot hold.
 
     draft = ModelDraft.of(friction, n, mean_load=..., duration=...)
     cause.contribute(draft, part)      # for every part that was found
@@ -14,22 +14,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.causes.part import Part
 
 Array = NDArray[np.float64]
 STRIBECK = 0.05
-"""Stribeck velocity where none was found; it does nothing there [rad/s]; assumed."""
+"""Stribeck velocity where none was found [rad/s]: without effect; assumed."""
 WARM_UP_TIME = 1200.0
-"""Time constant of a warm-up where none was found; it does nothing there [s]; assumed."""
+"""Time constant of a warm-up where none was found [s]: without effect; assumed."""
 LEAST_FRICTION = 1e-6
-"""Dry friction of a joint that has none [N·m]: the least that our friction allows."""
+"""Dry friction of a joint without any [N·m]: the least that `FrictionParameters` allow."""
 LATE = 5.0
-"""Time constant over the log's length by which a straight drift is written [-]; assumed."""
+"""Time constant of a straight drift in the model, over the length of the logs [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One cause on one joint, as it was found; a table ``[[cause]]`` of ``model.toml``."""
+
+    cause: str
+    """Name of the cause, ``name`` in the file."""
+    joint: int
+    """From 1; 0 is the whole arm."""
+    shape: tuple[float, ...]
+    """Nonlinear parameters."""
+    coefficients: tuple[float, ...]
+    """Factors of its columns."""
+    level: int = 1
+    """Number of the diagnosis, from 1; each builds on the earlier ones."""
+    carried: bool = False
+    """Whether the load of the gears contained what the same diagnosis found; for a delay, whether
+    it delays all torques of that diagnosis."""
+
+    @property
+    def where(self) -> str:
+        """``the arm`` or ``joint 3``."""
+        return "the arm" if self.joint == 0 else f"joint {self.joint}"
 
 
 @dataclass(eq=False, kw_only=True)
 class ModelDraft:
-    """What causes add up to; (n,) per joint or (n, 2) per joint and direction (+, −)."""
+    """The sum of all causes; (n,) per joint or (n, 2) per joint and direction (+, −)."""
 
     coulomb: Array
     """(n, 2) dry friction in motion [N·m]."""
@@ -40,7 +63,7 @@ class ModelDraft:
     viscous: Array
     """(n, 2) [N·m·s/rad]."""
     load: Array
-    """(n,) Coulomb friction per N·m of load, of what was found only [-]."""
+    """(n,) Coulomb friction per N·m of load that was found [-]."""
     bristle: Array
     """(n,) stiffness σ0 [N·m/rad]; NaN where none is known."""
     damping: Array
@@ -60,15 +83,15 @@ class ModelDraft:
     waves: list[tuple[int, float, float, float]] = field(default_factory=list)
     """Joint (from 0), amplitude [N·m], periods per turn and phase [rad] of further cogging."""
     mean_load: Array
-    """(n,) mean size of the transmitted torque along the logs [N·m]; causes only read it."""
+    """(n,) mean absolute torque that the gears transmit in the logs [N·m]; causes only read it."""
     duration: float
     """Length of the logs [s]; causes only read it."""
     not_in_tables: list[str] = field(default_factory=list)
-    """What the plant's friction tables cannot say, one clause each."""
+    """What the plant's friction tables cannot hold, one clause each."""
     not_in_mjcf: list[str] = field(default_factory=list)
-    """What MJCF cannot say, one clause each."""
+    """What MJCF cannot hold, one clause each."""
     left_out: list[Part] = field(default_factory=list)
-    """Parts whose torque MJCF leaves out, but for what their cause's `held` says it holds."""
+    """Parts whose torque MJCF leaves out, except what their cause's `held` returns."""
 
     @classmethod
     def of(
@@ -113,10 +136,10 @@ class ModelDraft:
         return draft
 
     def leave_out(self, part: Part, why: str, *, tables: bool = True) -> None:
-        """Note that MJCF cannot hold a part: said in words, taken off the controls as torque.
+        """Note that MJCF cannot hold a part: in words, and as torque to subtract from the controls.
 
         Args:
-            part: of the model.
+            part: part of the model.
             why: a clause.
             tables: whether the plant's friction tables cannot hold it either.
         """

@@ -27,7 +27,7 @@ from stiction_envs.gap.causes.gear.backlash import (
     dragged,
     lost,
 )
-from stiction_envs.gap.causes.gear.deflection import _masses, mass_matrix, own_torque_of, seen_by
+from stiction_envs.gap.causes.gear.deflection import masses, own_torque_of, seen_by
 from stiction_envs.gap.causes.gear.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -248,7 +248,7 @@ def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
         dt=step,
         rigid=-rise * t[:, None],
         recording=SimpleNamespace(
-            derived=lambda make: np.full((len(t), 1, 1), mass * (make is _masses))
+            derived=lambda make: np.full((len(t), 1, 1), mass * (make is masses))
         ),
         runs=lambda: [slice(0, len(t))],
     )
@@ -293,7 +293,7 @@ def test_a_stiff_spring_yields_load_over_stiffness(data: Data) -> None:
 
 
 def test_the_mass_matrix_is_symmetric_and_positive(data: Data) -> None:
-    mass = mass_matrix(data)[::500]
+    mass = data.recording.derived(masses)[::500]
     assert np.allclose(mass, np.swapaxes(mass, 1, 2))
     assert np.all(np.linalg.eigvalsh(mass) > 0)
 

@@ -8,20 +8,19 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import leaning
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.motion import changes
-from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.draft import Part
+from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
 LEAN = 0.05
-"""That must be seen to change torques [rad]."""
+"""Inclination that must change torques visibly [rad]; assumed."""
 
 
 class BaseTilt(Cause):
-    """An inclined mount, of which the controller's or simulation's gravity knows nothing."""
+    """An inclined mount that the gravity of the controller or the simulation lacks."""
 
     name: ClassVar[str] = "base_tilt"
     what: ClassVar[str] = "gravity points elsewhere (inclined mount)"
@@ -49,11 +48,11 @@ class BaseTilt(Cause):
         }
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether the base lies on its side: 1 − cos(tilt) is near zero by itself."""
+        """Return whether the base lies on its side; 1 − cos(tilt) may be near its bound zero."""
         return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
-        """Return the lean; what is lost of gravity along its old direction follows from it."""
+        """Return the lean; the loss of gravity along its nominal direction follows from it."""
         x, y = coefficients[:2]
         return np.array([x, y, 1 - np.sqrt(max(1 - x * x - y * y, 0.0))]), shape
 
@@ -65,14 +64,10 @@ class BaseTilt(Cause):
         """Return the arm under a gravity that leans."""
         return leaning(arm, np.array(part.coefficients[:2]))
 
-    def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Say where it is; gravity itself is the arm's."""
-        draft.not_in_tables.append(f"{self.name}: in [[cause]] and model.xml")
-
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
-        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
-            return "the arm holds one pose only"
+        if missing := holds_one_pose(data):
+            return missing
         for k in range(2):
             sideways = data.recording.derived(_sideways)[..., k]
             if not changes(data, LEAN * sideways).any():

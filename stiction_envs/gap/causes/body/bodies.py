@@ -1,15 +1,15 @@
-"""Bodies of an arm as causes change them: torque per number of a body, and the arm with it.
+"""Bodies of an arm as causes change them: torque per parameter of a body, and the changed arm.
 
 A body is its pseudo-inertia J = [[Σ, h], [hᵀ, m]] with Σ = ∫ρ x xᵀ dV about the joint's origin
 (P. Wensing, S. Kim, J.-J. Slotine, "Linear matrix inequalities for physically consistent inertial
 parameter identification", IEEE RA-L 2018): torque is linear in J, and a body can exist where J is
-positive definite. Two families stay within that, and take four numbers each:
+positive definite. Two families of four parameters each keep it so:
 
-* a link as it was, but heavier by a factor and moved: J' = (1 + s) T(δ) J T(δ)ᵀ;
-* a payload, a solid sphere of `load_arm`'s radius about its centre: a point mass but for its last
-  bit, with six more numbers for an inertia that is not a point's, where the motion shows it.
+* a link that is heavier by a factor and moved: J' = (1 + s) T(δ) J T(δ)ᵀ;
+* a payload, a solid sphere of `load_arm`'s small radius about its centre, with six more parameters
+  for a larger inertia where the motion shows it.
 
-What torques do not excite stays at the nominal, or at a point's.
+Parameters that the motion does not excite stay at the nominal, or at the sphere's.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):
     _SPREADS[_k, _a, _b] = _SPREADS[_k, _b, _a] = 1.0
 ROWS = 4000
-"""That are worked out at once: all of them would fill the memory."""
+"""Number of rows that are computed at once: all of them would fill the memory."""
 
 
 def body_columns(recording: Recording, *gravity: float) -> Array:
-    """Return (T, n, 4 n + 10): torque per number of each link, and per parameter of the last.
+    """Return (T, n, 4 n + 10): torque per `link_directions` of each link, and per last parameter.
 
     Args:
-        recording: where the arm was.
-        gravity: x, y, z of the acceleration [m/s²]; none for the arm's own.
+        recording: motion of the arm.
+        gravity: x, y, z of the acceleration [m/s²]; none for the arm's.
     """
     model = recording.pinocchio.copy()
     if gravity:
@@ -63,17 +63,18 @@ def body_columns(recording: Recording, *gravity: float) -> Array:
     return out
 
 
+def link_masses(recording: Recording) -> Array:
+    """Return (n,) mass of each link and of what is fixed to it [kg]."""
+    return inertial_parameters(recording.pinocchio)[:, 0]
+
+
 def link_directions(phi: Array) -> Array:
     """Return (10, 4) change of a link's parameters per kilogram, and per kg·m that it is moved.
 
-    To first order: more mass is more of the same body; moving it by δ is d = m' δ of moment.
+    First order: mass scales the whole body; a shift by δ adds the moment d = m' δ.
     """
     _, h, m = _parts(phi)
-    c = h / m
-    out = [np.asarray(phi) / m]
-    for axis in np.eye(3):
-        out.append(_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0))
-    return np.stack(out, axis=1)
+    return np.stack([np.asarray(phi) / m, *_moments(h / m)], axis=1)
 
 
 def changed_link(phi: Array, coefficients: Array) -> Array:
@@ -93,24 +94,26 @@ def changed_link(phi: Array, coefficients: Array) -> Array:
 def payload_directions(centre: Array) -> Array:
     """Return (10, 10) parameters of a payload per kilogram, per kg·m of moment, and per kg·m² of Σ.
 
-    The inertia of a sphere, Σ = h hᵀ/m and its own, is linear about the centre (3,) [m] that is
-    given, and right where the payload's is the same: it is of first degree in (m, h). The last six
-    are what Σ has besides, xx, yy, zz, xy, xz, yz.
+    Σ = h hᵀ/m of a sphere, plus its own, is linearised in (m, h) about a centre (3,) [m], and exact
+    for a payload with that centre. The last six are additions to Σ: xx, yy, zz, xy, xz, yz.
     """
-    c, own = np.asarray(centre, float), _sphere()
-    out = [_parameters(own - np.outer(c, c), np.zeros(3), 1.0)]
-    for axis in np.eye(3):
-        out.append(_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0))
-    out += [_parameters(unit, np.zeros(3), 0.0) for unit in _SPREADS]
-    return np.stack(out, axis=1)
+    c = np.asarray(centre, float)
+    mass = _parameters(_sphere() - np.outer(c, c), np.zeros(3), 1.0)
+    spreads = [_parameters(unit, np.zeros(3), 0.0) for unit in _SPREADS]
+    return np.stack([mass, *_moments(c), *spreads], axis=1)
+
+
+def _moments(c: Array) -> list[Array]:
+    """Return (10,) parameters per kg·m of moment along x, y and z, of a centre (3,) [m]."""
+    return [_parameters(np.outer(c, axis) + np.outer(axis, c), axis, 0.0) for axis in np.eye(3)]
 
 
 def payload_of(coefficients: Array, least: float) -> Array:
-    """Return (10,) parameters about the flange of a payload that can exist, or of one less.
+    """Return (10,) parameters about the flange of a possible payload, or of a negative mass.
 
     Args:
-        coefficients: (10,) of `payload_directions`.
-        least: as for `possible`.
+        coefficients: (10,) factors of `payload_directions`.
+        least: as of `possible`.
     """
     mass, more = float(coefficients[0]), np.tensordot(coefficients[4:], _SPREADS, axes=1)
     phi = sphere(mass, coefficients[1:4] / mass) + _parameters(more, np.zeros(3), 0.0)
@@ -129,7 +132,7 @@ def _sphere() -> Array:
 
 
 def from_flange(model: pin.Model, arm: Arm) -> Array:
-    """Return (10, 10): a body's parameters about the last joint from those about the flange."""
+    """Return (10, 10) map of a body's parameters about the flange to those about the last joint."""
     to_joint = model.frames[model.getFrameId(arm.end_effector)].placement.homogeneous
     return np.stack(
         [from_pseudo_inertia(to_joint @ pseudo_inertia(x) @ to_joint.T) for x in np.eye(10)], axis=1
@@ -137,12 +140,12 @@ def from_flange(model: pin.Model, arm: Arm) -> Array:
 
 
 def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
-    """Return an arm with a body on its flange; one of negative mass is taken out of what is there.
+    """Return an arm with a body on its flange; a negative mass is subtracted from the last link.
 
     Args:
         arm: the arm.
-        phi: (10,) of the body about the flange.
-        least: as for `possible`.
+        phi: (10,) parameters of the body about the flange.
+        least: as of `possible`.
     """
     if phi[0] > 0:
         root, body = ET.fromstring(arm.xml), pin.Inertia.FromDynamicParameters(phi)
@@ -163,12 +166,12 @@ def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
 
 
 def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
-    """Return an arm one of whose links has other mass and centre (`changed_link`).
+    """Return an arm with another mass and centre of one link (`changed_link`).
 
     Args:
         arm: the arm.
-        joint: that moves the link, from 1.
-        coefficients: (4,).
+        joint: joint that moves the link, from 1.
+        coefficients: (4,) as of `changed_link`.
     """
     phi = inertial_parameters(arm.pinocchio())
     phi[joint - 1] = changed_link(phi[joint - 1], coefficients)
@@ -176,12 +179,12 @@ def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
 
 
 def possible(phi: Array, was: Array, least: float) -> Array:
-    """Return a body like (10,) ``phi`` that can exist: same mass and centre, inertia not too small.
+    """Return a physically consistent body of the same mass and centre as (10,) ``phi``.
 
     Args:
-        phi: parameters that may be no body's; their mass is positive.
-        was: those of a body, whose size is the measure.
-        least: eigenvalue of its inertia about the centre, at least, over the mean of that one's
+        phi: parameters of positive mass, consistent or not.
+        was: parameters of a reference body.
+        least: least eigenvalue of the inertia about the centre, over the mean of the reference's
             [-].
     """
     sigma, h, m = _parts(phi)
@@ -195,7 +198,7 @@ def possible(phi: Array, was: Array, least: float) -> Array:
 
 
 def leaning(arm: Arm, side: Array) -> Arm:
-    """Return an arm whose gravity has a part (2,) of its size towards x and y [-]."""
+    """Return an arm whose gravity has a share (2,) of its size along x and y [-]."""
     root = ET.fromstring(arm.xml)
     option = root.find("option")
     if option is None:
@@ -207,7 +210,7 @@ def leaning(arm: Arm, side: Array) -> Arm:
 
 
 def leaned(gravity: Array, side: Array) -> Array:
-    """Return gravity (3,) [m/s²] of the same size with a part (2,) of it added towards x and y."""
+    """Return gravity (3,) [m/s²] of the same size with a share (2,) of it added along x and y."""
     g = float(np.linalg.norm(gravity))
     xy = gravity[:2] + g * np.asarray(side)
     return np.array([*xy, np.sign(gravity[2]) * np.sqrt(max(g * g - float(xy @ xy), 0.0))])

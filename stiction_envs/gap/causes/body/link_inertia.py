@@ -1,4 +1,4 @@
-"""Inertia that is missing or wrong on a joint's own axis: τ = ΔJ q̈."""
+"""Inertia that is missing or wrong on a joint's own axis: τ = ΔJ q̈, ΔJ in `armature_kgm2`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import rests
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -24,7 +22,7 @@ class LinkInertia(Cause):
     parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)
     view: ClassVar = View(
         "joint acceleration [rad/s²]",
-        lambda data, joint, shape: data.ddq[:, joint],
+        variable("ddq"),
         note="a slope through zero",
     )
 
@@ -33,16 +31,12 @@ class LinkInertia(Cause):
         return data.ddq[:, joint, None]
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return ΔJ that leaves the rotor an inertia: none is taken from a rigid model's."""
+        """Return bounds of ΔJ that keep the rotor positive; a rigid model has no rotor."""
         return np.array([-float(data.friction.rotor[joint])]), np.array([self.parameters[0].high])
 
     def rotor_inertia(self, coefficients: Array) -> float:
         """Return ΔJ [kg·m²]."""
         return float(coefficients[0])
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return ΔJ [kg·m²]."""
-        return {"armature_kgm2": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add it to the rotor, as far as that stays positive."""

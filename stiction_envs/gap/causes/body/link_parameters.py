@@ -1,4 +1,4 @@
-"""Mass and centre of a link, as far as torques tell them."""
+"""Mass and centre of a link, as far as torques show them."""
 
 from __future__ import annotations
 
@@ -8,33 +8,31 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.body.bodies import body_columns, with_link
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.motion import changes
-from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.body.bodies import body_columns, link_masses, with_link
+from stiction_envs.gap.causes.draft import Part
+from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import inertial_parameters
 
 MASS_SD = 0.3
-"""How far a link's mass may be off the model's, as a part of it [-]. Published and identified
-masses of a link differ by as much."""
+"""Prior standard deviation of a link's mass about the model's, over it [-]; assumed: published and
+identified masses of a link differ by as much."""
 CENTRE_SD = 0.03
-"""How far its centre may be off, in each direction [m]. A quarter of a link's half length."""
+"""Prior standard deviation of its centre in each direction [m]; assumed: a quarter of a link's half
+length."""
 LEFT = 0.05
-"""Part of a link's mass that is there at least [-]."""
+"""Least part of a link's mass that remains [-]; assumed."""
 FARTHEST = 0.15
-"""Distance from its centre in the model beyond which a centre is none of the link's [m]. Half a
-link's length."""
+"""Largest distance of its centre from that in the model [m]; assumed: half a link's length."""
 
 
 class LinkParameters(Cause):
     """A link of another mass, or with its centre elsewhere, than the model says.
 
-    Its inertia goes with it, J' = (1 + s) T(δ) J T(δ)ᵀ, so that it is a body's. Mass and moment
-    that this motion does not show stay near the nominal: they have a prior. The last link's is
-    the `payload`'s business.
+    Its inertia changes too, J' = (1 + s) T(δ) J T(δ)ᵀ, so that it stays physically consistent. Mass
+    and moment have a prior about the nominal, for what this motion does not show. An error of the
+    last link is named `payload`.
     """
 
     name: ClassVar[str] = "link_parameters"
@@ -55,7 +53,7 @@ class LinkParameters(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return which link it is, and what it weighs in the model [kg]."""
-        return [(joint + 1.0, float(data.recording.derived(_masses)[joint]))]
+        return [(joint + 1.0, float(data.recording.derived(link_masses)[joint]))]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque on the joint itself."""
@@ -68,20 +66,20 @@ class LinkParameters(Cause):
         ]
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return what leaves a link."""
+        """Return the least mass that leaves a link."""
         low = np.full(4, -np.inf)
-        low[0] = -(1 - LEFT) * float(data.recording.derived(_masses)[joint])
+        low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[joint])
         return low, np.full(4, np.inf)
 
     def prior(self, data: Data, joint: int) -> Array:
         """Return standard deviations about the nominal."""
-        mass = float(data.recording.derived(_masses)[joint])
+        mass = float(data.recording.derived(link_masses)[joint])
         return mass * np.array([MASS_SD, *[CENTRE_SD] * 3])
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether it would be another link: next to no mass, or a centre far outside."""
+        """Return whether hardly any mass is left, or the centre is far from the link."""
         low, _ = self.bounds(data, joint)
-        mass = float(data.recording.derived(_masses)[joint]) + float(coefficients[0])
+        mass = float(data.recording.derived(link_masses)[joint]) + float(coefficients[0])
         moved = float(np.linalg.norm(coefficients[1:])) / max(mass, 1e-9)
         return bool(coefficients[0] <= low[0]) or moved > FARTHEST
 
@@ -110,23 +108,14 @@ class LinkParameters(Cause):
             )
         return with_link(arm, part.joint, numbers)
 
-    def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Say where it is; the body itself is the arm's."""
-        draft.not_in_tables.append(f"{self.name} of link {part.joint}: in [[cause]] and model.xml")
-
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether no torque shows the link."""
         if joint == data.n - 1:
             return f"link {joint + 1} is the last: what is wrong with it is named payload"
-        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
-            return "the arm holds one pose only"
+        if missing := holds_one_pose(data):
+            return missing
         (shape,) = self.shapes(data, joint, data.residual[:, 0])
         columns, usual = self.spread(data, joint, shape), self.prior(data, joint)
         if not any(changes(data, columns[..., k] * usual[k]).any() for k in range(4)):
             return f"link {joint + 1} hardly changes any torque along this motion"
         return ""
-
-
-def _masses(recording: Recording) -> Array:
-    """Return (n,) mass of each link and of what is fixed to it [kg]."""
-    return inertial_parameters(recording.pinocchio)[:, 0]

@@ -11,40 +11,40 @@ from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
     from_flange,
+    link_masses,
     payload_directions,
     payload_of,
     with_payload,
 )
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.motion import changes
-from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.draft import Part
+from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.robots import Arm
-from stiction_envs.robots.regressor import consistent, inertial_parameters
+from stiction_envs.robots.regressor import consistent
 
 HEAVY = 1.0
-"""A payload whose weight must be seen to change [kg]."""
+"""Payload whose weight must change torques visibly [kg]; assumed."""
 SMALL = 0.02
-"""Mass under which a centre of mass means nothing [kg]."""
+"""Mass below which there is no centre of mass [kg]; assumed."""
 LEFT = 0.05
-"""Part of the last link's mass that stays with it at least [-]."""
+"""Least part of the last link's mass that remains [-]; assumed."""
 INERTIA_SD = 0.01
-"""How far an inertia may be off a point's [kg·m²]: a kilogram 10 cm about its centre."""
+"""Prior standard deviation of the inertia about a point's [kg·m²]; assumed: a kilogram 10 cm from
+its centre."""
 MOST_INERTIA = 0.03
-"""The same at most [kg·m²]: slow motion shows none, and the fit is then free to want any: a
-kilogram 17 cm about its centre."""
+"""Largest such inertia [kg·m²], since slow motion does not limit it; assumed: a kilogram 17 cm from
+its centre."""
 LEAST_INERTIA = 0.001
-"""Least eigenvalue of the inertia of what is left of a link about its centre, or of a payload, over
-the mean of the link's own, or of a small sphere's [-]. Far below any body's, far above rounding."""
+"""Least eigenvalue of the inertia about the centre, of a payload or of the rest of a link, over the
+mean of a small sphere's or of the link's [-]; assumed: far below any body's, far above rounding."""
 
 
 class Payload(Cause):
-    """A tool, a gripper, a cable's weight; or one that is in the model and not on the robot.
+    """A tool, a gripper, a cable's weight; or one that only the model has.
 
-    Its inertia is near that of a small sphere about its centre: it has a prior, for what torques of
-    a slow motion show of it is wrong on the next. The columns are linear about a centre that is the
-    nonlinear parameter, worked out anew as it is found (`payload_directions`).
+    Its inertia has a prior about that of a small sphere at its centre, because slow motion shows it
+    wrongly. The columns are linear about a centre, the nonlinear parameter, which is computed anew
+    once it is found (`payload_directions`).
     """
 
     name: ClassVar[str] = "payload"
@@ -58,7 +58,7 @@ class Payload(Cause):
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the flange itself: where its centre is, is not known yet."""
+        """Return the flange: the centre is not known yet."""
         return [(0.0, 0.0, 0.0)]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -74,19 +74,15 @@ class Payload(Cause):
         x, y, z = (float(v) for v in coefficients[1:4] / coefficients[0])
         return x, y, z
 
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Never: the centre is where it is found."""
-        return False
-
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return any mass, and what may be taken off the last link; an inertia of its size."""
+        """Return the least mass that leaves a last link, and the largest inertia."""
         most = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
         low = -most
-        low[0] = -(1 - LEFT) * float(data.recording.derived(_last_mass)[0])
+        low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[-1])
         return low, most
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether nothing is left of the last link; its inertia is not what it is about."""
+        """Return whether nothing is left of the last link; its inertia may be on a bound."""
         return bool(coefficients[0] <= self.bounds(data, joint)[0][0])
 
     def prior(self, data: Data, joint: int) -> Array:
@@ -100,7 +96,7 @@ class Payload(Cause):
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
     def describe(self, coefficients: Array) -> str:
-        """Return which of the two has it."""
+        """Return whether the robot or the model has it."""
         mass = float(coefficients[0])
         if mass >= 0:
             return f"{self.what}, or a last link that is heavier than the model's"
@@ -124,20 +120,11 @@ class Payload(Cause):
             )
         return with_payload(arm, phi, LEAST_INERTIA)
 
-    def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Say where it is; the body itself is the arm's."""
-        draft.not_in_tables.append(f"{self.name}: in [[cause]] and model.xml")
-
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the arm holds one pose only."""
-        if float(np.ptp(data.q, axis=0).max()) < data.settings.motion.travel_span:
-            return "the arm holds one pose only"
+        if missing := holds_one_pose(data):
+            return missing
         weight = np.stack([self.columns(data, j, (0.0,) * 3)[:, 0] for j in range(data.n)], axis=1)
         if not changes(data, HEAVY * weight).any():
             return "a payload's weight hardly changes any torque along this motion"
         return ""
-
-
-def _last_mass(recording: Recording) -> Array:
-    """Return (1,) mass of the last link and of what is fixed to it [kg]."""
-    return inertial_parameters(recording.pinocchio)[-1:, 0]

@@ -1,16 +1,12 @@
-"""Dry friction that is missing or wrong: τ = F_c sign(q̇)."""
+"""Dry friction that is missing or wrong: τ = F_c sign(q̇), F_c in `coulomb_nm`."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -24,19 +20,13 @@ class CoulombFriction(Cause):
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
-    view: ClassVar = View("joint speed [rad/s]", speed, note="a step where the motion turns round")
+    view: ClassVar = View(
+        "joint speed [rad/s]", variable("dq"), note="a step where the motion turns round"
+    )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
         return data.smooth(data.dry_friction_ratio(joint))[:, None]
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return non-negative, or any where the nominal model has friction to be corrected."""
-        return np.array([-np.inf if data.has_friction else 0.0]), np.array([np.inf])
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return F_c [N·m]."""
-        return {"coulomb_nm": float(coefficients[0])}
 
     def dry_friction(self, coefficients: Array) -> float:
         """Return F_c [N·m]."""

@@ -6,17 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import lacks_both_directions, moving
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 
 class DirectionAsymmetry(Cause):
-    """Half the difference of dry friction between + and −; gone at rest."""
+    """Half the difference of dry friction between + and −; zero at rest."""
 
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
@@ -28,16 +26,12 @@ class DirectionAsymmetry(Cause):
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("asymmetry_nm", "N·m"),)
     view: ClassVar = View(
-        "joint speed [rad/s]", speed, note="both directions lie off zero to the same side"
+        "joint speed [rad/s]", variable("dq"), note="both directions lie off zero to the same side"
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one while the joint moves."""
         return data.smooth(data.growth(joint, data.side(joint)))[:, None]
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return (F_+ − F_−)/2 [N·m]."""
-        return {"asymmetry_nm": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Split the levels of the friction tables by direction."""
@@ -48,7 +42,7 @@ class DirectionAsymmetry(Cause):
         draft.leave_out(part, "MuJoCo's friction knows no direction: the mean stands", tables=False)
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether both directions are missing; without rest it is an offset."""
+        """Return whether a direction or rests are missing; without rests it is an offset."""
         missing = lacks_both_directions(data, joint)
         if not missing and moving(data, joint).mean() > data.settings.motion.always_share:
             missing = f"joint {joint + 1} never rests, so this is the same as an offset"

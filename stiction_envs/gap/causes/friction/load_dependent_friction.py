@@ -6,12 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, load
+from stiction_envs.gap.causes.motion import constant, lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -28,7 +26,7 @@ class LoadDependentFriction(Cause):
     parameters: ClassVar = (Parameter("load_coefficient", "1", 0.0, 1.0),)
     view: ClassVar = View(
         "transmitted torque [N·m]",
-        lambda data, joint, shape: np.abs(load(data, joint, shape)),
+        lambda data, joint, shape: np.abs(data.rigid[:, joint]),
         folded=True,
         note="friction grows with load",
     )
@@ -36,10 +34,6 @@ class LoadDependentFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
         return data.smooth(data.growth(joint, np.abs(data.rigid[:, joint])))[:, None]
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return k [-]."""
-        return {"load_coefficient": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Let friction grow in the tables; MJCF holds the level at the mean load."""
@@ -53,8 +47,5 @@ class LoadDependentFriction(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether directions or a change of load are missing."""
-        load = np.abs(data.rigid[:, joint])
-        missing = lacks_both_directions(data, joint)
-        if not missing and load.std() < data.settings.noise.clear * data.noise[joint]:
-            missing = f"joint {joint + 1} carries no load that changes"
-        return missing
+        load = constant(data, joint, np.abs(data.rigid[:, joint]), "load")
+        return lacks_both_directions(data, joint) or load

@@ -10,26 +10,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.causes.motion import turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
 RIDGE = 1e-9 * np.eye(5)
-"""Keeps waves that do not differ solvable."""
-
-
+"""Keeps the system solvable where waves do not differ [-]; assumed, far below any effect."""
 LEAST_PERIODS = 1.25
-"""Periods within the range of a joint from which on they can be counted [-]."""
+"""Least number of ripple periods within the range of a joint [-]; assumed."""
 ROWS = 3000
-"""That are enough to find the periods."""
+"""Number of rows from which the periods are found; assumed."""
 BEST = 3
-"""Periods that go on to the selection, of each kind."""
+"""Number of periods of each kind that go on to the selection; assumed."""
 
 
 def phase(data: Data, joint: int, shape: Shape) -> Array:
-    """Return (T,) part of one ripple's period that the joint has gone through [-]."""
+    """Return (T,) phase of a joint within one period of its ripple, in periods [-]."""
     return np.mod(shape[0] * data.q[:, joint] / (2 * np.pi), 1.0)
 
 
@@ -63,8 +60,8 @@ class PositionDependentFriction(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the periods per turn, whole numbers, that the residual shows best.
 
-        From `LEAST_PERIODS` within the joint's range to what its speed and the sampling resolve;
-        peaks only, since what explains ever more towards fewer periods is none.
+        They range from `LEAST_PERIODS` within the joint's range to what its speed and the sampling
+        resolve. Only peaks count: what explains ever more towards fewer periods is no ripple.
         """
         q = data.q[:, joint]
         span = float(np.ptp(q))
@@ -76,7 +73,7 @@ class PositionDependentFriction(Cause):
         if low > high:
             return []
         count = np.arange(1, high + 1)
-        # each angle weighs the same, however long the joint stays there
+        # each angle has the same weight, however long the joint stays there
         thin = slice(None, None, max(1, len(q) // ROWS))
         weight = np.abs(data.dq[thin, joint])
         weight = np.sqrt(np.minimum(weight, np.percentile(weight, 90)))
@@ -94,10 +91,6 @@ class PositionDependentFriction(Cause):
             found += [(float(count[k]), *tail) for k in best if peak[k]]
         return found
 
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Never: the periods tried are the best of all."""
-        return False
-
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return a [N·m], k [1/rev], φ [rad]."""
         return {
@@ -112,8 +105,7 @@ class PositionDependentFriction(Cause):
         if len(part.shape) > 1:
             draft.leave_out(part, "MuJoCo's ripple does not turn with the motion")
         elif draft.ripple[j, 0] > 0:
-            why = "MuJoCo has room for one ripple per joint, a stronger one stands"
-            draft.leave_out(part, why)
+            draft.leave_out(part, "MuJoCo has room for one ripple per joint, a stronger one stands")
         else:  # MuJoCo's cogging drives the joint; ours is what the motor must overcome
             v = self.parameters_of(part)
             draft.ripple[j] = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
@@ -124,16 +116,15 @@ class PositionDependentFriction(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
-        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.travel_span
-        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+        return turns_too_little(data, joint, data.settings.motion.travel_span)
 
 
 def _shown(waves: Array, base: Array, r: Array) -> Array:
-    """Return (K,) what each of K waves explains of a residual, with columns that are there anyway.
+    """Return (K,) squared error that each of K waves explains, fitted with other columns.
 
     Args:
         waves: (2, T, K) weighted sines and cosines.
-        base: (T, 3) weighted columns.
+        base: (T, 3) weighted other columns.
         r: (T,) weighted residual.
     """
     count = waves.shape[2]

@@ -6,18 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, reversals
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 
 DISTANCES = np.geomspace(1e-3, 1e-3 * 50**1.25, 11)
-"""Presliding distances that are tried [rad]: a filtered log sees a sign under the shortest, and no
-gear yields over the longest, 0.13 rad."""
+"""Presliding distances that are tried [rad]; assumed: in a filtered log shorter ones look like
+sign(q̇), and no gear yields over the longest, 0.13 rad."""
 
 
 def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
@@ -64,7 +62,7 @@ class PreslidingHysteresis(Cause):
         return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return presliding distances F_c/σ0 [rad]; under the shortest a log sees a sign."""
+        """Return presliding distances F_c/σ0 [rad]."""
         return [(float(x),) for x in DISTANCES]
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
@@ -77,13 +75,11 @@ class PreslidingHysteresis(Cause):
         draft.damping[part.joint - 1] = part.coefficients[1] or np.nan
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether nothing lags: without damping it may well be."""
+        """Return whether nothing lags; the damping may be zero."""
         return bool(coefficients[0] <= 0)
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether reversals are missing."""
-        missing = lacks_both_directions(data, joint)
         count = reversals(data.dq[:, joint], data.settings.motion.reversal_speed)
-        if not missing and count < 2:
-            missing = f"joint {joint + 1} reverses only {count} times"
-        return missing
+        few = f"joint {joint + 1} reverses only {count} times" if count < 2 else ""
+        return lacks_both_directions(data, joint) or few

@@ -1,4 +1,7 @@
-"""Extra friction near zero speed: τ = ΔF sign(q̇) exp(−(q̇/v_s)²)."""
+"""Extra friction near zero speed: τ = ΔF sign(q̇) exp(−(q̇/v_s)²).
+
+`stiction_nm` is ΔF, what is added at rest to the level in motion.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, log_grid
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, moving
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 FASTEST = 0.3
-"""Stribeck velocity, as far as the joint is ever as fast [rad/s]."""
+"""Largest Stribeck velocity that is tried [rad/s]; assumed."""
 COUNT = 10
-"""Stribeck velocities from what a filtered log resolves to the fastest."""
+"""Number of Stribeck velocities that are tried; assumed."""
 MOST_RATIO = 5.0
-"""ΔF over the level in motion past which bristles are taken as at this [-]."""
+"""Largest ΔF over the level in motion for which bristles are bent [-]; assumed."""
 
 
 class StribeckFriction(Cause):
@@ -37,14 +38,14 @@ class StribeckFriction(Cause):
     )
     view: ClassVar = View(
         "joint speed [rad/s]",
-        speed,
+        variable("dq"),
         note="friction falls as the joint gets faster",
         limit=lambda shape: max(6 * shape[0], 0.02),
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
-        # of the reversal path, whose filter is wider: the speed falls fast where a joint stops
+        # the reversal path has a wider filter: the speed falls fast where a joint stops
         speed = along_runs(data, data.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
@@ -57,20 +58,17 @@ class StribeckFriction(Cause):
         return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return Stribeck velocities from what a filtered log resolves to speeds that are common.
+        """Return Stribeck velocities from what a filtered log resolves to common speeds.
 
-        Motion that is slower than that never leaves the effect behind: it is as good as constant.
+        A faster one would never fade along this motion: it would look constant.
         """
         top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
         low = 3 * data.settings.motion.rest_speed
-        return log_grid(low, min(FASTEST, top), COUNT) if top > 1.1 * low else []
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return what is added at rest to the level in motion [N·m], and v_s [rad/s]."""
-        return {"stiction_nm": float(coefficients[0]), "stribeck_velocity": shape[0]}
+        high = min(FASTEST, top)
+        return [(float(x),) for x in np.geomspace(low, high, COUNT)] if top > 1.1 * low else []
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Raise friction at rest alone."""
+        """Raise friction at rest only."""
         draft.stiction[part.joint - 1] += part.coefficients[0]
         draft.stribeck[part.joint - 1] = part.shape[0]
 

@@ -1,4 +1,4 @@
-"""Friction that grows with speed: τ = F_v q̇."""
+"""Friction that grows with speed: τ = F_v q̇, F_v in `viscous_nms`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions, moving
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, speed
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -23,19 +21,11 @@ class ViscousFriction(Cause):
     what_to_record: ClassVar[str] = "constant speed in both directions, slow to fast"
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
-    view: ClassVar = View("joint speed [rad/s]", speed, note="a slope with speed")
+    view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope with speed")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the speed."""
         return data.dq[:, joint, None]
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return non-negative, or any where the nominal model has friction to be corrected."""
-        return np.array([-np.inf if data.has_friction else 0.0]), np.array([np.inf])
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return F_v [N·m·s/rad]."""
-        return {"viscous_nms": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise the slope."""

@@ -1,7 +1,7 @@
 """Friction that falls or rises with time: τ = r t sign(q̇).
 
-Logs of one session share the time t since it began; of logs that are days apart each starts cold.
-Where their clocks tell that they may be of one session, both are tried, and the data choose.
+Logs of one session share the time t since it began; logs that are days apart each start cold.
+Where the clocks allow both, both are tried, and the data choose.
 """
 
 from __future__ import annotations
@@ -10,20 +10,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.causes.motion import lacks_both_directions, turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
 SHORTEST_LOG = 10.0
-"""In which it is looked for [s]."""
-
-
+"""Least length of a log in which a drift can be seen [s]; assumed."""
 OF_LOG, OF_SESSION = 0.0, 1.0
-"""Since when time counts, as a nonlinear parameter."""
+"""Nonlinear parameter: time counts since the log began, or since the session."""
 
 
 def _time(data: Data, shape: Shape) -> Array:
@@ -56,14 +52,10 @@ class WarmUpDrift(Cause):
         return data.smooth(data.growth(joint, _time(data, shape)))[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return since when time may count: one choice where no clock tells sessions from logs."""
+        """Return since when time may count; no choice where logs and sessions begin together."""
         recording = data.recording
         same = np.array_equal(recording.since_log, recording.since_session)
         return [()] if same else [(OF_LOG,), (OF_SESSION,)]
-
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Return false: a choice has no end."""
-        return False
 
     def assumption(self, data: Data, shape: Shape) -> str:
         """Return since when time counts, where there are several logs."""
@@ -76,10 +68,6 @@ class WarmUpDrift(Cause):
             return ""
         why = "their pauses are long" if data.recording.common_clock else "no clock is common"
         return f"each log is assumed to start cold: {why}"
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return r [N·m/s]."""
-        return {"drift_nm_per_s": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Write the drift as the start of a slow exponential, if friction stays positive."""
@@ -112,7 +100,5 @@ class WarmUpDrift(Cause):
         seconds = float(np.ptp(data.recording.since_session))
         if seconds < SHORTEST_LOG:
             return f"the log is only {seconds:.1f} s long"
-        span = float(np.ptp(data.q[:, joint]))
-        if span < data.settings.motion.travel_span:
-            return f"joint {joint + 1} turns by {span:.3f} rad only"
-        return lacks_both_directions(data, joint)
+        still = turns_too_little(data, joint, data.settings.motion.travel_span)
+        return still or lacks_both_directions(data, joint)

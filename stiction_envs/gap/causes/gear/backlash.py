@@ -7,68 +7,55 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.gear.deflection import (
-    gravity_slope,
-    mass_matrix,
+    DeflectedLink,
+    own_terms,
     own_torque_of,
     seen_by,
     torque_of,
 )
 from stiction_envs.gap.causes.motion import rests, reversals
-from stiction_envs.gap.causes.view import View, load
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.reversal_path import play
 
 DRAGGED, LOST = 0.0, -1.0
-"""In the place of a damping ratio, for links that friction holds while the motor crosses the gap
-after a reversal: all of the load is missing, or the link just stays behind."""
-
-
+"""Used in place of a damping ratio for links that friction holds while the motor crosses the gap
+after a reversal: the gear carries no load, or the link only stays behind."""
 AT_ONCE = 32
-"""Gaps that are opened at once: more take more memory than they save time."""
-
-
-GAPS = np.geomspace(0.002, 0.1, 161)
-"""That are tried [rad]. When a link lands hangs on the gap: 2.5 % of it more, and the
-blows of a fast motion are elsewhere."""
+"""Number of gaps that are simulated at once: more take memory without saving time."""
 SIZED = 8
-"""Every so many of them the size of what they add is worked out, which changes slowly."""
+"""Step on the grid of gaps at which the size of their torque is computed, which changes slowly."""
 FLANK = 10000.0
-"""Stiffness of a gear's flanks [N·m/rad]. Harmonic drives of 100 N·m and more have as much."""
+"""Stiffness of a gear's flanks [N·m/rad]; assumed: harmonic drives of 100 N·m and more have as
+much."""
 DAMPINGS = (0.05, 0.1, 0.2, 0.4, 1.0)
-"""Damping ratios of a link that strikes a flank, that are tried [-]: the motor gives way, and takes
-up much of the blow."""
+"""Damping ratios that are tried of a link that strikes a flank [-]; assumed: the motor yields and
+absorbs much of the blow."""
 USUAL_DAMPING = 0.2
-"""That of a gap of which none is known [-]."""
+"""Damping ratio where none is known [-]; assumed."""
 BEST = 6
-"""Shapes that go on to the selection."""
-LEAST = 0.2
-"""Size of what comes over what the model predicts, at least [-]: blows predicted a little early or
-late count for less."""
-MOST = 1.5
-"""The same, at most [-]."""
+"""Number of shapes that go on to the selection; assumed."""
 FLANKS = (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Stiffnesses over `FLANK` that the interval of a gap allows for [-]: the softer the flank, the
-wider a gap looks: known to a factor of two."""
+"""Stiffnesses over `FLANK` that the interval of a gap allows for [-], since a gap looks wider with
+a softer flank; assumed: known to a factor of two."""
 PROFILE_REACH = 1.35
-"""How far from the gap that was found others are tried for its interval, as a factor [-]."""
+"""Largest factor from the gap that was found to those tried for its interval [-]; assumed."""
 PROFILE_COUNT = 31
-"""Of them."""
+"""Number of gaps that are tried for the interval; assumed."""
 RESIDUAL_LEFT = 2.0
-"""Times the noise floor that a joint's residual must exceed for a search [-]."""
+"""Least residual of a joint over the noise floor for a search [-]; assumed."""
 
 
 def crossings(data: Data, joint: int, gaps: Array, damping: float, flank: float) -> Array:
     """Return (T, K) the link's angle less the motor's, δ, in a joint with each of K gaps [rad].
 
-    The load L presses the link on one flank of stiffness K, which yields. When L changes sign the
-    link flies over to the other flank, and comes back from it:
-    M δ̈ = −L, and beyond the gap −L − K(δ ∓ gap/2) − Dδ̇. L is the load at the motor's angle and
-    its slope with gravity, to first order in δ. Derived here.
+    The load L presses the link on one flank of stiffness K, which yields. When L changes sign, the
+    link flies to the other flank and bounces: M δ̈ = −L in the gap, and −L − K(δ ∓ gap/2) − Dδ̇
+    beyond it. L is the load at the motor's angle, with its gravity slope to first order in δ.
+    Derived here.
     """
-    mass, load = mass_matrix(data)[:, joint, joint], data.rigid[:, joint]
-    slope = gravity_slope(data)[:, joint, joint]
+    load, (mass, slope) = data.rigid[:, joint], own_terms(data, joint)
     out = np.empty((len(mass), len(gaps)))
     for run in data.runs():
         _fly(load[run], slope[run], mass[run], gaps / 2, damping, flank, data.dt, out[run])
@@ -88,8 +75,8 @@ def _fly(
 ) -> None:
     """Put `crossings` of one run into ``out`` (T, K), from rest on the flank.
 
-    In flight by velocity Verlet, exact for a load that is constant over a sample; on the flank by
-    implicit Euler, stable however stiff.
+    Velocity Verlet in flight, exact for a load that is constant over a sample; implicit Euler on
+    the flank, stable for any stiffness.
     """
     x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
     out[0] = x
@@ -135,7 +122,7 @@ def _missing(path: Array, gaps: Array, out: Array) -> None:
 def lost(data: Data, joint: int, gaps: Array) -> Array:
     """Return (T, K) the link's angle less the motor's where friction holds the link [rad].
 
-    The motor drags it along by a slot of each of K gaps: play as in Tao and Kokotović, "Adaptive
+    The motor drags it along with a play of each of K gaps, as in Tao and Kokotović, "Adaptive
     control of systems with actuator and sensor nonlinearities", 1996.
     """
     out = np.zeros((len(data.q), len(gaps)))
@@ -145,22 +132,25 @@ def lost(data: Data, joint: int, gaps: Array) -> Array:
     return out
 
 
-class Backlash(Cause):
+class Backlash(DeflectedLink):
     """Play in a gear."""
 
     name: ClassVar[str] = "backlash"
     what: ClassVar[str] = "dead zone at reversals"
-    approximate: ClassVar[bool] = True
-    resembles_delay: ClassVar[bool] = True
-    is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "slow motion through the pose in which the joint's load changes sign"
     )
-    coupled: ClassVar[bool] = True
-    dependent_parameters: ClassVar[int] = 1
-    multimodal: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("gap_rad", "rad", 0.0, size=1),)
-    view: ClassVar = View("transmitted torque [N·m]", load, note="a dent about zero load")
+    view: ClassVar = View(
+        "transmitted torque [N·m]", variable("rigid"), note="a dent about zero load"
+    )
+    tried: ClassVar[Array] = np.geomspace(0.002, 0.1, 161)
+    """Gaps [rad]; assumed. They are 2.5 % apart, because the time at which a link lands depends on
+    the gap, and with it the blows of a fast motion."""
+    least: ClassVar[float] = 0.2
+    """Assumed; blows that are predicted a little early or late count less."""
+    most: ClassVar[float] = 1.5
+    """Assumed."""
 
     def spread(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the gap adds to all joints."""
@@ -173,13 +163,9 @@ class Backlash(Cause):
             torque = torque_of(data, joint, delta)
         return data.smooth(torque)[..., None]
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return what the gap adds to its own joint."""
-        return self.spread(data, joint, shape)[:, joint]
-
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the gaps and dampings that the residual of the joint itself shows best."""
-        ok, gaps = data.block >= 0, GAPS
+        ok, gaps = data.block >= 0, self.tried
         if residual[ok].std() < RESIDUAL_LEFT * data.noise[joint]:
             return []
         # the filter is symmetric: a product with what it leaves is one with the filtered residual
@@ -202,18 +188,16 @@ class Backlash(Cause):
             torque = self._own(data, joint, opened, damping)
             size = np.square(data.smooth(torque)[ok]).sum(axis=0)
             size = np.interp(np.log(gaps), np.log(gaps[some]), size)
-            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
-            left = c * c * size - 2 * c * along
+            left = self.left(along, size)
             scored += [(float(x), float(g), damping) for x, g in zip(left, gaps, strict=True)]
         return [(gap, damping) for _, gap, damping in sorted(scored)[:BEST]]
 
     def profile(
         self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
     ) -> tuple[Array, Array]:
-        """Return gaps (K,) [rad] and (K,) what is left with each, whatever flank and damping.
+        """Return gaps (K,) [rad] and the error left with each (K,), for the best flank and damping.
 
-        Nobody knows how stiff the flanks are and how they damp a blow, and both shift when the link
-        lands.
+        Stiffness and damping of the flanks are unknown, and both change when the link lands.
         """
         damping = (*shape, USUAL_DAMPING)[1]
         gaps = shape[0] * np.geomspace(1 / PROFILE_REACH, PROFILE_REACH, PROFILE_COUNT)
@@ -225,15 +209,16 @@ class Backlash(Cause):
             torque = self._own(data, joint, self._deltas(data, joint, gaps, kind, flank), kind)
             torque = data.smooth(torque)
             along, size = torque.T @ (weight * residual), np.square(torque).T @ weight
-            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
-            left = np.minimum(left, c * c * size - 2 * c * along)
+            left = np.minimum(left, self.left(along, size))
         return gaps, left + float(np.sum(weight * residual**2))
 
     def _deltas(
         self, data: Data, joint: int, gaps: Array, damping: float, flank: float | None = None
     ) -> Array:
-        """Return (T, K) for K gaps the part of the load that is missing where it is dragged, else δ
-        [rad]; ``flank`` is not the usual stiffness [N·m/rad]."""
+        """Return (T, K) δ of K gaps [rad], or the missing part of the load of dragged links.
+
+        ``flank`` is the stiffness of the flanks [N·m/rad]; None for `FLANK`.
+        """
         if damping == DRAGGED:
             return dragged(data, joint, gaps)
         if damping == LOST:
@@ -246,25 +231,16 @@ class Backlash(Cause):
             return np.asarray(data.rigid[:, joint, None] * opened)
         return own_torque_of(data, joint, opened)
 
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbours on the grid of gaps."""
-        step = float(GAPS[1] / GAPS[0])
-        return shape[0] / step, shape[0] * step
-
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Return whether the gap is at the end of what was tried, or next to it."""
-        return not GAPS[1] * edge < shape[0] < GAPS[-2] / edge
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the model's own size, and some room for what it leaves out."""
-        return np.array([LEAST]), np.array([MOST])
+        """Return whether the gap is at an end of what was tried, or next to it."""
+        return not self.tried[1] * edge < shape[0] < self.tried[-2] / edge
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the gap [rad]."""
         return {"gap_rad": shape[0]}
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether nothing turns."""
+        """Return whether neither motion nor load changes sign."""
         loads = reversals(data.rigid[:, joint], data.noise[joint])
         if loads < 3 and reversals(data.dq[:, joint], data.settings.motion.reversal_speed) < 2:
             return f"neither motion nor load of joint {joint + 1} changes sign"

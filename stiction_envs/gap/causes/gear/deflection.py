@@ -2,36 +2,74 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array
+from stiction_envs.gap.causes.base import Array, Cause, Shape
 from stiction_envs.gap.causes.motion import along_runs
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 
-def mass_matrix(data: Data) -> Array:
-    """Return (T, n, n) M(q) of the nominal arm [kg·m²]."""
-    return masses(data.recording)
+class DeflectedLink(Cause):
+    """A cause that moves a link relative to its motor, by `spread` of a number that is tried.
 
+    The coefficient is the size of the torque over what the cause predicts.
+    """
 
-def gravity_slope(data: Data) -> Array:
-    """Return (T, n, n) ∂g/∂q of the nominal arm [N·m/rad]."""
-    return data.recording.derived(_slope)
+    approximate: ClassVar[bool] = True
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    coupled: ClassVar[bool] = True
+    dependent_parameters: ClassVar[int] = 1
+    multimodal: ClassVar[bool] = True
+    tried: ClassVar[Array]
+    """Values of the nonlinear parameter that are tried, evenly in the logarithm."""
+    least: ClassVar[float]
+    """Least coefficient [-]."""
+    most: ClassVar[float]
+    """Largest coefficient [-]."""
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque on the joint itself."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
+        """Return the least and the largest coefficient."""
+        return np.array([self.least]), np.array([self.most])
+
+    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
+        """Return the neighbours on the grid."""
+        step = float(self.tried[1] / self.tried[0])
+        return shape[0] / step, shape[0] * step
+
+    def left(self, along: Array, size: Array) -> Array:
+        """Return the squared error of columns, less that without them, with the best coefficient.
+
+        Args:
+            along: products of the columns with the residual.
+            size: squared sums of the columns.
+        """
+        c = np.clip(along / np.maximum(size, 1e-300), self.least, self.most)
+        return np.asarray(c * c * size - 2 * c * along)
 
 
 def masses(recording: Recording) -> Array:
     """Return (T, n, n) M(q) of the nominal arm along a recording [kg·m²]."""
-    return recording.derived(_masses)
-
-
-def _masses(recording: Recording) -> Array:
     return mass_matrices(recording.pinocchio, recording.q)
 
 
-def _slope(recording: Recording) -> Array:
+def slopes(recording: Recording) -> Array:
+    """Return (T, n, n) ∂g/∂q of the nominal arm along a recording [N·m/rad]."""
     return gravity_slopes(recording.pinocchio, recording.q)
+
+
+def own_terms(data: Data, joint: int) -> tuple[Array, Array]:
+    """Return (T,) inertia [kg·m²] and slope of gravity [N·m/rad] of a joint on itself."""
+    mass, slope = (data.recording.derived(x) for x in (masses, slopes))
+    return mass[:, joint, joint], slope[:, joint, joint]
 
 
 def torque_of(data: Data, joint: int, deflection: Array) -> Array:
@@ -40,21 +78,28 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
     First order in δ; Coriolis terms of δ̇ are left out.
     """
     bend = along_runs(data, along_runs(data, deflection))
-    own, slope = mass_matrix(data)[:, :, joint], gravity_slope(data)[:, :, joint]
-    return own * bend[:, None] + slope * deflection[:, None]
+    mass, slope = (data.recording.derived(x)[:, :, joint] for x in (masses, slopes))
+    return np.asarray(mass * bend[:, None] + slope * deflection[:, None])
+
+
+def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
+    """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
+    bend = along_runs(data, along_runs(data, deflections))
+    mass, slope = own_terms(data, joint)
+    return np.asarray(mass[:, None] * bend + slope[:, None] * deflections)
 
 
 def seen_by(data: Data, joint: int, target: Array) -> Array:
     """Return (T,) w with which w @ δ = target @ `own_torque_of` δ, for any deflection δ (T,)."""
-    own, slope = mass_matrix(data)[:, joint, joint], gravity_slope(data)[:, joint, joint]
-    bent = own * target
+    mass, slope = own_terms(data, joint)
+    bent = mass * target
     for _ in range(2):
         bent = _rate_transposed(bent, data.runs(), data.dt)
     return np.asarray(bent + slope * target)
 
 
 def _rate_transposed(x: Array, runs: list[slice], dt: float) -> Array:
-    """Return Dᵀx of the derivative D that `along_runs` takes: centred, one-sided at both ends."""
+    """Return Dᵀx of the derivative D of `along_runs`: centred, one-sided at both ends."""
     out = np.zeros_like(x)
     for run in runs:
         if run.stop - run.start > 2:
@@ -65,10 +110,3 @@ def _rate_transposed(x: Array, runs: list[slice], dt: float) -> Array:
             out[run.start] -= left[0]
             out[run.stop - 1] += left[-1]
     return out
-
-
-def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
-    """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
-    bend = along_runs(data, along_runs(data, deflections))
-    own, slope = mass_matrix(data)[:, joint, joint], gravity_slope(data)[:, joint, joint]
-    return np.asarray(own[:, None] * bend + slope[:, None] * deflections)

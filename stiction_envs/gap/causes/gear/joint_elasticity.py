@@ -8,55 +8,42 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Parameter, Shape
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.gear.deflection import (
-    gravity_slope,
-    mass_matrix,
+    DeflectedLink,
+    own_terms,
     own_torque_of,
     torque_of,
 )
-from stiction_envs.gap.causes.part import Part
+from stiction_envs.gap.causes.motion import constant
 from stiction_envs.gap.signals.dataset import Data
 
-STIFFNESSES = np.geomspace(500.0, 32000.0, 25)
-"""That are tried [N·m/rad]: soft harmonic drives to stiff gears."""
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
-"""Damping ratios of the link on its spring that are tried [-]."""
+"""Damping ratios of the link on its spring that are tried [-]; assumed."""
 BEST = 6
-"""Shapes that go on to the selection."""
-LEAST = 0.3
-"""Size of what comes over what the model predicts, at least [-]: room for stiffnesses between those
-tried."""
-MOST = 1.5
-"""The same, at most [-]."""
+"""Number of shapes that go on to the selection; assumed."""
 LEAST_ROTOR = 0.01
-"""Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]."""
-
-
+"""Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
 SPRINGS = 20
-"""That are moved at once: more take more memory than they save time."""
+"""Number of springs that are simulated at once: more take memory without saving time."""
 
 
-class JointElasticity(Cause):
+class JointElasticity(DeflectedLink):
     """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ."""
 
     name: ClassVar[str] = "joint_elasticity"
     what: ClassVar[str] = "spring between motor and link"
-    approximate: ClassVar[bool] = True
-    resembles_delay: ClassVar[bool] = True
-    is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
     )
-    coupled: ClassVar[bool] = True
-    dependent_parameters: ClassVar[int] = 1
-    multimodal: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
-
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return the torque on the joint itself."""
-        return self.spread(data, joint, shape)[:, joint]
+    tried: ClassVar[Array] = np.geomspace(500.0, 32000.0, 25)
+    """Stiffnesses [N·m/rad]; assumed: soft harmonic drives to stiff gears."""
+    least: ClassVar[float] = 0.3
+    """Assumed; leaves room for stiffnesses between those tried."""
+    most: ClassVar[float] = 1.5
+    """Assumed."""
 
     def spread(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
@@ -66,43 +53,32 @@ class JointElasticity(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
         ok = data.block >= 0
-        tried = [(float(k), ratio) for ratio in DAMPINGS for k in STIFFNESSES]
+        tried = [(float(k), ratio) for ratio in DAMPINGS for k in self.tried]
         left = []
         for at in range(0, len(tried), SPRINGS):
             delta = deflections(data, joint, tried[at : at + SPRINGS])
             columns = data.smooth(own_torque_of(data, joint, delta))[ok]
-            size, along = np.square(columns).sum(axis=0), residual[ok] @ columns
-            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
-            left.append(c * c * size - 2 * c * along)
+            left.append(self.left(residual[ok] @ columns, np.square(columns).sum(axis=0)))
         return [tried[k] for k in np.argsort(np.concatenate(left), kind="stable")[:BEST]]
-
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbours on the grid of stiffnesses."""
-        step = float(STIFFNESSES[1] / STIFFNESSES[0])
-        return shape[0] / step, shape[0] * step
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Return whether the stiffness is at the end of what was tried."""
-        return not STIFFNESSES[0] * 1.001 < shape[0] < STIFFNESSES[-1] * 0.999
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the model's own size, and some room."""
-        return np.array([LEAST]), np.array([MOST])
+        return not self.tried[0] * 1.001 < shape[0] < self.tried[-1] * 0.999
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether next to nothing of it comes.
+        """Return whether hardly any of its torque is in the logs.
 
-        A logged motion without the resonance asks for a stiffer spring of more than its size: K is
-        then the size of the deflection alone.
+        The upper bound is none: a motion without the resonance asks for a stiffer spring of more
+        than its size, and K is then the size of the deflection only.
         """
-        return bool(coefficients[0] <= LEAST)
+        return bool(coefficients[0] <= self.least)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return K [N·m/rad]."""
         return {"stiffness_nm_per_rad": shape[0] / float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Make the joint elastic, where a rotor is known that can swing on the spring."""
+        """Make the joint elastic if a rotor is known that can swing on the spring."""
         j = part.joint - 1
         if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
             draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
@@ -111,9 +87,7 @@ class JointElasticity(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint's torque changes too little."""
-        if float(data.rigid[:, joint].std()) < data.settings.noise.clear * data.noise[joint]:
-            return f"joint {joint + 1} carries no torque that changes"
-        return ""
+        return constant(data, joint, data.rigid[:, joint])
 
 
 def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:
@@ -128,8 +102,7 @@ def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> 
 
 def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
     """Return (T, k) `deflection` of k springs, each its stiffness and damping ratio."""
-    load, mass = data.rigid[:, joint], mass_matrix(data)[:, joint, joint]
-    slope = gravity_slope(data)[:, joint, joint]
+    load, (mass, slope) = data.rigid[:, joint], own_terms(data, joint)
     stiffness, ratio = np.array(springs).T
     out = np.empty((len(load), len(stiffness)))
     for run in data.runs():

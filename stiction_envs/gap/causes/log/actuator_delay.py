@@ -1,7 +1,7 @@
 """Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t).
 
-A log whose torque was measured late, or behind a filter, shows the same with T < 0: what is told is
-|T| in both cases, and in words which it is.
+A log whose torque was measured late, or behind a filter, has T < 0. The parameter is |T|, and
+`describe` says which of the two it is.
 """
 
 from __future__ import annotations
@@ -13,53 +13,33 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from stiction_envs.gap.causes.base import Array, Parameter, Shape, TorqueShift
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 
 LEAST = 0.001
-"""Shortest delay that is called one [s]: a robot's cycle."""
-DELAYS = (0.002, 0.01, 0.02, 0.04)
-"""|T'| that are tried, both ways [s]."""
+"""Shortest delay that counts [s]; assumed: a robot's cycle."""
+TRIED = (-0.002, -0.01, -0.02, -0.04, 0.002, 0.01, 0.02, 0.04)
+"""T' that are tried [s]; assumed."""
 LOWPASS_PARTS = (0.5, 1.0)
 """Second number of a shape whose torques were low-passed before they were logged: the part of |T'|
-that is the low-pass's time constant; the rest is a delay [-]."""
+that is the low-pass's time constant; the rest is a delay [-]; assumed."""
 SMOOTHED = (0.01, 0.02, 0.04, 0.08)
-"""|T'| of these that are tried [s]."""
+"""|T'| of these that are tried [s]; assumed."""
 LONGEST = 0.125
-"""Longest |T'| that is looked for [s]: what is longer has taken the motion away."""
+"""Longest |T'| that is tried [s]; assumed: a longer one leaves nothing of the motion."""
 STEPS = (0.8, 0.9, 0.999999, 1.1, 1.2)
-"""Factors of T' that are tried with another torque, one of them as good as none [-]. No two undo
-each other, since a candidate has its columns once."""
-TRIED = tuple(sign * x for sign in (-1.0, 1.0) for x in DELAYS)
-"""T' that are tried [s]."""
+"""Factors of T' that are tried with another torque, one of them almost 1 [-]; assumed. No product
+of them is 1, since a candidate keeps its columns."""
 
 
-def shifted(data: Data, torque: Array, shape: Shape) -> Array:
-    """Return (T,) [τ(t + T') − τ(t)]/T' of a torque τ (T,), per second.
+class ActuatorDelay(Cause):
+    """A delay or filter between the logged torque and the arm, one for all joints.
 
-    τ(t + T') is that of a time, or behind a low-pass too (`LOWPASS_PARTS`).
+    It shifts all torque in time, that of the other causes too, which are not known at first. The
+    search finds it on the nominal torque, then again as one that acts on all of the model's torque.
     """
-    ahead, out = shape[0], np.zeros(len(data.t))
-    part = shape[1] if len(shape) > 1 else 0.0
-    for run in data.runs():
-        if run.stop - run.start <= 2:
-            continue
-        later = torque[run]
-        if part < 1.0:
-            later = np.interp(data.t[run] + (1 - part) * ahead, data.t[run], later)
-        if part > 0.0:
-            k = np.exp(data.dt / (part * ahead))
-            later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
-        out[run] = (later - torque[run]) / ahead
-    return out
-
-
-class ActuatorDelay(TorqueShift):
-    """A delay or filter between the logged torque and the arm, one for all joints."""
 
     name: ClassVar[str] = "actuator_delay"
     what: ClassVar[str] = "torque acts late or filtered"
@@ -74,27 +54,42 @@ class ActuatorDelay(TorqueShift):
     )
 
     _torque: Array | None = None
-    """(T, n) that acts late [N·m]; None for what is known of it."""
+    """(T, n) torque that acts late [N·m]; None for that of the nominal model."""
     _further: tuple[float, ...] = ()
-    """T' that are tried too [s]."""
+    """Further T' that are tried [s]."""
 
     @property
     def acts_on_all(self) -> bool:
-        """Whether it shifts a torque that was given, and not what is known of it only."""
+        """Whether it shifts a torque that was given, and not only the nominal torque."""
         return self._torque is not None
 
     def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:
-        """Return a delay of a torque (T, n) [N·m]; ``lengths`` [s] are tried too."""
+        """Return a delay of a torque (T, n) [N·m] that also tries ``lengths`` [s]."""
         out = copy.copy(self)
         out._torque, out._further = torque, (*self._further, *lengths)
         return out
 
     def shifted(self, data: Data, torque: Array, shape: Shape) -> Array:
-        """Return `shifted`."""
-        return shifted(data, torque, shape)
+        """Return (T,) [τ(t + T') − τ(t)]/T' of a torque τ (T,), per second.
+
+        τ(t + T') is later in time, or behind a low-pass too (`LOWPASS_PARTS`).
+        """
+        ahead, out = shape[0], np.zeros(len(data.t))
+        part = shape[1] if len(shape) > 1 else 0.0
+        for run in data.runs():
+            if run.stop - run.start <= 2:
+                continue
+            later = torque[run]
+            if part < 1.0:
+                later = np.interp(data.t[run] + (1 - part) * ahead, data.t[run], later)
+            if part > 0.0:
+                k = np.exp(data.dt / (part * ahead))
+                later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
+            out[run] = (later - torque[run]) / ahead
+        return out
 
     def nearby(self, shape: Shape) -> list[Shape]:
-        """Return T' about that of a shape."""
+        """Return shapes with T' near that of a shape, to try with another torque."""
         lengths = (factor * shape[0] for factor in STEPS)
         return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
@@ -106,10 +101,10 @@ class ActuatorDelay(TorqueShift):
             torque = data.nominal[:, joint] + data.carried[:, joint]
         else:
             torque = data.nominal[:, joint]
-        return shifted(data, torque, shape)[:, None]
+        return self.shifted(data, torque, shape)[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return T' [s], both ways."""
+        """Return T' [s], positive and negative."""
         found = [-x for x in self._further if x < 0 and x not in TRIED]
         return [
             *((x,) for x in (*TRIED, *self._further)),
@@ -117,11 +112,11 @@ class ActuatorDelay(TorqueShift):
         ]
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the delay is below `least`."""
+        """Return whether the delay is below `LEAST`."""
         return abs(float(coefficients[0])) < LEAST
 
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Never: the coefficient holds the delay, T' only straightens its curve."""
+        """Return false: the coefficient is the delay, and T' only linearises it."""
         return False
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
@@ -129,7 +124,7 @@ class ActuatorDelay(TorqueShift):
         return {"delay_s": abs(float(coefficients[0]))}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Say by how much to shift torques: MuJoCo's actuators are not late."""
+        """Say by how much to shift torques: MuJoCo's actuators have no delay."""
         what = "send torques" if part.coefficients[0] >= 0 else "take measured torques as of"
         behind = ", which come behind a low-pass" if len(part.shape) > 1 else ""
         delay = self.parameters_of(part)["delay_s"]

@@ -6,12 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import rests
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, angle
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -26,7 +24,7 @@ class TorqueOffset(Cause):
     shown_at_rest: ClassVar[bool] = True
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
-    view: ClassVar = View("joint angle [rad]", angle, note="the same torque everywhere")
+    view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
@@ -35,10 +33,6 @@ class TorqueOffset(Cause):
     def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
         """Return friction on a joint that only holds: it bears whatever it came to rest with."""
         return (CoulombFriction.name,) if rests(data, joint) else ()
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return the offset [N·m]."""
-        return {"offset_nm": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""

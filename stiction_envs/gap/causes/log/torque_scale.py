@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.causes.motion import constant
 from stiction_envs.gap.signals.dataset import Data
 
-LOWEST = 0.5
-"""Gain beyond which no sensor or ratio would have gone unnoticed: it is another mass, or friction
-[-]."""
-HIGHEST = 2.0
-"""The same on the other side [-]."""
+LOWEST, HIGHEST = 0.5, 2.0
+"""Gains beyond which an error would have been noticed: it is another mass, or friction [-];
+assumed."""
 LEAST_ERROR = 0.002
-"""Error of a gain that is none [-]: torque sensors are linear to some tenths of a per cent."""
+"""Error of a gain that does not count [-]; assumed: torque sensors are linear to some tenths of a
+per cent."""
 
 
 class TorqueScale(Cause):
@@ -31,7 +27,7 @@ class TorqueScale(Cause):
     parameters: ClassVar = (Parameter("scale", "1", LOWEST, HIGHEST, neutral=1.0),)
     view: ClassVar = View(
         "nominal torque [N·m]",
-        lambda data, joint, shape: data.nominal[:, joint],
+        variable("nominal"),
         note="a slope: an error in proportion to the torque",
     )
 
@@ -41,16 +37,8 @@ class TorqueScale(Cause):
         return torque if data.carried is None else torque + data.carried[:, joint, None]
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the gain is as right as gains are."""
+        """Return whether the gain is right within the error of usual gains."""
         return abs(float(coefficients[0])) < LEAST_ERROR
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the bounds of s − 1."""
-        return np.array([LOWEST - 1.0]), np.array([HIGHEST - 1.0])
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return s [-]."""
-        return {"scale": 1.0 + float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by what to divide: it is the log that is wrong, not the arm."""
@@ -59,7 +47,4 @@ class TorqueScale(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint carries too little torque."""
-        size = float(data.nominal[:, joint].std())
-        if size < data.settings.noise.clear * data.noise[joint]:
-            return f"joint {joint + 1} carries no torque that changes"
-        return ""
+        return constant(data, joint, data.nominal[:, joint])

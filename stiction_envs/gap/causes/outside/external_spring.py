@@ -6,10 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
-from stiction_envs.gap.causes.part import Part
-from stiction_envs.gap.causes.view import View, angle
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.causes.motion import turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -26,7 +25,7 @@ class ExternalSpring(Cause):
         Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),
         Parameter("rest_rad", "rad"),
     )
-    view: ClassVar = View("joint angle [rad]", angle, note="a slope: a pull with position")
+    view: ClassVar = View("joint angle [rad]", variable("q"), note="a slope: a pull with position")
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the angle, and ones."""
@@ -53,5 +52,4 @@ class ExternalSpring(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
-        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.wide_span
-        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+        return turns_too_little(data, joint, data.settings.motion.wide_span)

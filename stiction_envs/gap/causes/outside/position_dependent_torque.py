@@ -1,13 +1,13 @@
 """Smooth torque over the joint angle: τ = c_0 + Σ_k (a_k cos k q + b_k sin k q), k = 1 to `order`.
 
-The pull of a cable or hose that bends, or a torque sensor that reads the angle: the same in both
-directions of motion, of any sign, where `external_spring` is a straight line that pulls back and
-`position_dependent_friction` repeats within the joint's range. Harmonics of the whole turn and not
-splines: they predict angles that were left out as well (the iiwa's joint 3, simulated humps and
-waves), ask for no knots, and MuJoCo holds them exactly.
+A cable or hose that bends, or a torque sensor that depends on the angle, has the same torque in
+both directions of motion. `external_spring` is a straight line that pulls back, and
+`position_dependent_friction` repeats within the joint's range. Harmonics of the whole turn predict
+left-out angles as well as splines do (the iiwa's joint 3, simulated humps and waves), need no
+knots, and MuJoCo holds them exactly.
 
-Beware of the first harmonic. It is what gravity of a wrong mass looks like on a joint that moves by
-itself; only other joints that turn it against gravity tell the two.
+The first harmonic is also what a wrong mass looks like on a joint that moves alone. Only other
+joints that turn it against gravity distinguish the two.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
-from stiction_envs.gap.causes.motion import rests
+from stiction_envs.gap.causes.motion import rests, turns_too_little
 from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
-from stiction_envs.gap.causes.part import Part
 from stiction_envs.gap.causes.registry import registered
-from stiction_envs.gap.causes.view import View, angle
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 
 MOST_ORDER = 3
-"""Harmonics of a turn that are tried at most: a fourth never predicts left-out angles better: the
-Panda, the iiwa, simulated humps."""
+"""Largest number of harmonics of a turn that are tried. A fourth never predicted left-out angles
+better, of the Panda, the iiwa and simulated humps."""
 DISTINCT = 1e-08
-"""Least eigenvalue of the correlations of its columns from which on the logs tell them apart [-]:
-ten times the ridge of the fits."""
+"""Least eigenvalue of the correlations of its columns for the logs to distinguish them [-];
+assumed: ten times the ridge of the fits."""
 ASIDE = 0.5
-"""How far beyond the angles of the logs it must be believed, on either side, in their span [-]."""
+"""Range beyond the angles of the logs, on either side, over their span, in which the curve must be
+plausible [-]; assumed."""
 BEYOND = 10.0
-"""Torque there over that at the angles of the logs, both peak to peak, above which harmonics only
-cancel each other in the logs [-]. More than twice that of a cosine at its crest."""
+"""Largest torque there over that at the angles of the logs, both peak to peak [-]; with more,
+harmonics only cancel each other in the logs. Assumed: more than twice that of a cosine at its
+crest."""
 LEVEL = 0.05
-"""Part of gravity across a joint's axis from which on a mass can pull at it [-]."""
+"""Least part of gravity across a joint's axis with which a mass can pull at it [-]; assumed."""
 
 
 class PositionDependentTorque(Cause):
@@ -67,7 +67,7 @@ class PositionDependentTorque(Cause):
         Parameter("order", "1", size=0),
     )
     view: ClassVar = View(
-        "joint angle [rad]", angle, note="a smooth curve, the same in both directions"
+        "joint angle [rad]", variable("q"), note="a smooth curve, the same in both directions"
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -99,10 +99,6 @@ class PositionDependentTorque(Cause):
         most = BEYOND * np.ptp(series(coefficients, seen))
         return bool(np.ptp(series(coefficients, wider)) > most)
 
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Never: left-out ranges of the angle say whether an order is too high."""
-        return False
-
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
         return {"coefficients_nm": [float(x) for x in coefficients], "order": int(shape[0])}
@@ -125,8 +121,7 @@ class PositionDependentTorque(Cause):
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
-        span, least = float(np.ptp(data.q[:, joint])), data.settings.motion.wide_span
-        return f"joint {joint + 1} turns by {span:.3f} rad only" if span < least else ""
+        return turns_too_little(data, joint, data.settings.motion.wide_span)
 
 
 def harmonics(q: Array, order: int) -> Array:
