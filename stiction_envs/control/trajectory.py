@@ -75,7 +75,7 @@ class MotionLimits:
         for name, kind in get_type_hints(MotionLimits, include_extras=True).items():
             value = getattr(self, name)
             try:
-                msgspec.convert(value, kind)
+                msgspec.convert(value.item() if isinstance(value, np.generic) else value, kind)
             except msgspec.ValidationError as error:
                 said = str(error).replace("Expected", "expected")
                 raise StictionError(f"motion {name} is {value!r}: {said}") from None

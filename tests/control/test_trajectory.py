@@ -367,10 +367,15 @@ def test_missing_file():
 
 
 @pytest.mark.parametrize("name", ["translational_speed", "rotational_deceleration"])
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "fast"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, np.float64(-1), "fast"])
 def test_bad_limits_say_what_and_what_was_expected(name, value):
     with pytest.raises(StictionError, match=f"motion {name} is .*expected"):
         MotionLimits(**{name: value})
+
+
+def test_limits_may_be_numpys_numbers():
+    limits = MotionLimits(translational_speed=np.linspace(0.1, 0.2, 3)[1], synchronised=np.True_)
+    assert limits == MotionLimits(translational_speed=0.1 + 0.1 / 2, synchronised=True)
 
 
 def test_default_limits_are_the_packages():
