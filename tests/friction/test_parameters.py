@@ -23,6 +23,7 @@ from stiction_envs.friction.parameters import (
     load_friction,
     scaled,
 )
+from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from tests.friction.gyro import friction, gyro, sticking
@@ -343,6 +344,15 @@ def test_shipped_numbers_are_plausible(name):
     assert np.all(p.load_low <= p.load_high)
     # the position ripple may not be what holds the joint
     assert np.all(p.ripple_amplitude < 0.1 * p.stiction.min(axis=1))
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa7"])
+def test_shipped_stiction_lies_under_the_measured_half_width(name):
+    """The SJE's half-width is F_s plus the slide to 0.15 rad: F_s is less, but most of it."""
+    p, measured = load_friction(name), thesis_base(name).friction
+    for k, load in enumerate((p.load_high, p.load_low)):
+        share = p.stiction_at(load).mean(axis=1) / measured[:, k]
+        assert np.all((share > 0.4) & (share < 1.0)), f"{name}: {share}"
 
 
 @pytest.mark.parametrize("name", SHIPPED[:3])
