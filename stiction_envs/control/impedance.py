@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.filters import Filtered, Rows, fill, rows_of
 from stiction_envs.control.kernels import impedance_cycle
-from stiction_envs.control.operational import damp_by_mass, pseudoinverse_projector, renew
+from stiction_envs.control.operational import damp_by_mass, renew
 from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
-from stiction_envs.control.settings import FILTERS, ImpedanceSettings, stiffness_matrix
+from stiction_envs.control.settings import FILTERS, ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
 
@@ -34,6 +33,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Ids = Index | Sequence[int] | None
 """Simulations a call is about; None means all."""
+Rows = Index | slice
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,13 @@ class CartesianImpedance:
         self._low = limits.position[:, 0] + settings.limit_margin
         self._high = limits.position[:, 1] - settings.limit_margin
         step = settings.filter_step
-        self._stiffness = Filtered((nsim, 6, 6), step("stiffness_filter"))
-        self._null_stiffness = Filtered((nsim, n), step("stiffness_filter"))
-        self._position = Filtered((nsim, 3), step("pose_filter"))
+        self._stiffness = _Filtered((nsim, 6, 6), step("stiffness_filter"))
+        self._null_stiffness = _Filtered((nsim, n), step("stiffness_filter"))
+        self._position = _Filtered((nsim, 3), step("pose_filter"))
         self._filtering = any(step(name) < 1.0 for name in FILTERS)
         self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self._quaternion_target = self._quaternion.copy()
         self._error_matrix = error_matrix(self._quaternion)
-        self._blocks = (np.zeros((nsim, 3)), np.zeros((nsim, 3)), np.zeros((nsim, 3, 3)))
         self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
         self._null_damping = np.zeros((nsim, n))
         self._null_active = self._all_known = False
@@ -93,15 +92,13 @@ class CartesianImpedance:
         self._projector = np.zeros((nsim, n, n))
         self._state = np.zeros((nsim, 12))
         self._q, self._null_q, self._wanted, self._sent, self._command = np.zeros((5, nsim, n))
-        self._nothing, self._everyone = np.zeros((nsim, n)), np.arange(nsim)
+        self._everyone = np.arange(nsim)
         s = settings
         self._write_stiffness(
             slice(None),
             # with one axis more, what is given per axis cannot be taken for one per simulation
-            [
-                np.asarray(x)[None]
-                for x in (s.translational_stiffness, s.rotational_stiffness, s.coupling_stiffness)
-            ],
+            np.asarray(s.translational_stiffness)[None],
+            np.asarray(s.rotational_stiffness)[None],
             np.atleast_2d(s.nullspace_stiffness),
             now=True,
         )
@@ -128,7 +125,7 @@ class CartesianImpedance:
 
         The stiffness set last is kept.
         """
-        rows = rows_of(ids)
+        rows = _rows_of(ids)
         self._put_pose(rows, position, quaternion, now=True)
         self._null_q[rows] = q
         for filtered in (self._stiffness, self._null_stiffness):
@@ -140,7 +137,7 @@ class CartesianImpedance:
 
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike, ids: Ids = None) -> None:
         """Move the reference to (M, 3) [m] and (M, 4) w, x, y, z, in the base frame."""
-        self._put_pose(rows_of(ids), position, quaternion, now=False)
+        self._put_pose(_rows_of(ids), position, quaternion, now=False)
 
     def set_stiffness(
         self,
@@ -148,7 +145,6 @@ class CartesianImpedance:
         *,
         translational: ArrayLike | None = None,
         rotational: ArrayLike | None = None,
-        coupling: ArrayLike | None = None,
         nullspace: ArrayLike | None = None,
     ) -> None:
         """Change the stiffness of arms while they run; what is None stays.
@@ -157,37 +153,36 @@ class CartesianImpedance:
             ids: (M,) simulations, None for all.
             translational: one number, (M,) or (M, 3) [N/m].
             rotational: one number, (M,) or (M, 3) [N·m/rad].
-            coupling: 0 or (M, 3, 3) [N/rad].
             nullspace: one number, (M,) or (M, n) [N·m/rad].
 
         The filter moves it there cycle by cycle. The damping of the design ``mass`` follows at
         the next `update_model` where the filter is on, at once where it is off.
 
         Raises:
-            StictionError: negative or not finite, a wrong shape, or a whole stiffness that is not
-                symmetric and positive semidefinite; nothing has changed then.
+            StictionError: negative, not finite or of a wrong shape; nothing has changed then.
         """
-        self._write_stiffness(rows_of(ids), [translational, rotational, coupling], nullspace)
+        self._write_stiffness(_rows_of(ids), translational, rotational, nullspace)
 
     def _write_stiffness(
         self,
         rows: Rows,
-        blocks: Sequence[ArrayLike | None],
+        translational: ArrayLike | None,
+        rotational: ArrayLike | None,
         nullspace: ArrayLike | None,
         now: bool = False,
     ) -> None:
-        names = ("translational stiffness", "rotational stiffness", "coupling stiffness")
-        new = [
-            old[rows].copy() if value is None else fill(name, value, old[rows].shape)
-            for name, value, old in zip(names, blocks, self._blocks, strict=True)
-        ]
+        new, axes = self._stiffness.target[rows].copy(), np.arange(6)
+        if translational is not None:
+            k = axes[:3]
+            new[:, k, k] = _fill("translational stiffness", translational, (len(new), 3))
+        if rotational is not None:
+            k = axes[3:]
+            new[:, k, k] = _fill("rotational stiffness", rotational, (len(new), 3))
         null = self._null_stiffness.target[rows].copy()
         if nullspace is not None:
-            null = fill("nullspace stiffness", nullspace, null.shape)
-        self._stiffness.put(rows, stiffness_matrix(*new), now=now)
+            null = _fill("nullspace stiffness", nullspace, null.shape)
+        self._stiffness.put(rows, new, now=now)
         self._null_stiffness.put(rows, null, now=now)
-        for old, value in zip(self._blocks, new, strict=True):
-            old[rows] = value
         self._null_active = bool(
             self._null_stiffness.target.any() or self._null_stiffness.value.any()
         )
@@ -240,7 +235,6 @@ class CartesianImpedance:
             mass,
             settings.singular_below,
             settings.singular_length,
-            settings.projector == "dynamic",
             self._singular,
             self._inertia,
             self._root,
@@ -253,8 +247,6 @@ class CartesianImpedance:
             what = "mass is singular: expected positive definite"
             other = "Jacobian or mass: expected finite numbers"
             raise StictionError(f"row {bad}: {what if finite else other}")
-        if settings.projector != "dynamic":
-            self._projector[rows] = pseudoinverse_projector(jac, settings.pseudoinverse_damping)
         if not self._all_known:
             self._known[rows] = True
             self._all_known = bool(self._known.all())
@@ -286,8 +278,6 @@ class CartesianImpedance:
         jacobian: Array,
         q: Array,
         dq: Array,
-        coriolis: Array | None = None,
-        gravity_correction: Array | None = None,
         dither: Array | None = None,
     ) -> Array:
         """One control cycle of all arms: advance the filters, return the command.
@@ -298,8 +288,6 @@ class CartesianImpedance:
             jacobian: (N, 6, n) translation, then rotation, base frame.
             q: (N, n) joint angles [rad].
             dq: (N, n) joint speeds [rad/s].
-            coriolis: (N, n) C(q, q̇)q̇ [N·m]; used only with the setting ``coriolis``.
-            gravity_correction: (N, n) what the robot's own compensation lacks [N·m].
             dither: (N, n) [N·m].
 
         Returns:
@@ -307,31 +295,14 @@ class CartesianImpedance:
             limits and, dither behind it apart, within the torque rate of the previous command.
 
         Raises:
-            StictionError: a simulation without a model, a missing ``coriolis``.
+            StictionError: a simulation without a model.
         """
-        settings = self.settings
         arguments = self.arguments
-        if settings.coriolis and coriolis is None:
-            raise StictionError("torque: the setting coriolis needs the argument coriolis")
         self.advance_filters()
-        impedance_cycle(
-            position,
-            quaternion,
-            jacobian,
-            q,
-            dq,
-            self._torques(coriolis if settings.coriolis else None),
-            self._torques(gravity_correction),
-            self._torques(dither),
-            *arguments,
-        )
+        # compiled code does not check sizes
+        added = np.broadcast_to(0.0 if dither is None else dither, self._q.shape).copy()
+        impedance_cycle(position, quaternion, jacobian, q, dq, added, *arguments)
         return self._command.copy()
-
-    def _torques(self, values: Array | None) -> Array:
-        """Return torques (N, n), 0 for None; compiled code does not look at sizes."""
-        if values is None or values.shape == self._nothing.shape:
-            return self._nothing if values is None else values
-        return np.broadcast_to(values, self._nothing.shape).copy()
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -425,3 +396,42 @@ class CartesianImpedance:
     def projector(self) -> Array:
         """(N, n, n) P of the last `update_model` [-]."""
         return self._projector.copy()
+
+
+class _Filtered:
+    """A row per simulation that follows its target: x ← x + s (target − x)."""
+
+    def __init__(self, shape: tuple[int, ...], step: float) -> None:
+        self.value, self.target, self.step = np.zeros(shape), np.zeros(shape), step
+
+    def put(self, rows: Rows, value: ArrayLike, now: bool = False) -> None:
+        """Set the target of some rows; where the filter is off, or ``now``, the value too."""
+        self.target[rows] = value
+        if now or self.step == 1.0:
+            self.value[rows] = value
+
+    def advance(self) -> bool:
+        """One cycle; False where the filter is off."""
+        if self.step == 1.0:
+            return False
+        self.value += self.step * (self.target - self.value)
+        return True
+
+
+def _rows_of(ids: ArrayLike | None) -> Rows:
+    """Return the index of simulations ``ids`` (M,), or of all for None."""
+    return slice(None) if ids is None else np.asarray(ids)
+
+
+def _fill(name: str, value: ArrayLike, shape: tuple[int, int]) -> Array:
+    """``value`` as array of ``shape`` (M, k); (M,) is one number per simulation."""
+    array = numbers(name, value)
+    if array.ndim == 1:
+        array = array[:, None]
+    try:
+        return np.array(np.broadcast_to(array, shape))
+    except ValueError:
+        raise StictionError(
+            f"impedance {name} has shape {np.shape(value)}: expected one number, "
+            f"({shape[0]},) or {shape}"
+        ) from None

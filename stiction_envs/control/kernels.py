@@ -74,8 +74,6 @@ def impedance_cycle(
     jacobian: Array,
     q: Array,
     dq: Array,
-    coriolis: Array,
-    gravity_correction: Array,
     dither: Array,
     dither_after: bool,
     rate: float,
@@ -102,9 +100,7 @@ def impedance_cycle(
         jacobian: (N, 6, n).
         q: (N, n) [rad].
         dq: (N, n) [rad/s].
-        coriolis: (N, n) as the next two added to the torque [N·m].
-        gravity_correction: (N, n).
-        dither: (N, n).
+        dither: (N, n) added to the torque [N·m].
         dither_after: whether dither is added behind the saturation.
         rate: largest change of the torque per cycle [N·m].
         limit: (n,) [N·m].
@@ -152,8 +148,6 @@ def impedance_cycle(
                     total += projector[i, j, m] * joint[m]
                 wanted[i, j] += total
         for j in range(n):
-            wanted[i, j] += coriolis[i, j]
-            wanted[i, j] += gravity_correction[i, j]
             if not dither_after:
                 wanted[i, j] += dither[i, j]
             low, high = max(sent[i, j] - rate, -limit[j]), min(sent[i, j] + rate, limit[j])

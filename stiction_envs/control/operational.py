@@ -28,7 +28,6 @@ def renew(
     mass: Array,
     singular_below: float,
     singular_length: float,
-    dynamic: bool,
     singular: Bools,
     inertia: Array,
     root: Array,
@@ -44,7 +43,6 @@ def renew(
         mass: (M, n, n) joint-space inertia [kg·m²].
         singular_below: s_0 [1/kg].
         singular_length: ℓ [m].
-        dynamic: whether to write the projector.
         singular: (N,) written: some eigenvalue was raised.
         inertia: (N, 6, 6) written: Λ [kg, kg·m, kg·m²].
         root: (N, 6, 6) written: R with Rᵀ R = Λ⁻¹ (damped); its rows are the modes of A.
@@ -83,8 +81,7 @@ def renew(
                 root[row, k, m] = axes[i, k, m] / scale[m] * x
                 inverse_root[row, k, m] = axes[i, k, m] * scale[m] / x
         _square(inverse_root[row], inertia[row])
-        if dynamic:
-            _project(jacobian[i], inertia[row], minv_jt[i], projector[row])
+        _project(jacobian[i], inertia[row], minv_jt[i], projector[row])
     return -1
 
 
@@ -173,16 +170,6 @@ def _project(jacobian: Array, inertia: Array, minv_jt: Array, out: Array) -> Non
             for k in range(6):
                 total -= jacobian[k, j] * inverse[m, k]
             out[j, m] = total
-
-
-def pseudoinverse_projector(jacobian: Array, damping: float) -> Array:
-    """P = I − Jᵀ (Jᵀ)^#, (M, n, n), of Jacobians (M, 6, n); sources.md 6.1.
-
-    (Jᵀ)^# has the singular values σ/(σ² + λ²), λ = ``damping``: it is (J Jᵀ + λ²)⁻¹ J.
-    """
-    jac_t = jacobian.transpose(0, 2, 1)
-    damped = np.matmul(jacobian, jac_t) + damping**2 * np.eye(6)
-    return np.eye(jacobian.shape[2]) - np.matmul(jac_t, np.linalg.solve(damped, jacobian))
 
 
 @compiled

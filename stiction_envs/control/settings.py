@@ -14,7 +14,6 @@ from stiction_envs.robots.tables import read_toml
 
 Array = NDArray[np.float64]
 DAMPING_DESIGNS = ("diagonal", "mass")
-PROJECTORS = ("dynamic", "pseudoinverse")
 FILTERS = ("stiffness_filter", "pose_filter")
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
 
@@ -39,8 +38,6 @@ class ImpedanceSettings:
     """K_t, one number or (3,) in the base frame [N/m]."""
     rotational_stiffness: ArrayLike = _DEFAULT["rotational_stiffness"]
     """K_r, one number or (3,) about the base frame's axes [N·m/rad]."""
-    coupling_stiffness: ArrayLike = _DEFAULT["coupling_stiffness"]
-    """K_c of eq. 2.13, (3, 3) or 0 [N/rad]; the whole (6, 6) must be symmetric and ≥ 0."""
     nullspace_stiffness: ArrayLike = _DEFAULT["nullspace_stiffness"]
     """k_n, one number or (n,) [N·m/rad]; 0 means no nullspace torque."""
     damping_ratio: ArrayLike = _DEFAULT["damping_ratio"]
@@ -49,10 +46,8 @@ class ImpedanceSettings:
     """ξ_n of d_n = 2 ξ_n √k_n, in [0, 1] [-]. It contains no mass: critical in number only."""
     damping_design: str = _DEFAULT["damping_design"]
     """``diagonal``: D_ii = 2 ξ_i √K_ii, as the package; ``mass``: eq. 2.14, critical at ξ = 1."""
-    projector: str = _DEFAULT["projector"]
-    """P: ``dynamic``, eq. 2.17, or ``pseudoinverse``, I − Jᵀ(Jᵀ)^#, as the package."""
     pseudoinverse_damping: float = _DEFAULT["pseudoinverse_damping"]
-    """λ of (Jᵀ)^#, singular values σ/(σ² + λ²) [m and rad]."""
+    """λ of the J^# of a feedforward compensation, singular values σ/(σ² + λ²) [m and rad]."""
     rate_hz: float = _DEFAULT["rate_hz"]
     """Cycles per second [Hz]."""
     torque_rate: float = _DEFAULT["torque_rate"]
@@ -61,8 +56,6 @@ class ImpedanceSettings:
     """p of the stiffness, Cartesian and nullspace, in (0, 1]."""
     pose_filter: float = _DEFAULT["pose_filter"]
     """p of the reference pose, in (0, 1]."""
-    coriolis: bool = _DEFAULT["coriolis"]
-    """Whether C(q, q̇)q̇ is added; :meth:`CartesianImpedance.torque` then needs it."""
     dither_after_saturation: bool = _DEFAULT["dither_after_saturation"]
     """False: dither counts towards ``torque_rate``; True: it is added after that limit."""
     singular_below: float = _DEFAULT["singular_below"]
@@ -77,7 +70,6 @@ class ImpedanceSettings:
         checks: dict[str, tuple[tuple[int, ...] | None, dict[str, float]]] = {
             "translational_stiffness": ((3,), {}),
             "rotational_stiffness": ((3,), {}),
-            "coupling_stiffness": ((3, 3), {"low": -np.inf}),
             "nullspace_stiffness": (None, {}),
             "damping_ratio": ((6,), {"high": 1.0}),
             "nullspace_damping_ratio": ((), {"high": 1.0}),
@@ -100,11 +92,6 @@ class ImpedanceSettings:
             object.__setattr__(self, name, float(array) if shape == () else array)
         if self.damping_design not in DAMPING_DESIGNS:
             raise unknown("damping design", self.damping_design, DAMPING_DESIGNS)
-        if self.projector not in PROJECTORS:
-            raise unknown("projector", self.projector, PROJECTORS)
-        stiffness_matrix(
-            self.translational_stiffness, self.rotational_stiffness, self.coupling_stiffness
-        )
 
     def filter_step(self, name: str) -> float:
         """Return s of x ← x + s (target − x) for one of the filters; 1 is off (sources.md 6.1).
@@ -115,40 +102,8 @@ class ImpedanceSettings:
         return 1.0 if p == 1.0 else 1.0 / (1.0 - self.rate_hz / np.log1p(-p))
 
 
-def stiffness_matrix(
-    translational: ArrayLike, rotational: ArrayLike, coupling: ArrayLike = 0.0
-) -> Array:
-    """Cartesian stiffness (..., 6, 6) of eq. 2.13.
-
-    Args:
-        translational: (..., 3) diagonal of K_t [N/m].
-        rotational: (..., 3) diagonal of K_r [N·m/rad].
-        coupling: K_c, (..., 3, 3) or 0 [N/rad].
-
-    Raises:
-        StictionError: not symmetric, that is K_c is not, or not positive semidefinite.
-    """
-    t, r = np.asarray(translational, dtype=float), np.asarray(rotational, dtype=float)
-    out = np.zeros((*t.shape[:-1], 6, 6))
-    for k in range(3):
-        out[..., k, k], out[..., 3 + k, 3 + k] = t[..., k], r[..., k]
-    out[..., :3, 3:] = out[..., 3:, :3] = coupling
-    if not np.array_equal(out, np.swapaxes(out, -1, -2)):
-        raise StictionError("impedance stiffness: K_c is not symmetric: expected a symmetric one")
-    eigenvalues = np.linalg.eigvalsh(out)
-    low, high = float(eigenvalues[..., 0].min()), float(eigenvalues[..., -1].max())
-    if low < -1e-9 * high:  # beyond rounding
-        raise StictionError(
-            f"impedance stiffness: smallest eigenvalue {low:.6g}: expected positive "
-            "semidefinite matrices, so the coupling is too large for K_t and K_r"
-        )
-    return out
-
-
-def numbers(
-    name: str, value: Any, *, low: float = 0.0, above: float = -np.inf, high: float = np.inf
-) -> Array:
-    """Own array of finite numbers in [``low``, ``high``] and greater than ``above``.
+def numbers(name: str, value: Any, *, above: float = -np.inf, high: float = np.inf) -> Array:
+    """Own array of finite numbers in [0, ``high``] and greater than ``above``.
 
     Raises:
         StictionError: it is not; the message says what ``name`` is and what was expected.
@@ -157,10 +112,10 @@ def numbers(
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise StictionError(f"impedance {name} is {value!r}: expected finite numbers") from None
-    good = np.isfinite(array) & (array >= low) & (array > above) & (array <= high)
+    good = np.isfinite(array) & (array >= 0.0) & (array > above) & (array <= high)
     if not good.all():
-        bounds = [f"> {above:g}" if above > -np.inf else f">= {low:g}" if low > -np.inf else ""]
-        bounds.append(f"<= {high:g}" if high < np.inf else "")
-        expected = " and ".join(["finite", *filter(None, bounds)])
+        bounds = [f"> {above:g}" if above > -np.inf else ">= 0"]
+        bounds += [f"<= {high:g}"] if high < np.inf else []
+        expected = " and ".join(["finite", *bounds])
         raise StictionError(f"impedance {name} is {np.ravel(array[~good])[0]}: expected {expected}")
     return array

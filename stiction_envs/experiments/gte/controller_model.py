@@ -24,9 +24,7 @@ class ControllerModel:
     difference acts on the arm.
     """
 
-    def __init__(
-        self, arm: Arm, sticking: StickingModel, nsim: int, threads: int, *, coriolis: bool
-    ) -> None:
+    def __init__(self, arm: Arm, sticking: StickingModel, nsim: int, threads: int) -> None:
         """Make it for N arms.
 
         Args:
@@ -34,15 +32,13 @@ class ControllerModel:
             sticking: the plant's model.
             nsim: number of arms.
             threads: threads, 0 for all processors.
-            coriolis: whether Coriolis torques are asked for.
         """
         model = arm.bare_model()
         # few MjData for all arms stay in the cache: every update computes everything anew anyway
         self._batch = Batch(model, nsim, threads)
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._qpos = self._batch.bind("qpos")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
         self._rotor = sticking.parameters.rotor_inertia
-        self._coriolis = coriolis
         self._rows, self._columns = _entries(model)
         self._true: Batch | None = None
         if arm.xml != sticking.arm.xml:
@@ -51,27 +47,20 @@ class ControllerModel:
             self._true_bias = self._true.bind("qfrc_bias")
         self.mass = np.zeros((nsim, model.nv, model.nv))
         """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
-        self.coriolis = np.zeros((nsim, model.nv))
-        """(N, n) C(q, q̇)q̇, where asked for [N·m]."""
         self.missing = np.zeros((nsim, model.nv))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
 
-    def update(self, q: Array, dq: Array) -> None:
-        """Take the present state (N, n) [rad], (N, n) [rad/s]."""
-        self._qpos[:], self._qvel[:] = q, 0.0
-        biased = self._coriolis or self._true is not None
+    def update(self, q: Array) -> None:
+        """Take the present angles (N, n) [rad]."""
+        self._qpos[:] = q
+        biased = self._true is not None
         stage = mujoco.mjtStage.mjSTAGE_VEL if biased else mujoco.mjtStage.mjSTAGE_POS
         self._batch.forward(stage=stage)
         _spread(self._mass, self._rows, self._columns, self._rotor, self.mass)
-        gravity = self._bias.copy() if biased else self._bias
-        if self._coriolis:
-            self._qvel[:] = dq
-            self._batch.forward(stage=stage)
-            np.subtract(self._bias, gravity, out=self.coriolis)
         if self._true is not None:
             self._true_qpos[:] = q
             self._true.forward(stage=stage)
-            np.subtract(gravity, self._true_bias, out=self.missing)
+            np.subtract(self._bias, self._true_bias, out=self.missing)
 
 
 def _entries(model: Any) -> tuple[Index, Index]:

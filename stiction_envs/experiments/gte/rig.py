@@ -85,8 +85,6 @@ class StepArrays(NamedTuple):
     """`DitherArrays`."""
     compensation: tuple[Any, ...]
     """`CompensationArrays`."""
-    modelled: tuple[Array, Array]
-    """(N, n) Coriolis torque and gravity correction of `impedance_cycle` [N·m]."""
     impedance: tuple[Any, ...]
     """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
     path: tuple[Array, float, Array, Array, Array]
@@ -133,7 +131,7 @@ def control_step(due: bool, arrays: tuple[Any, ...]) -> None:
                 for j in range(added.shape[1]):
                     added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
         q = link_angles(joints.qpos, joints.motor, joints.spring)
-        impedance_cycle(position, quaternion, jacobian, q, dq, *a.modelled, added, *impedance)
+        impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
     pass_torque(a.impedance[-1], *a.path, a.applied)
     for i in range(a.torque.shape[0]):
         for j in range(a.torque.shape[1]):
@@ -184,13 +182,7 @@ class GTERig(Rig):
         )
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
-        self._model = ControllerModel(
-            setup.controller_model or arm,
-            sticking,
-            nsim,
-            setup.threads,
-            coriolis=settings.coriolis,
-        )
+        self._model = ControllerModel(setup.controller_model or arm, sticking, nsim, setup.threads)
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
         self.sequencer = GoalSequencer(nsim, motion, capacity)
@@ -266,7 +258,7 @@ class GTERig(Rig):
         )
         # after the stiffness: its filter starts settled
         self.controller.reset(ids, x, quaternion, q[ids])
-        self._model.update(q, self.plant.velocity)
+        self._model.update(q)
         self.controller.update_model(ids, self.end_effector.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0
@@ -310,7 +302,7 @@ class GTERig(Rig):
         pose, t = self.end_effector, self._command_time()
         pose.read()
         if model:
-            self._model.update(self.plant.position, self.plant.velocity)
+            self._model.update(self.plant.position)
             self.controller.update_model(None, pose.jacobian, self._model.mass)
         if goals:
             self.sequencer.accept(pose.position, pose.quaternion, t)
@@ -340,8 +332,6 @@ class GTERig(Rig):
                 step=self.step,
                 dither=tuple(shaking),
                 compensation=(compensator.active, compensator.arguments, self._added),
-                # zero where it is not asked for
-                modelled=(model.coriolis, self._nothing),
                 impedance=self.controller.arguments,
                 path=self._path.arguments,
                 missing=model.missing,

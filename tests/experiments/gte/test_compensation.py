@@ -122,7 +122,7 @@ def test_controller_believes_the_nominal_rotors():
     heavy = p.replace(rotor_inertia=2 * p.rotor_inertia)
     rigs = [bench().rig(1, 1, parameters) for parameters in (None, stack_friction([heavy]))]
     for rig in rigs:
-        rig._model.update(rig.plant.position, rig.plant.velocity)
+        rig._model.update(rig.plant.position)
     np.testing.assert_array_equal(rigs[0]._model.mass, rigs[1]._model.mass)
 
 

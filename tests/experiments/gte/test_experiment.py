@@ -283,7 +283,6 @@ def one_by_one(rig: GTERig, due: bool) -> None:
             tip.jacobian,
             q,
             dq,
-            coriolis=model.coriolis,
             dither=rig.dither_torque + compensation_of(rig, dq),
         )
     rig.applied[:] = rig._path.cycle(rig.controller.command)
@@ -302,7 +301,7 @@ def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
 
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
-MIXED = ImpedanceSettings(rate_hz=1000.0, coriolis=True, dither_after_saturation=True)
+MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
 FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9, stiffness_filter=0.9)
 
 
@@ -320,7 +319,7 @@ FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9, stiffness_filter=0
     ],
 )
 def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, dither):
-    """As its parts one by one: held commands, nullspace, Coriolis, wrong model, any dither."""
+    """As its parts one by one: held commands, nullspace, wrong model, any dither."""
     ids, seen = np.arange(3), []
     dither = dict(dither)
     compensated = dither.pop("compensated", False)
