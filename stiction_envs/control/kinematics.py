@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.kernels import site_kinematics
+from stiction_envs.control.rotation import right_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
 
@@ -33,8 +34,8 @@ class EndEffector:
         site = model.site(sticking.arm.end_effector).id
         # q ⊗ site ⊗ hand as a matrix on q
         half = 0.5 * sticking.arm.hand_yaw
-        turn = _right(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
-        turn = turn @ _right(model.site_quat[site])
+        turn = right_matrix(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+        turn = turn @ right_matrix(model.site_quat[site])
         nsim, n = batch.nsim, sticking.n
         self.position = np.zeros((nsim, 3))
         """(N, 3) position of the tool point in the world [m]."""
@@ -76,9 +77,3 @@ def tool_point(tool: ArrayLike | None) -> Array:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise StictionError(f"tool {tool!r}: expected three finite numbers, x y z in m")
     return point
-
-
-def _right(q: Array) -> Array:
-    """Return the matrix on p (4, 4) of p ⊗ q."""
-    w, x, y, z = q
-    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])

@@ -23,9 +23,14 @@ _ERROR_SIGN = _RIGHT_SIGN * np.array([1.0, -1.0, -1.0, -1.0])[_RIGHT]
 _TINY = np.finfo(float).tiny
 
 
+def right_matrix(b: Array) -> Array:
+    """Matrices B (..., 4, 4) with B a = a ⊗ b."""
+    return np.take(b, _RIGHT, axis=-1) * _RIGHT_SIGN
+
+
 def multiply(a: Array, b: Array) -> Array:
     """Product a ⊗ b (..., 4): the rotation b, then a, both about the axes of the base frame."""
-    return np.einsum("...ij,...j->...i", np.take(b, _RIGHT, axis=-1) * _RIGHT_SIGN, a)
+    return np.einsum("...ij,...j->...i", right_matrix(b), a)
 
 
 def error_matrix(reference: Array) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.kernels import pass_torque, pass_torques
+from stiction_envs.control.kernels import pass_torques
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
@@ -117,19 +117,6 @@ class TorquePath:
         gain = self.interface.lowpass_gain
         pass_torques(command, self._step[ids], gain, self._limit[ids], limited, filtered, out)
         self._limited[ids], self._filtered[ids] = limited, filtered
-        return out
-
-    def cycle(self, command: Array) -> Array:
-        """Pass one control step of 1 ms of all simulations: `run` with K = 1, for feedback.
-
-        Args:
-            command: (N, n) [N·m], already held.
-
-        Returns:
-            (N, n) torque that reaches the joints [N·m].
-        """
-        out = np.empty_like(self._limited)
-        pass_torque(command, *self.arguments, out)
         return out
 
     @property

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither.gating import fade, gate_factor
 from stiction_envs.dither.kernels import sine
 from stiction_envs.dither.waveforms import (
     BANDWIDTH,
@@ -49,7 +48,9 @@ class Dither:
     waveform: NDArray[np.int8]
     """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
     gate_velocity: Floats
-    """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates (see `dither.gating`)."""
+    """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. q̇ includes the motion that the dither
+    itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
+    """
     seed: NDArray[np.uint64]
     """(N,), ≥ 0: draws what a waveform draws; one integer gives every simulation the same."""
     bandwidth: float
@@ -174,7 +175,7 @@ class Dither:
                 out = w
         out = np.zeros(shape) if out is None else out
         if self._gate is not None:
-            fade(out, qd, self._gate)
+            _fade(out, qd, self._gate)
         if self._constant is not None:
             out += self._constant
         return out
@@ -260,7 +261,7 @@ class Dither:
             branches.append(
                 (waveform, where, rows, omega[pick], phase[pick], self.amplitude[pick], drawn)
             )
-        gate = gate_factor(self.gate_velocity)
+        gate = 1.0 / self.gate_velocity if np.isfinite(self.gate_velocity).any() else None
         shifted = bool(self.offset.any())
         plain = gate is None and not shifted and all(b[0].sinusoidal for b in branches)
         self._fill(
@@ -281,6 +282,15 @@ class Dither:
                 out[name] = np.zeros((self.N, self.n, values.shape[1]))
                 out[name][row, joint] = values
         return out
+
+
+def _fade(torque: Floats, qd: Floats | None, factor: Floats) -> None:
+    """Multiply a torque (N, n) in place by exp(−(q̇/v_gate)²), ``factor`` being 1/v_gate [s/rad]."""
+    if qd is None or qd.shape != torque.shape:
+        got = None if qd is None else qd.shape
+        raise StictionError(f"gated dither: qd has shape {got}: expected {torque.shape}")
+    g = np.multiply(qd, factor, out=np.empty(torque.shape))
+    torque *= np.exp(np.negative(np.square(g, out=g), out=g), out=g)
 
 
 _ROWS = ("amplitude", "frequency", "phase", "offset", "waveform", "gate_velocity", "seed")

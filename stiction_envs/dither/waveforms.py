@@ -70,14 +70,6 @@ class Waveform(ABC):
         """
         return np.zeros((len(seed), 0))
 
-    def mean_sign(self, x: Floats) -> Floats | None:
-        """Return the mean of sign(x + w) over a period in closed form; None where none is known.
-
-        It is the share of Coulomb friction that an oscillation of the speed with this shape leaves
-        (Zames and Shneydor 1976).
-        """
-        return None
-
 
 _registry: dict[str, Waveform] = {}
 WAVEFORMS: Mapping[str, Waveform] = MappingProxyType(_registry)
@@ -134,10 +126,6 @@ class Sine(Waveform):
         """w = sin θ."""
         return np.sin(angle, out=angle)
 
-    def mean_sign(self, x: Floats) -> Floats:
-        """2/π · asin x, ±1 beyond |x| = 1."""
-        return np.asarray(2 / np.pi * np.arcsin(np.clip(x, -1.0, 1.0)))
-
 
 class Square(Waveform):
     """+1 in the first half of the period, −1 in the second."""
@@ -150,10 +138,6 @@ class Square(Waveform):
         x += _EDGE
         x -= np.floor(x)
         return np.where(x < 0.5, 1.0, -1.0)
-
-    def mean_sign(self, x: Floats) -> Floats:
-        """0, ±1 beyond |x| = 1."""
-        return np.asarray((np.sign(x + 1.0) + np.sign(x - 1.0)) / 2)
 
 
 class Triangle(Waveform):
@@ -168,10 +152,6 @@ class Triangle(Waveform):
         x -= np.floor(x)
         x -= 0.5
         return np.asarray(1.0 - 4.0 * np.abs(x))
-
-    def mean_sign(self, x: Floats) -> Floats:
-        """x itself, ±1 beyond |x| = 1."""
-        return np.clip(x, -1.0, 1.0)
 
 
 class Chirp(Waveform):

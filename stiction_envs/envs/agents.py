@@ -208,9 +208,9 @@ class ConstantTable(Agent):
 
 
 class GatedTable(ConstantTable):
-    """A table whose amplitudes fade where a joint moves: A exp(−(q̇/v_gate)²), see `dither.gating`.
+    """A table whose amplitudes fade where a joint moves: A exp(−(q̇/v_gate)²), as `Dither`'s.
 
-    The controller of `dither.gating` looks at the speed in every cycle, an agent once per step.
+    A controller looks at the speed in every cycle, an agent once per step.
     """
 
     def __init__(self, env: Any, table: Table | None = None, *, speed: float | None = None) -> None:

@@ -84,7 +84,7 @@ class AmplitudeRow:
     offset_nm: float = 0.0
     """Constant torque, N·m."""
     gate_rad_s: float = 0.0
-    """v_gate of :mod:`stiction_envs.dither.gating`, rad/s; 0 is not gated."""
+    """v_gate of `Dither`, rad/s; 0 is not gated."""
 
     @property
     def gate_velocity(self) -> float:

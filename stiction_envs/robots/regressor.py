@@ -102,13 +102,6 @@ class BaseSet:
         x = np.asarray(phi, dtype=np.float64)
         return np.asarray(x[..., self.kept] + x[..., self.dropped] @ self.grouping.T)
 
-    def matrix(self) -> Array:
-        """Return (r, p) B with β = B φ."""
-        out = np.zeros((self.size, len(self.names)))
-        out[np.arange(self.size), self.kept] = 1.0
-        out[:, self.dropped] = self.grouping
-        return out
-
     def expressions(self) -> tuple[str, ...]:
         """Return the sums in words: ``Izz1 + Iyy2 - 0.316 my2``."""
         dropped = [self.names[d] for d in self.dropped]
@@ -116,11 +109,6 @@ class BaseSet:
             self.names[k] + "".join(_term(c, d) for c, d in zip(row, dropped, strict=True))
             for k, row in zip(self.kept, self.grouping.tolist(), strict=True)
         )
-
-    def unseen(self) -> tuple[str, ...]:
-        """Return the parameters that act on no torque at all."""
-        none = ~(np.abs(self.grouping) > 0).any(axis=0)
-        return tuple(self.names[d] for d in self.dropped[none])
 
 
 def _term(coefficient: float, name: str) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from stiction_envs.cli import main
 from stiction_envs.dither.dither import Dither
-from stiction_envs.dither.waveforms import BANDWIDTH, WAVEFORMS, Waveform, register_waveform
+from stiction_envs.dither.waveforms import WAVEFORMS, Waveform, register_waveform
 from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -148,15 +148,3 @@ def test_what_is_no_waveform_is_refused(name, shape, message):
         register_waveform(Bad(name, shape))
     assert "\n" not in str(error.value)
     assert list(WAVEFORMS) == before
-
-
-@pytest.mark.parametrize(
-    "name", [n for n, w in WAVEFORMS.items() if w.mean_sign(np.zeros(1)) is not None]
-)
-def test_mean_sign_is_the_mean_over_a_period(name):
-    """Law checked: mean of sign(x + w), by summing over a period."""
-    angle = 2 * np.pi * (np.arange(100_000) + 0.5) / 100_000
-    w = WAVEFORMS[name].value(angle, None, BANDWIDTH)
-    x = np.linspace(-1.5, 1.5, 32)
-    summed = np.array([np.sign(at + w).mean() for at in x])
-    np.testing.assert_allclose(WAVEFORMS[name].mean_sign(x), summed, atol=1e-4)

@@ -10,6 +10,7 @@ import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.compensation import compensate
+from stiction_envs.control.kernels import pass_torque
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
@@ -285,7 +286,7 @@ def one_by_one(rig: GTERig, due: bool) -> None:
             dq,
             dither=rig.dither_torque + compensation_of(rig, dq),
         )
-    rig.applied[:] = rig._path.cycle(rig.controller.command)
+    pass_torque(rig.controller.command, *rig._path.arguments, rig.applied)
     rig._torque[:] = rig.applied + model.missing
 
 
