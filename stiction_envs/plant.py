@@ -121,7 +121,7 @@ class Plant:
 
     @property
     def load(self) -> tuple[Array, Array]:
-        """(signed, absolute) transmitted torque, each (N, n) [N·m]; see `friction.load`."""
+        """(signed, absolute) transmitted torque, each (N, n) [N·m]; see `friction.load_sensor`."""
         return self._load_sensor.read(slice(None))
 
     @property

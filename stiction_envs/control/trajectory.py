@@ -37,9 +37,7 @@ Array = NDArray[np.float64]
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
-_UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file (assumed)
-
-
+_UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file [-] (assumed)
 _DEFAULT = GTE_DEFAULTS["motion"]
 _Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
@@ -167,20 +165,13 @@ class Segment:
         Before 0 they rest at the start, from `duration` on at the goal, exactly. The sign of a
         quaternion goes on continuously from the start's.
         """
-        out: Reference = sample(_clock(t, len(self._duration)), self._profile, self._trapezoid)
+        out: Reference = sample(_sized(t, len(self._duration)), self._profile, self._trapezoid)
         return out
 
 
-def _clock(t: ArrayLike, nsim: int) -> Array:
-    """Return times (N,) from one number or (N,)."""
-    out = np.empty(nsim)
-    out[:] = t
-    return out
-
-
-def _sized(values: ArrayLike, m: int, k: int) -> Array:
-    """Return values (m, k); compiled code does not look at sizes."""
-    return np.broadcast_to(np.asarray(values, dtype=float), (m, k)).copy()
+def _sized(values: ArrayLike, *shape: int) -> Array:
+    """Return values of a shape; compiled code does not check sizes."""
+    return np.broadcast_to(np.asarray(values, dtype=float), shape).copy()
 
 
 class GoalSequencer:
@@ -257,7 +248,7 @@ class GoalSequencer:
         accepted: NDArray[np.bool_] = accept(
             position,
             quaternion,
-            _clock(t, nsim),
+            _sized(t, nsim),
             (
                 self.limits.position_tolerance,
                 self.limits.rotation_tolerance,

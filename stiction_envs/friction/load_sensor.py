@@ -1,4 +1,9 @@
-"""Reads the load of every joint while simulations run; `load` says what a load is."""
+"""The load of every joint while simulations run: what its friction and its gravity error depend on.
+
+For most joints it is the gravity torque about the axis. A joint that never sees one – joint 1 of
+an upright arm, the symmetric last joint of an iiwa – still carries the arm in its bearing: there
+the load is the gravity *moment across the axis* (the bearing's tilting moment), unsigned.
+"""
 
 from __future__ import annotations
 

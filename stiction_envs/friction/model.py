@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.load import bearing_loaded
 from stiction_envs.friction.parameters import (
     FrictionParameters,
     bristle_damping,
@@ -39,6 +38,10 @@ MOTOR_CONSTANT = 1.0  # cancels out: with input="ff" the control is joint torque
 # columns of actuator_biasprm and actuator_dynprm that hold the law (sources.md 3.5)
 RIPPLE, COULOMB, STICTION, STRIBECK = 0, 3, 4, 5
 BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6
+NO_GRAVITY_NM = 0.02
+"""Largest gravity torque under which a joint counts as one that sees none [N·m]; assumed."""
+_POSES = 256
+"""Random poses in which gravity is looked at [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -60,7 +63,8 @@ class StickingModel:
     friction_inertia: Array
     """(n,) inertia that carries the friction: rotor, plus the link's if rigid [kg·m²]."""
     bearing: NDArray[np.bool_]
-    """(n,) joints that see no gravity torque: their load is the bearing's tilting moment."""
+    """(n,) joints that see no gravity torque: their load is the bearing's tilting moment
+    (`load_sensor`)."""
     timestep: float
     """Physics step [s]."""
 
@@ -105,16 +109,22 @@ class StickingModel:
         return damping
 
 
-def mass_matrix(arm: Arm, q: Array) -> Array:
-    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
+def _mass_and_gravity(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Return (M, n, n) [kg·m²] and (M, n) [N·m] of the rigid arm at poses q (M, n) [rad]."""
     model = arm.model()
     data = mujoco.MjData(model)
-    out = np.zeros((len(q), model.nv, model.nv))
+    mass, gravity = np.zeros((len(q), model.nv, model.nv)), np.empty((len(q), model.nv))
     for i, pose in enumerate(q):
         data.qpos[:] = pose
         mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, out[i])
-    return out
+        mujoco.mj_fullM(model, data, mass[i])
+        gravity[i] = data.qfrc_bias
+    return mass, gravity
+
+
+def mass_matrix(arm: Arm, q: Array) -> Array:
+    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
+    return _mass_and_gravity(arm, q)[0]
 
 
 def link_inertia(arm: Arm, q: Array) -> Array:
@@ -123,6 +133,14 @@ def link_inertia(arm: Arm, q: Array) -> Array:
     What each joint must move when the others are locked, without rotors.
     """
     return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()
+
+
+def _bearing_loaded(arm: Arm) -> NDArray[np.bool_]:
+    """Return (n,) which joints see no gravity torque in any of a fixed set of random poses."""
+    low, high = arm.limits.position.T
+    q = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
+    weightless: NDArray[np.bool_] = np.abs(_mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
+    return weightless
 
 
 def build(
@@ -182,7 +200,7 @@ def build(
         torque_actuator=np.array([model.actuator(f"{j}_torque").id for j in arm.joint_names]),
         servo_actuator=np.array([model.actuator(f"{j}_servo").id for j in arm.joint_names]),
         friction_inertia=inertia,
-        bearing=bearing_loaded(arm),
+        bearing=_bearing_loaded(arm),
         timestep=timestep,
     )
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import check_range
+from stiction_envs.robots.tables import check_range, read_toml
 
 Array = NDArray[np.float64]
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -31,30 +30,8 @@ class Quantity:
     high: float = np.inf
     by_direction: bool = False
     default: float | None = None
+    """Where a TOML lacks the table; None where it must not."""
 
-
-QUANTITIES: dict[str, Quantity] = {
-    "stiction": Quantity(unit="N·m", low=1e-6, by_direction=True),
-    "coulomb_ratio": Quantity(unit="1", low=1e-3, high=1.0, by_direction=True),
-    "stribeck_velocity": Quantity(unit="rad/s", low=1e-6, by_direction=True),
-    "viscous": Quantity(unit="N·m·s/rad", low=0.0, by_direction=True),
-    "load_coefficient": Quantity(unit="1", low=-np.inf, default=0.0),
-    "load_low": Quantity(unit="N·m", low=0.0, default=0.0),
-    "load_high": Quantity(unit="N·m", low=0.0, default=np.inf),
-    "bristle_stiffness": Quantity(unit="N·m/rad", low=1e-3),
-    "bristle_damping_ratio": Quantity(unit="1", low=0.0, default=0.4),
-    "rotor_inertia": Quantity(unit="kg·m²", low=0.0),
-    "joint_stiffness": Quantity(unit="N·m/rad", low=1.0, default=np.inf),
-    "joint_damping_ratio": Quantity(unit="1", low=0.0, default=0.15),
-    "ripple_amplitude": Quantity(unit="N·m", low=0.0, default=0.0),
-    "ripple_periods": Quantity(unit="1/rev", low=0.0, default=1.0),
-    "ripple_phase": Quantity(unit="rad", low=-np.inf, default=0.0),
-    "warm_up_friction": Quantity(unit="1", low=-0.9, default=0.0),
-    "warm_up_viscous": Quantity(unit="1", low=-0.9, default=0.0),
-    "warm_up_time": Quantity(unit="s", low=1e-3, default=1200.0),
-    "offset": Quantity(unit="N·m", low=-np.inf, default=0.0),
-    "gravity_error": Quantity(unit="1", low=-np.inf, default=0.0),
-}
 
 OTHER_TABLES = {"meta", "provenance", "arm", "cause"}
 """Tables that are no quantities; the last two are of a `model.toml` of `stiction diagnose`."""
@@ -71,52 +48,51 @@ class FrictionParameters:
     the arm's sensor bias and gravity-model error, with G the signed gravity torque.
     """
 
-    stiction: Array
+    stiction: Annotated[Array, Quantity(unit="N·m", low=1e-6, by_direction=True)]
     """Stiction F_s at zero transmitted torque, per direction [N·m]."""
-    coulomb_ratio: Array
+    coulomb_ratio: Annotated[Array, Quantity(unit="1", low=1e-3, high=1.0, by_direction=True)]
     """F_c / F_s per direction [-]."""
-    stribeck_velocity: Array
+    stribeck_velocity: Annotated[Array, Quantity(unit="rad/s", low=1e-6, by_direction=True)]
     """v_s per direction [rad/s]."""
-    viscous: Array
+    viscous: Annotated[Array, Quantity(unit="N·m·s/rad", low=0.0, by_direction=True)]
     """σ2 per direction [N·m·s/rad]."""
-    load_coefficient: Array
+    load_coefficient: Annotated[Array, Quantity(unit="1", low=-np.inf, default=0.0)]
     """Growth of stiction per N·m of transmitted torque [-]."""
-    load_low: Array
+    load_low: Annotated[Array, Quantity(unit="N·m", low=0.0, default=0.0)]
     """Load below which friction no longer changes [N·m]: the least load it was measured at."""
-    load_high: Array
+    load_high: Annotated[Array, Quantity(unit="N·m", low=0.0, default=np.inf)]
     """Load above which friction no longer changes [N·m]."""
-    bristle_stiffness: Array
+    bristle_stiffness: Annotated[Array, Quantity(unit="N·m/rad", low=1e-3)]
     """σ0 [N·m/rad]."""
-    bristle_damping_ratio: Array
+    bristle_damping_ratio: Annotated[Array, Quantity(unit="1", low=0.0, default=0.4)]
     """ζ of σ1 = 2ζ√(σ0 J) [-]."""
-    rotor_inertia: Array
+    rotor_inertia: Annotated[Array, Quantity(unit="kg·m²", low=0.0)]
     """Apparent rotor inertia at the joint [kg·m²]."""
-    joint_stiffness: Array
+    joint_stiffness: Annotated[Array, Quantity(unit="N·m/rad", low=1.0, default=np.inf)]
     """Spring between rotor and link [N·m/rad]; inf is a rigid joint."""
-    joint_damping_ratio: Array
+    joint_damping_ratio: Annotated[Array, Quantity(unit="1", low=0.0, default=0.15)]
     """ζ of that spring's damping 2ζ√(K J_rotor) [-]."""
-    ripple_amplitude: Array
+    ripple_amplitude: Annotated[Array, Quantity(unit="N·m", low=0.0, default=0.0)]
     """A of the position ripple A sin(Nq + φ) [N·m]."""
-    ripple_periods: Array
+    ripple_periods: Annotated[Array, Quantity(unit="1/rev", low=0.0, default=1.0)]
     """N, ripple periods per turn of the joint [-]."""
-    ripple_phase: Array
+    ripple_phase: Annotated[Array, Quantity(unit="rad", low=-np.inf, default=0.0)]
     """φ [rad]."""
-    warm_up_friction: Array
+    warm_up_friction: Annotated[Array, Quantity(unit="1", low=-0.9, default=0.0)]
     """Relative rise of the dry friction of the cold joint: factor 1 + w e^(−t/T) [-]."""
-    warm_up_viscous: Array
+    warm_up_viscous: Annotated[Array, Quantity(unit="1", low=-0.9, default=0.0)]
     """Relative rise of the viscous friction of the cold joint [-]."""
-    warm_up_time: Array
+    warm_up_time: Annotated[Array, Quantity(unit="s", low=1e-3, default=1200.0)]
     """T [s]."""
-    offset: Array
+    offset: Annotated[Array, Quantity(unit="N·m", low=-np.inf, default=0.0)]
     """Constant torque bias [N·m]."""
-    gravity_error: Array
+    gravity_error: Annotated[Array, Quantity(unit="1", low=-np.inf, default=0.0)]
     """Gravity compensation error over gravity torque [-]."""
 
     def __post_init__(self) -> None:
         for name, quantity in QUANTITIES.items():
             value = np.array(getattr(self, name), dtype=np.float64)
-            finite_or_inf = ~np.isnan(value)
-            ok = finite_or_inf & (value >= quantity.low) & (value <= quantity.high)
+            ok = (value >= quantity.low) & (value <= quantity.high)  # not of NaN
             if not ok.all():
                 raise StictionError(
                     f"friction parameter {name}: {value[~ok].flat[0]} {quantity.unit} is outside "
@@ -168,6 +144,13 @@ class FrictionParameters:
         level = self.stiction + (self.load_coefficient * clipped)[..., None]
         # A fitted coefficient may be negative; friction never is.
         return np.maximum(level, 1e-3 * self.stiction)
+
+
+QUANTITIES: dict[str, Quantity] = {
+    name: kind.__metadata__[0]
+    for name, kind in get_type_hints(FrictionParameters, include_extras=True).items()
+}
+"""By the name of the field; bounds are those of any joint, not of a plausible one (assumed)."""
 
 
 def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
@@ -315,13 +298,10 @@ def friction_text(robot: str | Path | None) -> dict[str, Any]:
     Raises:
         StictionError: unreadable, or not TOML.
     """
-    path = friction_path(robot)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StictionError(f"friction file {path}: {error.strerror}") from None
-    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
-        raise StictionError(f"friction file {path}: not TOML ({error})") from None
+        return read_toml(friction_path(robot))
+    except StictionError as error:
+        raise StictionError(f"friction file {error}") from None
 
 
 def friction_sources(

@@ -13,16 +13,19 @@ from matplotlib.figure import Figure
 
 from stiction_envs.reporting.atomic import write_bytes_atomic
 
-DPI = 130
+DPI = 130  # dots per inch of full pictures (assumed)
 SMALL_DPI = 100
-"""As wide on the page as on the screen: 11 inches are the page's 1100 pixels."""
+"""Dots per inch of small pictures: 11 inches are the 1100 pixels of `html`'s page."""
 COLOURS = 48
-"""Enough for three colours of line, their shades and their edges (looked at)."""
+"""Of small pictures: three colours of line, their shades and edges (assumed; looks right)."""
 
 
 def save_full(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a PNG in full colour that is there in full or not at all."""
-    write_bytes_atomic(path, _png(figure, DPI))
+    out = io.BytesIO()
+    # without matplotlib's version, which would change the file with each release
+    figure.savefig(out, format="png", dpi=DPI, metadata={"Software": None})
+    write_bytes_atomic(path, out.getvalue())
 
 
 def save_small(figure: Figure, path: str | os.PathLike[str]) -> None:
@@ -40,10 +43,3 @@ def save_small(figure: Figure, path: str | os.PathLike[str]) -> None:
     picture = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     picture.save(out, format="png", optimize=True)
     write_bytes_atomic(path, out.getvalue())
-
-
-def _png(figure: Figure, dpi: float) -> bytes:
-    out = io.BytesIO()
-    # matplotlib's version is of no interest, and would make the file another with each release
-    figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None})
-    return out.getvalue()

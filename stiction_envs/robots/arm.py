@@ -22,10 +22,10 @@ from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
     Limits,
+    generic,
     hand_yaw,
     lookup,
     on_floor,
-    payload_radius,
     per_joint,
 )
 from stiction_envs.robots.user_arm import read_user_arm
@@ -185,17 +185,22 @@ def load_arm(
     lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
     ends = check_chain(robot, chain)
     known = known_arm(robot) if ends is None else None
-    fields = _user_arm(robot, ends) if known is None else _registered(known)
+    if known is None:
+        fields = _user_arm(robot, ends)
+    else:
+        fields = _shipped(known) if known.shipped else read_user_arm(known.model)
 
     root = ET.fromstring(fields["xml"])
     if any(lean):
         mjcf.tilt_base(root, fields["link_names"][0], (lean[0], lean[1]))
     if load is not None and load[0] > 0:
-        mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
+        radius = lookup(generic(), "payload_radius")
+        mjcf.add_payload(root, fields["end_effector"], load, radius)
     if any(lean) or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False
-    return Arm(**fields, payload=load, tilt=(lean[0], lean[1]))
+    registered = known is not None
+    return Arm(**fields, registered=registered, payload=load, tilt=(lean[0], lean[1]))
 
 
 def _numbers(value: Sequence[float], n: int, what: str, meaning: str) -> tuple[float, ...]:
@@ -218,14 +223,8 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
     return mass, x, y, z
 
 
-def _registered(files: ArmFiles) -> dict[str, Any]:
-    """Everything of an :class:`Arm` but payload and tilt, from the files of a known arm."""
-    fields = _shipped(files) if files.shipped else read_user_arm(files.model)
-    return {**fields, "registered": True}
-
-
 def _shipped(files: ArmFiles) -> dict[str, Any]:
-    """From the package's files, whose MJCF is bare and taken as it is, bit for bit."""
+    """Fields as of `read_user_arm`; the package's MJCF is bare and taken as it is, bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
@@ -272,7 +271,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
 
 
 def _user_arm(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
-    """Everything of an :class:`Arm` but payload and tilt, from a user's file."""
+    """Fields of an arm that is not registered, as of `read_user_arm`."""
     path = Path(robot).expanduser()
     if path.suffix.lower() not in MODEL_FILES:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
@@ -281,4 +280,4 @@ def _user_arm(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
     fields = read_user_arm(path, chain)
     if fields["name"] in ARMS:  # tables, models and headings tell arms by name
         fields["name"] = path.name
-    return {**fields, "registered": False}
+    return fields

@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +47,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Tables of the TOML file ``path``.
 
     Raises:
-        StictionError: the file is not TOML.
+        StictionError: the file cannot be read, or is not TOML.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StictionError(f"{path}: {error.strerror}") from None
     except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
@@ -59,7 +60,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 @cache
 def generic() -> dict[str, Any]:
     """What is assumed about an arm whose file does not say it (``generic.toml``)."""
-    return tomllib.loads(files("stiction_envs.robots").joinpath("generic.toml").read_text("utf-8"))
+    return read_toml(Path(__file__).with_name("generic.toml"))
 
 
 def lookup(table: Mapping[str, Any], key: str) -> Any:
@@ -70,11 +71,6 @@ def lookup(table: Mapping[str, Any], key: str) -> Any:
             return None
         node = node[part]
     return node.get("value") if isinstance(node, Mapping) else None
-
-
-def payload_radius() -> float:
-    """Return the radius of the solid sphere that a payload is [m]."""
-    return float(lookup(generic(), "payload_radius"))
 
 
 def on_floor(table: Mapping[str, Any], where: str) -> bool:
@@ -151,8 +147,3 @@ def largest(unit: str = "") -> float:
     """Return the size past which no number of a joint can be; "" asks for that of any unit."""
     sizes = generic()["largest"]
     return float(sizes[unit]["value"] if unit else max(x["value"] for x in sizes.values()))
-
-
-def smallest() -> float:
-    """Return the least size of what has to be positive, in any unit."""
-    return float(lookup(generic(), "smallest"))

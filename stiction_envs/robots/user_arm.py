@@ -39,7 +39,6 @@ from stiction_envs.robots.tables import (
     on_floor,
     per_joint,
     read_toml,
-    smallest,
 )
 
 JOINTS = (2, 9)
@@ -100,7 +99,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
         check_range(out, unit, where, low=low, allow_inf=allow_inf)
         return out
 
-    least, speed = smallest(), lookup(generic(), "limits.velocity")
+    least, speed = (lookup(generic(), key) for key in ("smallest", "limits.velocity"))
     fastest = [speeds.get(name, speed) for name in joints]
     limits = Limits(
         position=choose("limits.position", "rad", _positions(model, hinges), shape=(n, 2)),
@@ -131,17 +130,6 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
 
 def _one_line(error: Exception) -> str:
     return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-
-
-def _parse(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
-    """Spec of the file, and the joint speeds [rad/s] that a URDF names."""
-    try:
-        root = ET.parse(path).getroot()
-        if root.tag == "robot":
-            return mujoco.MjSpec.from_string(urdf.prepare(root, path)), urdf.velocities(root)
-        return mujoco.MjSpec.from_file(str(path)), {}
-    except (ET.ParseError, ValueError, OSError) as error:
-        raise StictionError(f"{path}: not a readable MJCF or URDF: {_one_line(error)}") from None
 
 
 def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
@@ -183,20 +171,27 @@ def _built(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjSpec, mujoco.MjMod
 
 
 def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
-    """Spec of the file with a name for every body and joint, and speeds as `_parse`."""
-    spec, speeds = _parse(path)
-    _name_everything(spec)
-    return spec, speeds
+    """Spec of the file, and the joint speeds [rad/s] that a URDF names.
 
-
-def _name_everything(spec: mujoco.MjSpec) -> None:
-    """Give unnamed bodies and joints a name, so that XML and compiled model can be matched."""
+    Unnamed bodies and joints get a name, so that XML and compiled model can be matched.
+    """
+    speeds: dict[str, float] = {}
+    try:
+        root = ET.parse(path).getroot()
+        if root.tag == "robot":
+            speeds = urdf.velocities(root)
+            spec = mujoco.MjSpec.from_string(urdf.prepare(root, path))
+        else:
+            spec = mujoco.MjSpec.from_file(str(path))
+    except (ET.ParseError, ValueError, OSError) as error:
+        raise StictionError(f"{path}: not a readable MJCF or URDF: {_one_line(error)}") from None
     for kind, items in (("link", spec.bodies[1:]), ("joint", spec.joints)):
         taken = {item.name for item in items}
         for i, item in enumerate(items):
             if not item.name:
                 item.name = free_name(f"{kind}{i + 1}", taken)
                 taken.add(item.name)
+    return spec, speeds
 
 
 def _above(model: mujoco.MjModel, body: int) -> list[int]:

@@ -127,7 +127,7 @@ BAD = {
         "--ramp-rate -0.1": "above 0",
         "--friction nowhere.toml": "nowhere.toml",
         "--friction panda": ".toml",
-        "--friction {no.toml}": "not TOML",
+        "--friction {no.toml}": "not a TOML file",
         "--out {good.csv}": "is a file",
         "--out {good.csv}/x": "not a folder",
     },

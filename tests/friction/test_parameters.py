@@ -185,9 +185,9 @@ def test_bad_tables_say_what_and_where(table, says):
     ("content", "says"),
     [
         (None, "No such file"),
-        (b"[stiction\n", "not TOML"),
-        (b"[stiction]\nvalue = " + b"9" * 5000, "not TOML"),
-        (b"\xff\xfe", "not TOML"),
+        (b"[stiction\n", "not a TOML file"),
+        (b"[stiction]\nvalue = " + b"9" * 5000, "not a TOML file"),
+        (b"\xff\xfe", "not a TOML file"),
     ],
 )
 def test_bad_files(content, says, tmp_path):

@@ -1,8 +1,8 @@
 """The *load* and *no load* pose of each joint, found by search.
 
 The thesis (3.2) moved the arm by hand and read the sensed torques: the load pose has the largest
-|torque| on the joint, the no-load pose the one closest to zero. Here the same quantity,
-`friction.load`, is searched: the gravity torque, or for a joint that never sees one (joint 1 of an
+|torque| on the joint, the no-load pose the one closest to zero. Here the same quantity is searched
+(`friction.load_sensor`): the gravity torque, or for a joint that never sees one (joint 1 of an
 upright arm) the tilting moment on its bearing.
 """
 
