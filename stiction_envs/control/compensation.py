@@ -1,28 +1,28 @@
-"""Friction compensation: what frees most arms in the field, as an alternative to dither.
+"""Friction compensation, the usual alternative to dither: feedforward and push.
 
 *Feedforward* of the reference's motion:
 
     τ = g · tanh(q̇_d/v),   q̇_d = J^# ẋ_d,   J^# = Jᵀ (J Jᵀ + λ²)⁻¹
 
 with g the breakaway torque, ẋ_d the twist of the reference and λ the damping of the controller's
-own pseudoinverse. It is zero wherever the reference rests: an error that is left at a goal stays.
+own pseudoinverse. It is zero wherever the reference rests, so an error left at a goal stays.
 The law is that of i2rt-robotics/i2rt#37, which takes the measured speed; with the desired one
 (robotology/gazebo-yarp-plugins#471) it also acts before the joint moves, and cannot chatter.
-Measured on the Panda's paths, q̇_d has the sign of the joints' speed in 90 to 99 % of all samples in
-which they move, but for joint 4 of the triangle; M⁻¹ Jᵀ Λ ẋ_d instead of J^# ẋ_d says the same.
+On the Panda's paths q̇_d has the sign of the joints' speed in 90 to 99 % of all samples in which
+they move, except for joint 4 of the triangle; M⁻¹ Jᵀ Λ ẋ_d instead of J^# ẋ_d gives the same.
 
-*Push* in the sign of the joint error, fading with the measured speed so that it does not drive a
-joint that slips (almond-bot/axol#317):
+*Push* acts in the sign of the joint error. It fades with the measured speed, so that it does not
+drive a joint that slips (almond-bot/axol#317):
 
     τ = g · tanh(e_j/w) · exp(−(q̇_j/v)²),   e_j = (Jᵀ K e)_j / (Jᵀ K J)_jj,   e = x_d − x
 
-e_j is the angle by which joint j alone would have to turn until the impedance asks nothing more of
-it: with one joint its error, with several of the sign in which the joint's own motion lowers the
-potential ½ eᵀ K e. (J^# e has not: a joint that alone breaks free may then move the wrong way.) At
-rest the whole push acts on errors far beyond w; within w it is a spring g/w, which vanishes with
-the error. A sharp one (w → 0) is a relay: with more than the friction it hunts, since the robot
-answers late. The Panda's does at w = 0.00005 rad from the breakaway torque on, at 0.0005 rad not
-even at four times that.
+e_j is the angle by which joint j alone has to turn until the impedance has no torque on it. With
+one joint it is the joint's error; with several it has the sign in which the joint's own motion
+lowers the potential ½ eᵀ K e. (J^# e does not: a joint that alone breaks free may then move the
+wrong way.) At rest the whole push acts on errors far beyond w; within w it is a spring g/w, which
+vanishes with the error. A sharp push (w → 0) is a relay: if it exceeds the friction it hunts, since
+the robot responds late. The Panda hunts at w = 0.00005 rad from the breakaway torque on; at
+0.0005 rad it does not hunt even at four times that torque.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 KINDS = ("feedforward", "push")
 COLUMNS = ("joint", "gain_nm")
-"""Of a table of gains, which may also have `OPTIONAL`."""
+"""Columns of a table of gains, which may also have `OPTIONAL`."""
 OPTIONAL = ("speed_rad_s", "error_rad")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compensation:
-    """Friction compensation of the n joints of one arm; the module says what it does.
+    """Friction compensation of the n joints of one arm by the laws of this module.
 
     Numbers are one per joint, or one for all; ``gte.toml`` has the sources of the defaults.
     """
@@ -103,13 +103,13 @@ class Compensation:
         load: ArrayLike = 0.0,
         **options: Any,
     ) -> Compensation:
-        """Return the compensation that somebody who believes in ``friction`` would set.
+        """Return the compensation whose gains are the breakaway torques of ``friction``.
 
         Args:
             kind: one of :data:`KINDS`.
-            friction: of one arm; its breakaway torque, mean of both directions, is the gain.
-            factor: times which it is taken [-].
-            load: (n,) transmitted torque at which [N·m].
+            friction: of one arm; a gain is the mean breakaway torque of both directions.
+            factor: multiplies the gains [-].
+            load: (n,) transmitted torque at which friction is taken [N·m].
             options: ``speed`` and ``error`` as of the class.
 
         Raises:
@@ -128,13 +128,13 @@ def usual(kind: str, name: str) -> float:
 
 
 def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Compensation:
-    """Read a table of gains, ``joint,gain_nm[,speed_rad_s][,error_rad]``; joints it lacks get none.
+    """Read a table of gains, ``joint,gain_nm[,speed_rad_s][,error_rad]``; missing joints get none.
 
     Args:
         path: the file.
         kind: one of :data:`KINDS`.
         n: joints of the arm.
-        factor: times which the gains are taken [-].
+        factor: multiplies the gains [-].
 
     Raises:
         StictionError: a table that cannot be read, a joint twice, or bad numbers.
@@ -164,10 +164,10 @@ def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Com
 
 
 class Compensator:
-    """Compensation of N arms, each its own, or none."""
+    """Compensation of N arms; each arm has its own compensation, or none."""
 
     def __init__(self, nsim: int, n: int, *, damping: float) -> None:
-        """Make it without any.
+        """Start without compensation.
 
         Args:
             nsim: number of arms N.
@@ -183,10 +183,10 @@ class Compensator:
         """(N, n) of the last controller cycle, overwritten by the next [N·m]."""
 
     def set_rows(self, ids: Index, compensations: Sequence[Compensation | None]) -> None:
-        """Give arms ``ids`` their compensation.
+        """Set the compensation of arms ``ids``; None switches it off.
 
         Raises:
-            StictionError: one of another number of joints.
+            StictionError: a compensation of another number of joints.
         """
         for i, c in zip(ids, compensations, strict=True):
             self._gain[:, i], self.torque[i] = 0.0, 0.0
@@ -200,7 +200,7 @@ class Compensator:
 
     @property
     def active(self) -> bool:
-        """Whether any arm is compensated at all."""
+        """Whether any arm is compensated."""
         return bool(self._gain.any())
 
     @property
@@ -209,7 +209,7 @@ class Compensator:
         return bool(self._gain[0].any())
 
     def look_ahead(self, jacobian: Array, twist: Array) -> None:
-        """Take the reference's twist (N, 6) [m/s, rad/s] and the Jacobian (N, 6, n) there."""
+        """Update q̇_d from the Jacobian (N, 6, n) and the reference's twist (N, 6) [m/s, rad/s]."""
         damped = jacobian @ jacobian.transpose(0, 2, 1) + self._damping**2 * np.eye(6)
         pulled = np.linalg.solve(damped, twist[:, :, None])
         self.wanted_speed[:] = (jacobian.transpose(0, 2, 1) @ pulled)[:, :, 0]
@@ -282,7 +282,7 @@ def compensate(
 
 
 def _numbers(name: str, value: Any, n: int | None) -> Array:
-    """Return finite numbers (n,), one number standing for all."""
+    """Return finite numbers (n,) from one number or (n,)."""
     try:
         array = np.array(value, dtype=float)
         array = array if n is None else np.array(np.broadcast_to(array, (n,)))

@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
-_NEGLIGIBLE = 2.0**-106  # square of half the last bit of 1
-_SWEEPS = 30
-"""Most sweeps; matrices of 6 × 6 take five to seven."""
+_NEGLIGIBLE = 2.0**-106  # square of half the last bit of 1 [-] (float64)
+_SWEEPS = 30  # largest number of sweeps [-] (assumed); 6 × 6 matrices take five to seven
 
 
 @compiled
 def eigen(matrix: Array) -> tuple[Array, Array]:
     """Return eigenvalues (M, n), in no order, and their eigenvectors in rows (M, n, n).
 
-    Cyclic Jacobi rotations (Golub and Van Loan 2013, 8.5). Each is done to all matrices before the
-    next, with the matrices side by side in memory: compilers make vector instructions of that. A
-    matrix that is done is turned by exactly zero while others go on, so that its result is the
+    Cyclic Jacobi rotations (Golub and Van Loan 2013, 8.5). Each rotation is applied to all matrices
+    before the next. The matrices lie side by side in memory, so that the compiler can vectorise. A
+    matrix that has converged is rotated by exactly zero while others continue: its result is the
     same bits in any stack.
 
     Args:

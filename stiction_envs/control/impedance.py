@@ -38,10 +38,10 @@ Rows = Index | slice
 
 @dataclass(frozen=True)
 class Flags:
-    """What a simulation should be told of; each (N,) bool."""
+    """Warnings of each simulation, (N,) bool."""
 
     singular: NDArray[np.bool_]
-    """At the last `update_model` the arm was (nearly) singular; Λ is damped there."""
+    """At the last `update_model` the arm was (nearly) singular, so that Λ is damped."""
     saturated: NDArray[np.bool_]
     """In the last cycle the torque rate or a torque limit cut the command of some joint."""
     near_limit: NDArray[np.bool_]
@@ -51,11 +51,12 @@ class Flags:
 class CartesianImpedance:
     """N arms of n joints under Cartesian impedance control; `torque` is called once per cycle.
 
-    `update_model` is the slow part: the caller repeats it every 10 to 20 cycles, and what it gives
-    is held in between. In singular poses Λ, D and P are bounded (`operational.OperationalSpace`)
-    and the flag `singular` is set. Finite arguments give finite torques; NaN passes through.
+    `update_model` is the slow part: the caller repeats it every 10 to 20 cycles, and its results
+    are held in between. In singular poses Λ, D and P are bounded (`operational`) and the flag
+    `singular` is set. Finite arguments give finite torques; NaN passes through.
 
-    Arguments called ``ids`` are the simulations (M,) that the others are about, None all N.
+    Arguments called ``ids`` are the simulations (M,) to which the other arguments belong; None is
+    all of them.
     """
 
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
@@ -103,7 +104,7 @@ class CartesianImpedance:
             now=True,
         )
 
-    # ---- what is wanted ------------------------------------------------------------------------
+    # ---- reference and stiffness ---------------------------------------------------------------
 
     def reset(
         self,
@@ -114,16 +115,16 @@ class CartesianImpedance:
         *,
         torque: ArrayLike = 0.0,
     ) -> None:
-        """Start arms afresh: reference and nullspace where they are, all filters settled.
+        """Start arms anew: reference and nullspace at their poses, all filters settled.
 
         Args:
             ids: (M,) simulations, None for all.
             position: (M, 3) of the end effector in the base frame [m].
             quaternion: (M, 4) of the end effector, w, x, y, z.
             q: (M, n) joint angles [rad].
-            torque: (M, n) command from which the rate limit goes on [N·m].
+            torque: (M, n) last command, from which the rate limit continues [N·m].
 
-        The stiffness set last is kept.
+        The last stiffness that was set is kept.
         """
         rows = _rows_of(ids)
         self._put_pose(rows, position, quaternion, now=True)
@@ -147,7 +148,7 @@ class CartesianImpedance:
         rotational: ArrayLike | None = None,
         nullspace: ArrayLike | None = None,
     ) -> None:
-        """Change the stiffness of arms while they run; what is None stays.
+        """Change the stiffness of arms while they run; None leaves a part unchanged.
 
         Args:
             ids: (M,) simulations, None for all.
@@ -155,8 +156,8 @@ class CartesianImpedance:
             rotational: one number, (M,) or (M, 3) [N·m/rad].
             nullspace: one number, (M,) or (M, n) [N·m/rad].
 
-        The filter moves it there cycle by cycle. The damping of the design ``mass`` follows at
-        the next `update_model` where the filter is on, at once where it is off.
+        The filter approaches it cycle by cycle. The damping of the design ``mass`` follows at the
+        next `update_model` where the filter is on, immediately where it is off.
 
         Raises:
             StictionError: negative, not finite or of a wrong shape; nothing has changed then.
@@ -197,7 +198,7 @@ class CartesianImpedance:
             write_error_matrix(self._quaternion, self._error_matrix)
 
     def _refresh(self, rows: Rows) -> None:
-        """Write gains and damping of the present stiffness."""
+        """Write gains and damping for the present stiffness."""
         self._gain[rows, :, :6] = -self._stiffness.value[rows]
         self._damp_nullspace(rows)
         self._damp(self._everyone[rows])
@@ -209,7 +210,7 @@ class CartesianImpedance:
     # ---- slow part -----------------------------------------------------------------------------
 
     def update_model(self, ids: Ids, jacobian: Array, mass: Array) -> None:
-        """Renew Λ, D and P from the dynamics of the present pose.
+        """Compute Λ, D and P from the dynamics of the present pose.
 
         Args:
             ids: (M,) simulations, None for all.
@@ -291,8 +292,8 @@ class CartesianImpedance:
             dither: (N, n) [N·m].
 
         Returns:
-            (N, n) commanded torque, without gravity, a fresh array [N·m]: within the torque
-            limits and, dither behind it apart, within the torque rate of the previous command.
+            (N, n) commanded torque without gravity, a fresh array [N·m]. It is within the torque
+            limits; without dither behind the saturation it is also within the torque rate.
 
         Raises:
             StictionError: a simulation without a model.
@@ -306,9 +307,9 @@ class CartesianImpedance:
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """All of `kernels.impedance_cycle` after the dither.
+        """The arguments of `kernels.impedance_cycle` after the dither.
 
-        With them it is `torque`, once `advance_filters` was called. They stay the same objects
+        `torque` is `advance_filters`, then that function with them. They stay the same objects
         until stiffness or nullspace stiffness are changed.
 
         Raises:
@@ -337,7 +338,7 @@ class CartesianImpedance:
         )
 
     def advance_filters(self) -> None:
-        """Move stiffness and poses one cycle towards what was set; `torque` does it."""
+        """Move stiffness and poses one cycle towards their targets; `torque` does it too."""
         if not self._filtering:
             return
         if self._stiffness.advance():
@@ -348,11 +349,11 @@ class CartesianImpedance:
             self._quaternion = slerp(self._quaternion, self._quaternion_target, self._position.step)
             write_error_matrix(self._quaternion, self._error_matrix)
 
-    # ---- what is going on ----------------------------------------------------------------------
+    # ---- state ---------------------------------------------------------------------------------
 
     @property
     def flags(self) -> Flags:
-        """Fresh flags of the last cycle and the last `update_model`."""
+        """Flags of the last cycle and the last `update_model`, fresh arrays."""
         cut = (self._wanted != self._sent) | (np.abs(self._command) >= self._limit)
         near = (self._q < self._low) | (self._q > self._high)
         return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
@@ -374,12 +375,12 @@ class CartesianImpedance:
 
     @property
     def reference(self) -> tuple[Array, Array]:
-        """Reference pose behind its filter: (N, 3) [m] and (N, 4)."""
+        """Filtered reference pose: (N, 3) [m] and (N, 4)."""
         return self._position.value.copy(), self._quaternion.copy()
 
     @property
     def stiffness(self) -> Array:
-        """(N, 6, 6) K behind its filter [N/m, N/rad, N·m/rad]."""
+        """(N, 6, 6) filtered K [N/m, N/rad, N·m/rad]."""
         return self._stiffness.value.copy()
 
     @property

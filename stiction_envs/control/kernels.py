@@ -1,7 +1,8 @@
-"""What a controller does to every arm in every cycle, compiled by numba.
+"""Compiled functions that a controller calls in every cycle.
 
-With some tens of arms numpy spends most of a cycle between its calls. One arm after the other, in
-plain arithmetic: an arm's result is the same bits in any batch. NaN passes through.
+With some tens of arms numpy would spend most of a cycle on the overhead of calls. Arms are computed
+one after the other in plain arithmetic: an arm's result is the same bits in any batch. NaN passes
+through.
 """
 
 from __future__ import annotations

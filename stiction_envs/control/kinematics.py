@@ -19,7 +19,7 @@ class EndEffector:
     """Reads the tool point of every simulation of a batch, oriented as the hand.
 
     The hand's frame is the flange's, turned about its z by the arm's `hand_yaw`. The tool point is
-    fixed to it; without a tool it is the flange. Arrays are overwritten by each `read`.
+    fixed in the hand's frame; without a tool it is the flange. Each `read` overwrites the arrays.
     """
 
     def __init__(self, sticking: StickingModel, batch: Any, tool: ArrayLike = (0, 0, 0)) -> None:
@@ -60,7 +60,7 @@ class EndEffector:
         """Those of `kernels.site_kinematics`."""
 
     def read(self) -> None:
-        """Take the present kinematics of all simulations."""
+        """Update the arrays from the present kinematics of all simulations."""
         site_kinematics(*self.arguments)
 
 

@@ -1,11 +1,11 @@
-"""What inertia an arm shows at its end effector, and the damping and projector made from it.
+"""Operational-space inertia at an arm's end effector, and damping and nullspace projector from it.
 
 Operational-space inertia Λ = (J M⁻¹ Jᵀ)⁻¹, damped where a pose is singular: with
 A = S J M⁻¹ Jᵀ S, S = diag(1, 1, 1, ℓ, ℓ, ℓ), every eigenvalue s of A below s_0 is raised to
 (s² + s_0²)/(2 s_0): untouched above s_0, smooth at it, never below s_0/2. So Λ ≤ 2 S²/s_0.
 
-Stacks of M poses, compiled: one pose after the other in plain arithmetic, so that a pose's result
-is the same bits in any stack.
+Functions take stacks of M poses and are compiled. Poses are computed one after the other in plain
+arithmetic, so that a pose's result is the same bits in any stack.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def _mobility(jacobian: Array, mass: Array, scale: Array) -> tuple[Array, Array]
     return minv_jt, scaled
 
 
-# products of 6 × 6 matrices: with the size known, compilers make a third of the time of them
+# products of 6 × 6 matrices: with a constant size the compiled code takes a third of the time
 
 
 @compiled
@@ -190,7 +190,7 @@ def damp_by_mass(
     lie along the axes; it is symmetric, never negative, and does not jump when modes swap places.
 
     Args:
-        rows: (M,) which.
+        rows: (M,) rows to write.
         stiffness: K, (N, 6, 6), positive semidefinite.
         ratio: ξ, (6,) [-].
         root: of `renew`, as the next two; zero before it was called, and so is D.

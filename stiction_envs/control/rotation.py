@@ -126,7 +126,7 @@ def slerp(a: Array, b: Array, fraction: ArrayLike) -> Array:
 
 @compiled
 def _slerp(a: Array, b: Array, fraction: Array) -> Array:
-    """`slerp` of rows (M, 4) at fractions (M,); compiled, for a controller asks for few at once."""
+    """`slerp` of rows (M, 4) at fractions (M,)."""
     out = np.empty((len(fraction), 4))
     for i in range(len(fraction)):
         slerp_one(a[i], b[i], fraction[i], out[i])

@@ -18,12 +18,12 @@ from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-CONTROL_RATE_HZ = 1000
+CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (libfranka: 1 kHz)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueInterface:
-    """What a robot does to the torques it is sent."""
+    """Rate, filter and limits with which a robot processes torque commands."""
 
     controller_rate_hz: int
     """Rate at which the controller computes; its output is held in between [Hz]."""
@@ -91,7 +91,7 @@ class TorquePath:
     def set_limits(self, ids: NDArray[np.int64], torque_rate: Array, torque_limit: Array) -> None:
         """Set the limits of simulations ``ids``: (n,) or (M, n), N·m/s and N·m.
 
-        Needed where a column is not always the same joint.
+        For arms whose columns are not always the same joints.
         """
         self._rate[ids] = torque_rate
         self._step = self._rate / CONTROL_RATE_HZ

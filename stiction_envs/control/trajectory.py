@@ -1,9 +1,9 @@
 """Straight lines between poses with trapezoidal speed, and the experiment's paths made of them.
 
-What the trajectory generator of the thesis's package does (sources.md 6.2), for N arms at once:
-a goal starts from the pose **measured** when it is accepted, so the standing error of the arm is
-forgotten at every corner. Everything works element by element: an arm's reference is the same bits
-whatever N is.
+The trajectory generator of the thesis's package (sources.md 6.2) for N arms at once. A movement
+starts from the pose **measured** when its goal is accepted, so the standing error of the arm is
+dropped at every corner. Everything works element by element: an arm's reference is the same bits
+for any N.
 """
 
 from __future__ import annotations
@@ -82,14 +82,14 @@ class MotionLimits:
 class Segment:
     """One straight movement of each of N arms, from rest to rest.
 
-    Speed rises at the acceleration a, stays at v_max, falls at the deceleration b. Where the
-    distance d is too short for v_max it only rises, for t_acc = √(2 d b/(a (a + b))), and falls.
-    Orientation goes along the shorter arc at constant axis. A stretched movement runs the same
+    Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
+    distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
+    orientation turns about one axis along the shorter arc. A stretched movement runs the same
     profile more slowly, so it keeps the limits too.
     """
 
     def __init__(self, nsim: int, limits: MotionLimits) -> None:
-        """Make N movements that rest at the origin; `start` gives them a goal."""
+        """Make N movements at rest at the origin; `start` gives them a goal."""
         self.limits = limits
         rates = np.array(
             [
@@ -114,7 +114,7 @@ class Segment:
         return self._duration.copy()
 
     def slow_down(self, ids: Index, pace: ArrayLike) -> None:
-        """Stretch all movements of arms ``ids`` that start from now on, by 1/pace in time.
+        """Stretch later movements of arms ``ids`` by 1/pace in time.
 
         Args:
             ids: (M,) simulations.
@@ -133,9 +133,9 @@ class Segment:
         """Give arms a new movement.
 
         Args:
-            position: (M, 3) from where [m].
+            position: (M, 3) start [m].
             quaternion: (M, 4) w, x, y, z.
-            goal_position: (M, 3) where to [m].
+            goal_position: (M, 3) [m].
             goal_quaternion: (M, 4); or its negative, which is the same orientation.
             ids: (M,) simulations, None for all.
         """
@@ -160,10 +160,10 @@ class Segment:
         return np.concatenate([velocity, speed[:, None] * axis], axis=1)
 
     def sample(self, t: ArrayLike) -> Reference:
-        """Return where the arms are to be at times t (N,) or one number [s] after their starts.
+        """Return the reference at times t (N,) or one number [s] after the starts.
 
-        Before 0 they rest at the start, from `duration` on at the goal, exactly. The sign of a
-        quaternion goes on continuously from the start's.
+        Before 0 it rests exactly at the start, from `duration` on exactly at the goal. The sign of
+        a quaternion continues from the start's.
         """
         out: Reference = sample(_sized(t, len(self._duration)), self._profile, self._trapezoid)
         return out
@@ -175,11 +175,11 @@ def _sized(values: ArrayLike, *shape: int) -> Array:
 
 
 class GoalSequencer:
-    """N arms, each with its own list of goals: what is accepted when, and the reference there.
+    """Goals of N arms, each with its own list: when a goal is accepted, and the reference to it.
 
     A goal is reached when its movement has ended and the measured pose is within both tolerances,
-    or the limits' patience is over; the next one is accepted in the same call and starts from that
-    measured pose.
+    or the limits' patience has passed. The next goal is accepted in the same call; its movement
+    starts from that measured pose.
     """
 
     def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
@@ -229,7 +229,7 @@ class GoalSequencer:
         self._begin(rows, position, quaternion, np.broadcast_to(np.asarray(t, float), len(rows)))
 
     def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
-        """Look which arms have reached their goal, and start them towards the next.
+        """Start the arms that have reached their goal towards the next.
 
         Args:
             position: (N, 3) measured, base frame [m].
@@ -237,7 +237,7 @@ class GoalSequencer:
             t: now, one number or (N,) [s].
 
         Returns:
-            (N,) arms that accepted a new goal now.
+            (N,) arms that accepted a new goal in this call.
         """
         nsim = len(self._due)
         if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
@@ -272,7 +272,7 @@ class GoalSequencer:
         return self.segment.sample(np.asarray(t, dtype=float) - self._begun)
 
     def twist(self, t: ArrayLike) -> Array:
-        """Return the reference's velocity then, (N, 6) linear [m/s] and angular [rad/s]."""
+        """Return the reference's velocity at t, (N, 6) linear [m/s] and angular [rad/s]."""
         return self.segment.twist(np.asarray(t, dtype=float) - self._begun)
 
     @property
@@ -294,14 +294,14 @@ class GoalSequencer:
 
     @property
     def onward(self) -> Array:
-        """(N, 3) from the goal an arm is moving to, to the one behind it; 0 at the last [m]."""
+        """(N, 3) from the goal an arm is moving to, to the next goal; 0 at the last [m]."""
         rows, last = np.arange(len(self._count)), np.maximum(self._count - 1, 0)
         here, there = (self._goal[rows, np.minimum(self._index + k, last)] for k in (0, 1))
         return there - here
 
     @property
     def goals_left(self) -> Index:
-        """(N,) goals that are not reached yet, the one an arm is moving to among them."""
+        """(N,) goals that are not reached yet, including the one an arm is moving to."""
         return self._count - self._index
 
     @property
@@ -320,13 +320,13 @@ class Path:
     """Poses to visit, relative to the pose in which the movement begins."""
 
     name: str
-    """What the path is called in results."""
+    """Name in results."""
     position: Array
     """(G, 3) in the axes of the base, from the start [m]."""
     quaternion: Array
     """(G, 4) turns about the axes of the base, from the orientation at the start."""
     pace: float = 1.0
-    """Of all movements: at 0.5 they take twice the time that the limits allow [-]."""
+    """Speed of all movements over that of the limits: at 0.5 they take twice the time [-]."""
 
     def __post_init__(self) -> None:
         if not 0 < self.pace <= 1:

@@ -1,6 +1,6 @@
-"""Straight movements at trapezoidal speed, goal after goal, compiled; for `trajectory`.
+"""Compiled functions of `trajectory`: straight movements at trapezoidal speed, goal after goal.
 
-Plain arithmetic, arm by arm: an arm's result is the same bits in any batch.
+Arms are computed one after the other in plain arithmetic: the same bits in any batch.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def plan(
     profile: Profile,
     trapezoid: Trapezoid,
 ) -> None:
-    """Write the movements of arms ``rows`` (M,) of a `Segment`; the others as in its `start`."""
+    """Write the movements of arms ``rows`` (M,) of a `Segment`; arguments as of its `start`."""
     for m in range(len(rows)):
         _plan_one(
             rows[m],

@@ -1,4 +1,4 @@
-"""What a controller that holds its command makes of a sine faster than half its rate."""
+"""Aliasing of dither at a controller that holds its command."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from stiction_envs.errors import StictionError
 
 
 def alias(frequency_hz: float, rate_hz: float) -> float:
-    """Frequency [Hz] at which a controller that holds its command at ``rate_hz`` shows a sine.
+    """Frequency [Hz] that a sine has at a controller that holds its command at ``rate_hz``.
 
     0 means that every sample is the same: a constant torque A·sin φ. At half the rate the samples
     are ±A·sin φ. Harmonics of the other waveforms alias by the same rule.
@@ -23,10 +23,10 @@ def alias(frequency_hz: float, rate_hz: float) -> float:
 
 
 def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
-    """Warning when a controller of ``rate_hz`` [Hz] cannot show a sine of ``frequency_hz`` [Hz].
+    """Warning where a controller of ``rate_hz`` [Hz] aliases a sine of ``frequency_hz`` [Hz].
 
-    None below half the rate, one line from there up to the rate itself (the thesis commanded 100
-    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default), an error above it.
+    None below half the rate; one line from there up to the rate itself (the thesis commanded 100
+    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default); an error above it.
     """
     shown = alias(frequency_hz, rate_hz)
     f, r = f"{frequency_hz:g} Hz", f"{rate_hz:g} Hz"

@@ -52,7 +52,7 @@ class Dither:
     itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
     """
     seed: NDArray[np.uint64]
-    """(N,), ≥ 0: draws what a waveform draws; one integer gives every simulation the same."""
+    """(N,), ≥ 0: of a waveform's random constants; one integer is for every simulation."""
     bandwidth: float
     """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
@@ -60,7 +60,7 @@ class Dither:
     _branches: tuple[tuple[Any, ...], ...] = field(init=False)
     _gate: Floats | None = field(init=False)
     sines: tuple[Floats, Floats, Floats] | None = field(init=False)
-    """ω [rad/s], φ [rad] and A [N·m], (N, n), where there is nothing else but sines."""
+    """ω [rad/s], φ [rad] and A [N·m], (N, n), where the dither is ungated sines only."""
     _constant: Floats | None = field(init=False)
 
     def __init__(
@@ -98,7 +98,7 @@ class Dither:
 
     @classmethod
     def none(cls, N: int, n: int) -> Dither:
-        """No dither at all: zero torque on N simulations × n joints."""
+        """No dither: zero torque on N simulations × n joints."""
         return cls(amplitude=np.zeros((N, n)), frequency=0.0)
 
     @classmethod

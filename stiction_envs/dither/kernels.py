@@ -1,4 +1,4 @@
-"""A sine on every joint of many arms, compiled by numba: what nearly every control cycle adds."""
+"""Compiled sine dither, which nearly every control cycle adds."""
 
 from __future__ import annotations
 

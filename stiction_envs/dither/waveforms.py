@@ -1,8 +1,8 @@
-"""The shapes of dither: each owns its function and what it needs; a registry names them.
+"""Dither waveforms, and their registry.
 
 The sine is equation 2.21 of the thesis, d(t) = A sin(2πft); the other waveforms have the same
-period 1/f, or sweep and mix frequencies around f. Every waveform has zero mean and |w| ≤ 1. Add one
-of your own with a subclass of :class:`Waveform` and :func:`register_waveform`.
+period 1/f, or sweep and mix frequencies around f. Every waveform has zero mean and |w| ≤ 1. Add
+your own with a subclass of :class:`Waveform` and :func:`register_waveform`.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ BANDWIDTH_RANGE = (TONES / SWEEP_CYCLES, 1.9)
 
 _TWO_PI = 2.0 * np.pi
 # Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits
-# of a summed-up time; an edge is therefore moved 1e-6 of a period, above that and below any effect.
+# of a summed-up time. Edges are therefore early by this part of a period [-] (assumed): more than
+# those bits, and too little for any effect.
 _EDGE = 1e-6
-_CHECKED_SAMPLES = 4096
+_CHECKED_SAMPLES = 4096  # of a new waveform's period [-] (assumed)
 
 
 class Waveform(ABC):
     """A shape w(θ), θ = 2πft + φ: mean 0 over its period, |w| ≤ 1.
 
-    An instance may have parameters of its own (a duty cycle, say); two settings are two names.
+    An instance may have its own parameters (a duty cycle, say); each setting has its own name.
     """
 
     name: ClassVar[str]
@@ -48,7 +49,7 @@ class Waveform(ABC):
     cycles: ClassVar[int] = 1
     """Period, in periods 1/f of the dither frequency."""
     sinusoidal: ClassVar[bool] = False
-    """Whether w(θ) = sin θ: dither of nothing else takes the compiled path of `dither.kernels`."""
+    """Whether w(θ) = sin θ: dither of such waveforms only is computed by `dither.kernels`."""
 
     @abstractmethod
     def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
@@ -56,7 +57,7 @@ class Waveform(ABC):
 
         Args:
             angle: θ, any shape [rad]; may be overwritten.
-            drawn: (K, \\*angle.shape) what :meth:`draw` returned for each element, or None.
+            drawn: (K, \\*angle.shape) result of :meth:`draw` for each element, or None.
             bandwidth: relative bandwidth b, for waveforms that spread around f [-].
         """
 
@@ -77,11 +78,11 @@ WAVEFORMS: Mapping[str, Waveform] = MappingProxyType(_registry)
 
 
 def register_waveform(waveform: Waveform) -> None:
-    """Make a waveform known by its name, for as long as the process runs.
+    """Register a waveform by its name, until the process ends.
 
     Raises:
-        StictionError: a name that is taken or no word, or a shape that is not finite, exceeds 1 or
-            has a mean.
+        StictionError: a name that is taken or is not a word, or a shape that is not finite, exceeds
+            1 or has a mean.
     """
     name = waveform.name
     if not re.fullmatch(r"\w+", name):
@@ -229,7 +230,7 @@ def _mix(x: NDArray[Any]) -> NDArray[np.uint64]:
 
 
 DEFAULT_WAVEFORM = Sine.name
-"""Where a table or a call names none."""
+"""Used where a table or a call names none."""
 
 register_waveform(Sine())
 register_waveform(Square())

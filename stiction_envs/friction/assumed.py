@@ -1,4 +1,4 @@
-"""What the top of a report says of an arm's friction where nobody has measured it."""
+"""The note at the top of a report on an arm whose friction has not been measured."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from stiction_envs.robots import Arm
 
 ASSUMED = (
     "**The friction of this arm is assumed, not measured** (`generic.toml`): what depends on it "
-    "shows how such an arm behaves, not how large the torques of yours are. To measure it, let the "
-    "robot run the motion of `stiction excite ROBOT --sweeps`, then `stiction diagnose LOG --robot "
-    "ROBOT`; every command takes the `model.toml` it writes by `--friction`. Where breakaway "
-    "torques were measured, `stiction calibrate ROBOT TABLE.csv` makes such a file of them."
+    "shows how such an arm behaves, not how large the torques of yours are. To measure friction, "
+    "let the robot run the motion of `stiction excite ROBOT --sweeps`, then run `stiction diagnose "
+    "LOG --robot ROBOT`; every command takes the `model.toml` it writes by `--friction`. From "
+    "measured breakaway torques, `stiction calibrate ROBOT TABLE.csv` makes such a file."
 )
 FROM_LOGS = (
-    "**No friction of this arm was known before**: what stands here of it is from these logs "
-    "alone. Logs of the motion of `stiction excite ROBOT --sweeps` show it best; `stiction "
-    "diagnose LOG --robot ROBOT` writes it as `model.toml`, which every command takes by "
+    "**The friction of this arm was not known before**: its values in this report come from these "
+    "logs alone. Logs of the motion of `stiction excite ROBOT --sweeps` show friction best; "
+    "`stiction diagnose LOG --robot ROBOT` writes it as `model.toml`, which every command takes by "
     "`--friction`."
 )
 
 
 def is_assumed(friction: FrictionParameters) -> bool:
-    """Whether friction (of one arm) is that of an arm of which nothing is known."""
+    """Whether friction (of one arm) is that of `generic.toml`."""
     n = friction.stiction.shape[-2]
     if friction.stiction.ndim != 2:
         return False
@@ -38,11 +38,11 @@ def is_assumed(friction: FrictionParameters) -> bool:
 
 
 def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
-    """Return what a report says at its top, one paragraph; empty where friction is known.
+    """Return the note for the top of a report, one paragraph; empty where friction is known.
 
     Args:
-        arm: the report's.
-        friction: that the report's torques come from; None for a report that fits it to logs.
+        arm: the report's arm.
+        friction: with which the report's torques were simulated; None where it was fitted to logs.
     """
     if friction is not None:
         return ASSUMED if is_assumed(friction) else ""

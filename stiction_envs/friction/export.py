@@ -1,4 +1,4 @@
-"""An arm that sticks as plain MJCF for stock MuJoCo: `export("panda").save("runs/panda-model")`."""
+"""Export an arm with its friction as plain MJCF: `export("panda").save("runs/panda-model")`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
 
 SOURCES = ("model.toml", "friction.toml")
-"""Files that hold the friction of an earlier run, the first found counts."""
+"""Files that hold the friction of an earlier run; the first that exists is used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedModel(Result):
-    """Plain MJCF, and the model that it is of."""
+    """Plain MJCF, and the model from which it was made."""
 
     sticking: StickingModel
     xml: str
@@ -69,7 +69,7 @@ def export(robot: Robot, friction: Friction | None = None) -> ExportedModel:
         friction: of one arm, or its TOML; None for the robot's own.
 
     Raises:
-        StictionError: an arm or friction that cannot be loaded, or do not fit each other.
+        StictionError: an arm or friction that cannot be loaded, or that do not match.
     """
     sticking = sticking_model(robot, friction)
     origin = friction_origin(robot, friction)
@@ -98,7 +98,7 @@ def friction_in(folder: Path) -> Path:
 
 
 def describe(joints: Sequence[Mapping[str, Any]]) -> str:
-    """Return joints as text, one in a line."""
+    """Return a text table, one line per joint."""
     lines = [f"{'joint':<24}{'stiction [N·m]':>16}{'Coulomb [N·m]':>16}"]
     for j in joints:
         kind = "  with elastic gear" if j["elastic"] else ""

@@ -1,9 +1,9 @@
-"""The Single Joint Experiment of a lone joint, compiled: fast enough to search.
+"""Compiled Single Joint Experiment of one joint without its arm: fast enough for a search.
 
-The friction law, step and torque path of the whole arm (`friction.law`, 1 ms, semi-implicit Euler,
+It has the friction law, step and torque path of the whole arm (LuGre, 1 ms, semi-implicit Euler,
 bristle torque from the old deflection) without the other joints, ripple and offset. One column is
-one simulation. It only *searches*: every number that is reported is simulated again by the plant
-with the whole arm (`gap.table_fit` corrects the difference between the two and repeats).
+one simulation. It is used for *searches* only: every reported number is simulated again by the
+plant with the whole arm (`gap.tables` corrects the difference between the two and repeats).
 
     rotor   J_r dω/dt = u − τ_f(z, ω) − K(θ − q) − D(ω − v)
     link    J_l dv/dt = K(θ − q) + D(ω − v)
@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
-STEP = 1e-3
-"""Control and physics step [s]."""
+STEP = 1e-3  # control and physics step, as of the plant [s]
 
 
 @dataclass(kw_only=True)
@@ -106,8 +105,8 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
     per_link = STEP / link
     # rotor, link: angle and speed; bristle; filtered and rate-limited command
     theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
-    # and a later start would change the reading by up to 17 %
+    # Ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
+    # and a later start would change the result by up to 17 %.
     for k in range(steps):
         if k % hold == 0:
             t = k * STEP
@@ -117,13 +116,13 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
         y += gain * (x - y)
         # g(ω), level of steady sliding
         g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
-        # a: decay rate of the bristle times h; a floor far below any effect keeps 0/0 away
+        # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
         a = abs(w) * stiffness * STEP / g
         if breakaway_ratio > 0.0:
             a *= _plasticity(breakaway_ratio, stiffness, z, w, g)
         a = max(a, 1e-15)
         push = y - stiffness * z + damping * (a / STEP * z - w) - viscous * w
-        # exact solution of the bristle equation at constant speed: friction.law.LuGre.advance
+        # exact solution of the bristle equation at constant speed (`hidden.friction_law.LuGre`)
         e = np.expm1(-a)
         z += e * z - e / a * STEP * w
         if elastic:

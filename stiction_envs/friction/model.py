@@ -1,4 +1,4 @@
-"""From a rigid arm and its friction parameters to a MuJoCo model that sticks.
+"""MuJoCo model of an arm that sticks, from the rigid arm and its friction parameters.
 
 Per joint i the model has, all native MuJoCo:
 
@@ -46,7 +46,7 @@ _POSES = 256
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StickingModel:
-    """A compiled arm that sticks, and where to find its joints."""
+    """A compiled arm that sticks, and the indices of its joints."""
 
     arm: Arm
     parameters: FrictionParameters
@@ -130,7 +130,7 @@ def mass_matrix(arm: Arm, q: Array) -> Array:
 def link_inertia(arm: Arm, q: Array) -> Array:
     """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
 
-    What each joint must move when the others are locked, without rotors.
+    The inertia that each joint moves when the others are locked, without rotors.
     """
     return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()
 

@@ -18,7 +18,7 @@ from stiction_envs.robots.tables import check_range, read_toml
 
 Array = NDArray[np.float64]
 GENERIC = Path(__file__).with_name("generic.toml")
-"""Friction of an arm about which nothing is known."""
+"""Friction of an arm without parameters of its own; all assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Quantity:
 
 
 OTHER_TABLES = {"meta", "provenance", "arm", "cause"}
-"""Tables that are no quantities; the last two are of a `model.toml` of `stiction diagnose`."""
+"""Tables that are not quantities; the last two are in a `model.toml` of `stiction diagnose`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class FrictionParameters:
 
     @property
     def asymmetric(self) -> bool:
-        """Whether any level depends on direction, so that it is written every control step."""
+        """Whether any level depends on direction, and so has to be written every control step."""
         names = [k for k, q in QUANTITIES.items() if q.by_direction]
         return any(bool(np.any(a[..., 0] != a[..., 1])) for a in (getattr(self, k) for k in names))
 
@@ -142,7 +142,7 @@ class FrictionParameters:
         """Return (..., n, 2) F_s [N·m] under transmitted torque ``load`` (..., n) [N·m]."""
         clipped = np.clip(load, self.load_low, self.load_high)
         level = self.stiction + (self.load_coefficient * clipped)[..., None]
-        # A fitted coefficient may be negative; friction never is.
+        # A fitted coefficient may be negative, friction may not; the factor is assumed.
         return np.maximum(level, 1e-3 * self.stiction)
 
 
@@ -166,14 +166,14 @@ def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
 
 
 def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> FrictionParameters:
-    """Return a friction with some quantities times factors; both directions take the same.
+    """Return friction with some quantities multiplied; both directions by the same factor.
 
     Args:
         parameters: of one arm (n,), or of N arms (N, n).
         factors: by name of `QUANTITIES`, each a number, (n,), or, of N arms, (N, n) [-].
 
     Raises:
-        StictionError: a name that is none, a factor of another shape, or a product outside of its
+        StictionError: an unknown name, a factor of another shape, or a product outside of its
             quantity's bounds.
     """
     changes = {}
@@ -307,10 +307,10 @@ def friction_text(robot: str | Path | None) -> dict[str, Any]:
 def friction_sources(
     given: str | Path | FrictionParameters | None,
 ) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return where each quantity of a friction is from, and the ``[meta]`` of its TOML.
+    """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
     Args:
-        given: name of a robot or TOML path, as in `load_friction`; or parameters, which do not say.
+        given: name of a robot or TOML path, as in `load_friction`; or parameters without sources.
 
     Raises:
         StictionError: unreadable, or not TOML.
@@ -326,9 +326,9 @@ def friction_sources(
 
 
 def load_friction(robot: str | Path | None, n: int = 7) -> FrictionParameters:
-    """Load the friction of a robot by name, or of a TOML path; None is an arm that is not known.
+    """Load the friction of a robot by name or TOML path; None is an unknown arm.
 
-    An arm without a TOML of its own gets `generic.toml` (all assumed; nine joints, cut to n).
+    An arm without its own TOML gets the first n joints of `generic.toml` (all assumed).
 
     Raises:
         StictionError: unreadable file, missing table, wrong shape, value out of bounds.
@@ -352,9 +352,9 @@ def dump_friction(
 
     Args:
         parameters: one arm, fields (n,) or (n, 2).
-        sources: source of each quantity; a source that starts with "assumed" is marked so.
+        sources: source of each quantity; one that starts with "assumed" is marked as assumed.
         meta: title, units, notes.
-        provenance: how the fitted numbers came about.
+        provenance: how the numbers were fitted.
     """
 
     table: dict[str, Any] = {"meta": meta, "provenance": provenance}

@@ -23,25 +23,25 @@ _COMMENT = """ {name} with joints that stick, written by stiction export. SI uni
      Friction: {friction}. It is native MuJoCo: a LuGre bristle in each dcmotor, rotor inertia as
      armature, viscous friction as damping, elastic gears as a second hinge JOINT_spring on the same
      axis (link angle = JOINT + JOINT_spring). Controls are joint torques [N m], within the limits
-     of the arm. Gravity is compensated by gravcomp, as the arm's own controller does it.
+     of the arm. Gravity is compensated by gravcomp, as by the arm's own controller.
      Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and longer
-     steps change a LuGre joint. Contacts are off, as in our experiments; remove the flag to have
+     steps change a LuGre joint. Contacts are off, as in our experiments; remove the flag to enable
      them. Keyframe "home" is the rest pose.
-     What plain MJCF cannot say and this file leaves out: torque offsets and gravity-compensation
+     Plain MJCF cannot express, and this file leaves out: torque offsets and gravity-compensation
      error{offsets}, friction that depends on direction (here: the mean), on load (here:
      the level of the unloaded joint) or on warm-up, a controller slower than the simulation, limits
      of torque rate and low-pass. """
 
 
 def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
-    """Return MJCF of the model that stock MuJoCo compiles to the same numbers.
+    """Return MJCF from which stock MuJoCo compiles the same model.
 
     Args:
         sticking: the model.
-        friction_name: what the comment at the top calls the friction.
+        friction_name: name of the friction in the comment at the top.
 
     Raises:
-        StictionError: the text does not give the model back.
+        StictionError: the model compiled from the text differs.
     """
     arm, model = sticking.arm, sticking.model
     root = ET.fromstring(arm.xml)
@@ -90,7 +90,7 @@ def _options(root: ET.Element, timestep: float) -> None:
     if flag is None:
         flag = ET.SubElement(option, "flag")
     flag.set("contact", "disable")
-    # a default for actuators would reach ours
+    # a default for actuators would change ours
     for default in root.iter("default"):
         for kind in ("general", "motor", "position", "velocity", "dcmotor"):
             for element in default.findall(kind):
@@ -140,7 +140,7 @@ def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
             ]
         ),
     )
-    # periods and phase count without an amplitude too: the model must be the same number by number
+    # also without an amplitude: the model must be the same number by number
     if bias[RIPPLE : RIPPLE + 3].any():
         element.set("cogging", numbers(bias[RIPPLE : RIPPLE + 3]))
     if np.isfinite(limit):
@@ -149,7 +149,7 @@ def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
 
 
 def _check(text: str, sticking: StickingModel) -> None:
-    """Raise if stock MuJoCo does not read the text as the same model (to 1e-9)."""
+    """Raise if stock MuJoCo does not read the text as the same model, to 1e-9 (assumed)."""
     try:
         again = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
@@ -161,9 +161,9 @@ def _check(text: str, sticking: StickingModel) -> None:
 
 
 def differences(again: mujoco.MjModel, sticking: StickingModel) -> dict[str, float]:
-    """Return the largest relative difference of the numbers of every physical field.
+    """Return the largest relative difference of every physical field.
 
-    Numbers under a thousandth of their field's largest are held against that thousandth.
+    Numbers under a thousandth (assumed) of their field's largest are compared with that thousandth.
 
     Args:
         again: the model read back; it has the torque actuators only.

@@ -1,4 +1,4 @@
-"""From whatever names an arm to a model that sticks, and the files that it comes from."""
+"""Build the model of an arm that sticks from names, files or objects; find its friction file."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
 Friction = str | Path | FrictionParameters
 """Parameters of one arm, or the TOML that holds them."""
-TIMESTEP = 1e-3
-"""Of a model that is not told [s]."""
+TIMESTEP = 1e-3  # physics step of a model where none is given [s] (sources.md 3.5)
 
 
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
-    """Return the friction TOML that counts: the one given, the robot's, or the generic one.
+    """Return the friction TOML that is used: the one given, the robot's, or the generic one.
 
     Args:
         robot: name, model file, or arm.
         given: path to a friction TOML.
 
     Raises:
-        StictionError: what is given is no path to a TOML.
+        StictionError: what is given is not a path to a TOML.
     """
     if given is None:
         if isinstance(robot, Arm):
@@ -59,7 +58,7 @@ def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
     """Return the friction of an arm: its own where none is given.
 
     Raises:
-        StictionError: a file that cannot be read, or is of another number of joints.
+        StictionError: a file that cannot be read, or that has another number of joints.
     """
     if isinstance(given, FrictionParameters):
         return given
@@ -83,12 +82,12 @@ def sticking_model(
     """Return an arm with its friction as a model.
 
     Args:
-        robot: the arm; one that has its friction keeps it.
-        friction: instead of its own.
+        robot: the arm; a model keeps its friction.
+        friction: replaces the arm's own.
         timestep: physics step [s]; None for the model's own, or 1 ms.
 
     Raises:
-        StictionError: an arm or friction that cannot be loaded, or do not fit each other.
+        StictionError: an arm or friction that cannot be loaded, or that do not match.
     """
     if not isinstance(robot, StickingModel):
         arm = arm_of(robot)
@@ -102,14 +101,14 @@ def sticking_model(
 
 
 def with_rotors(friction: FrictionParameters, arm: Arm) -> FrictionParameters:
-    """Return friction with the rotors that the arm has by itself, where it has none.
+    """Return friction in which missing rotor inertias are those of the arm's own friction.
 
-    Joint torques behind the gear do not show rotors, and without one the bristle of a joint shakes
-    a light link: σ1 is chosen for the inertia of the rest pose, which is less elsewhere.
+    Joint torques behind the gear do not show rotors. Without a rotor the bristle of a joint shakes
+    a light link: σ1 is chosen for the inertia of the rest pose, and other poses have less.
 
     Args:
         friction: of one arm.
-        arm: its own friction's rotor inertia counts (`generic.toml` for an arm that is not ours).
+        arm: its own friction has the rotor inertias (`generic.toml` for an unregistered arm).
     """
     own = friction_of(arm).rotor_inertia
     known = friction.rotor_inertia > 0

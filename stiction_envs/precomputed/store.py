@@ -1,14 +1,14 @@
-"""A store of such results: some are shipped beside this file, others are in the user's cache.
+"""Store of precomputed results: some are shipped beside this file, others are in the user's cache.
 
-A result is found by a digest of everything that it depends on, so it is never stale: what was made
-of other numbers, or by another MuJoCo, has another digest. What other code made counts as missing
-in the user's cache (`code_digest`); what is shipped comes with its code, and a test compares it
-with what that code makes (``tests/envs/test_precompute.py``).
+A result is found by a digest of everything that it depends on, so it is never stale: results of
+other numbers, or of another MuJoCo, have another digest. In the user's cache, results of other code
+count as missing (`code_digest`). Shipped results come with their code; a test compares them with
+what the code computes (``tests/envs/test_precompute.py``).
 
 The cache is in ``$XDG_CACHE_HOME/stiction-envs``, else ``~/.cache/stiction-envs``. The environment
-variable STICTION_CACHE names another folder; empty or ``off``, everything is made anew, even what
-is shipped. A file that cannot be read, or is damaged, counts as missing; a folder that cannot be
-written is no error.
+variable STICTION_CACHE names another folder; if it is empty or ``off``, everything is computed
+anew, even what is shipped. A file that cannot be read, or is damaged, counts as missing; a folder
+that cannot be written is not an error.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import numpy as np
 from stiction_envs.reporting.atomic import write_text_atomic
 
 SHIPPED = Path(__file__).parent
-"""Where the results that come with the package are."""
+"""Folder of the results that come with the package."""
 MADE_BY = (
     "compiled.py",
     "plant.py",
@@ -43,7 +43,7 @@ MADE_BY = (
     "reporting",
     "robots",
 )
-"""Files and rooms of the package whose code and settings have a part in a result."""
+"""Files and rooms of the package whose code and settings can change a result."""
 _PACKAGE = Path(__file__).parents[1]
 
 _memory: dict[str, dict[str, Any]] = {}
@@ -84,7 +84,7 @@ def _feed(out: Any, part: Any) -> None:
 
 
 def recall(kind: str, of: str) -> dict[str, Any]:
-    """Return what is known of a result, by name; empty where it has to be made.
+    """Return what is stored of a result, by name; empty where it has to be computed.
 
     Args:
         kind: of result, such as ``poses``.
@@ -100,7 +100,7 @@ def recall(kind: str, of: str) -> dict[str, Any]:
 
 
 def keep(kind: str, of: str, found: Mapping[str, Any]) -> None:
-    """Add to what is known of a result, in this process and in the user's cache.
+    """Add to what is stored of a result, in this process and in the user's cache.
 
     Args:
         kind: as in `recall`.
@@ -116,12 +116,12 @@ def keep(kind: str, of: str, found: Mapping[str, Any]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / name, known, code=code_digest())
-    except OSError:  # the folder cannot be written: the next process makes the result anew
+    except OSError:  # the folder cannot be written: the next process computes the result again
         pass
 
 
 def forget() -> None:
-    """Forget what this process has found: the next `recall` looks at the files again."""
+    """Forget what this process has found: the next `recall` reads the files again."""
     _memory.clear()
 
 
@@ -151,7 +151,7 @@ def cache_folder() -> Path | None:
 
 @cache
 def code_digest() -> str:
-    """Return a hash of the code and settings that have a part in a result."""
+    """Return a hash of the code and settings that can change a result."""
     out = hashlib.sha256()
     for name in MADE_BY:
         path = _PACKAGE / name

@@ -26,7 +26,7 @@ def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
         OSError: it cannot be written; its ``filename`` is ``path``.
     """
     path = Path(path)
-    # In the target's folder, since a rename is atomic only within one file system.
+    # in the target's folder, since a rename is atomic only within one file system
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with naming(path):
@@ -36,7 +36,7 @@ def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
                 os.fsync(file.fileno())
             os.replace(part, path)
     except BaseException:
-        # where nothing can be removed either, what is to be said is why it could not be written
+        # the first error matters more than one of removing the part
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
@@ -44,7 +44,7 @@ def write_bytes_atomic(path: str | os.PathLike[str], data: bytes) -> None:
 
 @contextmanager
 def naming(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Make an OSError say which file could not be written: a full disk's own names none."""
+    """Add the file's name to an OSError: that of a full disk has none."""
     try:
         yield
     except OSError as error:
@@ -53,12 +53,12 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file is one that is being written, or was when its process was killed."""
+    """Return whether a file is half-written, by a running process or by one that was killed."""
     return _PART.fullmatch(path.name) is not None
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what a killed process left half-written in a folder and below."""
+    """Remove half-written files of killed processes from a folder and those below."""
     for part in folder.rglob(".*.part*"):
         if is_part(part):
             part.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The report's Markdown as one HTML file that needs nothing else: pictures are in it."""
+"""A report's Markdown as one HTML file that includes its pictures."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _ANCHOR = re.compile(r'<a id="[a-z0-9-]+"></a>\n?')
 
 
 def to_html(lines: Sequence[str], folder: Path, title: str) -> str:
-    """Return a page of the Markdown that reports are written in (CommonMark with tables).
+    """Return a page of a report's Markdown (CommonMark with tables).
 
-    Pictures below the folder are put into the page; what only looks like one, in a file's name say,
-    stays text. Headings have the anchors that GitHub gives them. Of HTML, which
-    a report may quote from a file's names, anchors that stand alone are let through, nothing else.
+    The page includes the pictures that are below the folder; other image links stay text. Headings
+    have GitHub's anchors. Of HTML, which a report may quote from names in a file, only anchors on
+    their own are kept; everything else is escaped.
 
     Args:
         lines: of Markdown.
@@ -56,7 +56,7 @@ def slug(words: str) -> str:
 
 
 class _Renderer(RendererHTML):
-    """What a page of its own needs besides CommonMark."""
+    """CommonMark, with anchors of headings, included pictures and escaped HTML."""
 
     def heading_open(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
         if tokens[k].tag != "h1":
@@ -88,20 +88,20 @@ class _Renderer(RendererHTML):
         return text if _ANCHOR.fullmatch(text) else html.escape(text, quote=False)
 
     def html_inline(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
-        # an anchor alone on its line is two of these
+        # an anchor on its own line is two of these tokens
         text = "".join(t.content for t in tokens)
         return tokens[k].content if _ANCHOR.fullmatch(text) else html.escape(tokens[k].content)
 
 
 def _picture(token: Token, folder: Path) -> Path | None:
-    """Return the picture of an image; None where there is none, or where it is not the report's."""
+    """Return the picture of an image; None where it is missing or not below the folder."""
     path = (folder / unquote(str(token.attrs["src"]))).resolve()
     ours = path.is_relative_to(folder.resolve()) and path.suffix == ".png"
     return path if ours and path.is_file() else None
 
 
 def _pictures(inline: Token, folder: Path) -> bool:
-    """Return whether a paragraph is of pictures alone."""
+    """Return whether a paragraph has pictures only."""
     children = [t for t in inline.children or () if t.content.strip() or t.type == "image"]
     return bool(children) and all(t.type == "image" and _picture(t, folder) for t in children)
 

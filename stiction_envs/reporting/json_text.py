@@ -1,4 +1,4 @@
-"""JSON that any reader takes: paths as text, numbers as Python's, null for what is not finite."""
+"""Standard JSON: paths as text, numbers as Python's, null for what is not finite."""
 
 from __future__ import annotations
 

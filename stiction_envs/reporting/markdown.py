@@ -1,4 +1,4 @@
-"""Numbers and lists as a reader wants them: signs, units, tables."""
+"""Numbers, lists and tables as text for reports."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sentence(text: str) -> str:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return a Markdown table and an empty line; a "|" in a cell, of a name say, stays there."""
+    """Return a Markdown table and an empty line; a "|" in a cell is escaped."""
 
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(x.replace("|", "\\|") for x in cells) + " |"

@@ -1,4 +1,4 @@
-"""Output folders: never another run's files, always a `provenance.json` that says what made them.
+"""Output folders: files of one run only, and a `provenance.json` that says how they were made.
 
 folder = OutputFolder(path, provenance(...), force=force)        # raises, writes nothing
 with folder:                                                     # makes the folder
@@ -92,7 +92,7 @@ class OutputFolder:
             except OSError:
                 self._unmake()
                 raise
-            # after that: on a full disk the other run's files stay
+            # only then: on a full disk the other run's files stay
             self._remove(self._old)
         self._before = self._names()
         return self
@@ -104,12 +104,12 @@ class OutputFolder:
         trace: TracebackType | None,
     ) -> None:
         if kind is None:
-            # of processes that were killed; not before: one that is still at work refuses this one
+            # of killed processes; not earlier, since a running process may refuse this one
             remove_parts(self.path)
             files = self._below(self._names() - self._foreign - {NAME})
             self._write({"finished": True, "kept": sorted(self._foreign), "files": files})
         elif not self.wrote and not self.resumed:
-            with suppress(OSError):  # the error that brought us here is what is to be said
+            with suppress(OSError):  # the first error matters more
                 (self.path / NAME).unlink(missing_ok=True)
             self._unmake()
 
@@ -171,5 +171,5 @@ class OutputFolder:
 
 
 def default_folder(command: str, robot: str | Path) -> Path:
-    """Return ``runs/<command>-<robot>``; of a robot's file its stem."""
+    """Return ``runs/<command>-<robot>``; for a robot's file its stem."""
     return Path("runs") / f"{command}-{Path(robot).stem}"

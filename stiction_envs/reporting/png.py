@@ -1,4 +1,4 @@
-"""The one writer of pictures: in full colour, or small enough to be carried inside a page.
+"""The only writer of pictures: in full colour, or small enough for inclusion in a page.
 
 Both write the same bytes for the same figure.
 """
@@ -36,10 +36,10 @@ def save_small(figure: Figure, path: str | os.PathLike[str]) -> None:
     out = io.BytesIO()
     figure.dpi = SMALL_DPI
     canvas = FigureCanvasAgg(figure)
-    # once: `savefig` draws twice where the layout is worked out, and packs what is packed again
+    # `savefig` would draw twice where a layout is computed, and compress once more
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    # Dither would scatter the flat areas that make a picture small.
+    # dither would break up the flat areas that make a picture small
     picture = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     picture.save(out, format="png", optimize=True)
     write_bytes_atomic(path, out.getvalue())

@@ -1,4 +1,4 @@
-"""What makes a result: versions, git commit, seed, arguments, hashes of the input files."""
+"""Provenance of a result: versions, git commit, seed, arguments, hashes of the input files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def versions() -> dict[str, str | None]:
 def git_commit() -> str | None:
     """Return the commit of the checkout this package runs from, "-dirty" if it was changed.
 
-    None for an installed package, also where its environment lies in somebody's repository.
+    None for an installed package, even if its environment is inside another repository.
     """
     root = package_folder().parent
 
@@ -88,14 +88,14 @@ def provenance(
 ) -> dict[str, Any]:
     """Return the contents of ``provenance.json``.
 
-    No time and no place of output: the same run gives the same text. ``arguments_sha256`` tells
-    one run from another by command, seed, arguments and the content of the inputs.
+    It has no time and no output folder: the same run gives the same text. ``arguments_sha256``
+    identifies a run by command, seed, arguments and the content of the inputs.
 
     Args:
         command: name of the command, or of the function it calls.
-        arguments: what else decides the result, by name.
+        arguments: other arguments that change the result, by name.
         seed: of all that is random.
-        inputs: files by the name of their argument; what is in a file counts, not its place.
+        inputs: files by the name of their argument; identified by content, not by path.
     """
     inputs = {} if inputs is None else inputs
     shown = {k: plain(v) for k, v in arguments.items()}

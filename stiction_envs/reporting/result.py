@@ -1,4 +1,4 @@
-"""What a function of the library hands back: short to print, and saved as its command writes it."""
+"""Base class of the library's results: short to print; `save` writes what the command writes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,7 @@ class Result(abc.ABC):
 
     @abc.abstractmethod
     def write(self, folder: Path) -> None:
-        """Write the files into a folder that is there; `save` is what makes one.
-
-        Args:
-            folder: where to.
-        """
+        """Write the files to an existing folder; `save` makes one."""
 
     @abc.abstractmethod
     def to_json(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Report texts: Jinja2 templates in the ``templates`` folder of the package that fills them.
 
-A template holds the words and the few branches that choose between them; numbers come from Python,
-either as text or through `FILTERS`. Tables are made by `markdown.table` and come as text.
+A template holds the words and a few branches. Numbers come from Python, either as text or through
+`FILTERS`. Tables are made by `markdown.table` and come as text.
 """
 
 from __future__ import annotations
@@ -66,15 +66,15 @@ def write_md_and_html(
     note: str = "",
     **values: Any,
 ) -> tuple[str, str]:
-    """Write a template's text as Markdown and as one HTML file that needs nothing else.
+    """Write a template's text as Markdown and as one HTML file that includes its pictures.
 
     Args:
         folder: an existing one; the pictures that the text shows are in it already.
         template: its path.
         title: of the HTML page.
         names: of the two files.
-        note: a paragraph that stands under the heading, before all else.
-        values: what the template asks for.
+        note: a paragraph below the heading, before the rest.
+        values: what the template needs.
 
     Returns:
         The names.

@@ -1,4 +1,4 @@
-"""The one writer of TOML: tomli-w's text, with comments and with arrays of numbers on one line."""
+"""The only writer of TOML: tomli-w's text, with comments and with arrays of numbers on one line."""
 
 from __future__ import annotations
 

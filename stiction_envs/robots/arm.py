@@ -22,10 +22,10 @@ from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
     Limits,
-    generic,
     hand_yaw,
     lookup,
     on_floor,
+    payload_radius,
     per_joint,
 )
 from stiction_envs.robots.user_arm import read_user_arm
@@ -78,9 +78,9 @@ class Arm:
 
     @property
     def registered_name(self) -> str | None:
-        """The arm of `registry.ARMS` that this is: what is known of that arm holds; None for none.
+        """Name of this arm in `registry.ARMS`; None for a user's own arm.
 
-        Data are selected by it, never by `name`, which a user's file may share.
+        Data of an arm are selected by it, never by `name`, which a user's file may share.
         """
         return self.name if self.registered else None
 
@@ -91,26 +91,26 @@ class Arm:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of everything that defines the arm, the files that its MJCF names included."""
+        """Hash of everything that defines the arm, including the files that its MJCF names."""
         root = ET.fromstring(self.xml)
         files = [Path(e.get("file", "")) for e in root.iter() if e.get("file")]
         return digest(self, [path.read_bytes() for path in files])
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know of how the arm was read, a line each."""
+        """Remarks on how the arm was read, one line each."""
         pairs = [f"{one} and {two}" for one, two in excluded_pairs(self.xml)]
         words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
         return [f"{self.name}: {words}"] if pairs else []
 
     def carrying_xml(self) -> str:
-        """MJCF with limits and rest pose in it, which `load_arm` reads again (`mjcf.CARRIED`)."""
+        """MJCF that includes limits and rest pose; `load_arm` reads them (`mjcf.CARRIED`)."""
         root = ET.fromstring(self.xml)
         self.carry_into(root)
         return ET.tostring(root, encoding="unicode")
 
     def carry_into(self, root: ET.Element) -> None:
-        """Write limits and rest pose into an MJCF."""
+        """Write limits and rest pose to the MJCF element ``root``."""
         of = self.limits
         limits = {"velocity": of.velocity, "torque": of.torque, "torque_rate": of.torque_rate}
         mjcf.carry(root, {"rest": self.rest, **{f"limits.{k}": v for k, v in limits.items()}})
@@ -194,8 +194,7 @@ def load_arm(
     if any(lean):
         mjcf.tilt_base(root, fields["link_names"][0], (lean[0], lean[1]))
     if load is not None and load[0] > 0:
-        radius = lookup(generic(), "payload_radius")
-        mjcf.add_payload(root, fields["end_effector"], load, radius)
+        mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
     if any(lean) or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False

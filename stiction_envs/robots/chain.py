@@ -1,9 +1,8 @@
 """One serial arm out of a bigger robot: the joints between a base and a tip stay.
 
 All other joints are locked where the robot rests: at the keyframe ``home`` (else the first), else
-at zero, or at the end of a range that does not hold zero; a floating base where it is drawn. Their
-links stay as they hang, with mass and shape: a gripper weighs, a torso is in the way. Other trees
-of the world that can move go.
+at zero, or at the nearer end of a range without zero; a floating base at its place in the file.
+Their links keep mass and shape. Other trees of the world that can move are removed.
 """
 
 from __future__ import annotations
@@ -22,12 +21,11 @@ Chain = tuple[str, str]
 """Link at the base, which does not move, and link or site at the tip, which is the flange."""
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_MOST = 6
-"""Arms of a bigger robot that are named."""
+_MOST = 6  # arms of a bigger robot that a message names [-] (assumed)
 
 
 def chain_title(stem: str, chain: Chain | None) -> str:
-    """Return what an arm is called: the stem of its file, and of which links it is."""
+    """Return the name of an arm: the stem of its file and the ends of its chain."""
     if chain is None:
         return stem
     names = [stem, *chain]
@@ -46,14 +44,14 @@ def lock_other_joints(
         spec: of the robot, all bodies and joints named; changed in place.
         chain: names of base and tip.
         path: file it came from, for messages.
-        build: compiles a spec, and says what is wrong with it.
+        build: compiles a spec, or raises an error that names the file.
 
     Returns:
         Name of the flange site.
 
     Raises:
-        StictionError: a name that is none, a tip that is not behind the base, or a joint between
-            them that is no hinge.
+        StictionError: an unknown name, a tip that is not behind the base, or a joint between them
+            that is not a hinge.
     """
     base, tip = _ends(spec, chain, path)
     links = [tip, *_above(tip)]
@@ -86,7 +84,7 @@ def lock_other_joints(
 
 
 def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
-    """Return arms of a robot, those of most hinges first: links between two branchings.
+    """Return the arms of a robot, longest first: chains of hinges without a branch.
 
     Args:
         spec: of the robot, all bodies named.
@@ -111,7 +109,7 @@ def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
 
 
 def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
-    """Return how to take one arm out of a bigger robot; empty where there is none to take."""
+    """Return how to choose one arm of a bigger robot; empty where there is none."""
     found = [f"{base} {tip}" for base, tip in find_chains(spec, joints)]
     if not found or len(spec.joints) <= joints[0]:
         return ""
@@ -120,7 +118,7 @@ def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
 
 
 def round_inertias(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None:
-    """Make the inertias of what stands still round: they act on nothing, and may be impossible.
+    """Give fixed bodies the inertia of a sphere: theirs has no effect and may be inconsistent.
 
     Args:
         spec: of the robot; changed in place.
@@ -132,7 +130,7 @@ def round_inertias(spec: mujoco.MjSpec, moved: Collection[str] | None = None) ->
         )
         if not moves and body.explicitinertial:
             body.fullinertia = np.full(6, np.nan)
-            body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any that can exist
+            body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any consistent one
 
 
 def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.MjsBody]:
@@ -155,7 +153,7 @@ def _above(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
 
 
 def _drop_other_trees(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """Take away what moves in the world and does not hang on the same body as ``body``."""
+    """Remove what can move and is not in the same tree of the world as ``body``."""
     own = [body.name, *(b.name for b in _above(body))][-2]
     for other in list(spec.worldbody.bodies):
         moves = bool(other.joints) or any(b.joints for b in other.find_all("body"))
@@ -190,7 +188,7 @@ def _move_to_rest(
     joint: mujoco.MjsJoint,
     rest: NDArray[np.float64],
 ) -> None:
-    """Put a joint's link where the joint rests, before the joint goes."""
+    """Move a joint's link to where the joint rests, before the joint is deleted."""
     body, found = joint.parent, model.joint(joint.name)
     kind, at = int(found.type[0]), int(found.qposadr[0])
     by = rest[at] - model.qpos0[at]
@@ -224,9 +222,9 @@ def _move_to_rest(
 def _delete_other_joints(
     spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: NDArray[np.float64]
 ) -> None:
-    """Delete the other joints and what may name them; one keyframe of the arm's joints stays."""
+    """Delete the other joints and what may name them; keep one keyframe of the arm's joints."""
     at = sorted(int(model.joint(j.name).qposadr[0]) for j in spec.joints if j.name in kept)
-    # MuJoCo leaves some of what names a joint that is gone, and then does not compile
+    # MuJoCo keeps some references to a deleted joint, and then does not compile
     of_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     idle = [a for a in spec.actuators if a.trntype not in of_joint or a.target not in kept]
     for items in (spec.keys, spec.sensors, spec.tuples, idle, spec.equalities, spec.tendons):

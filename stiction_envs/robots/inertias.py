@@ -15,29 +15,27 @@ from stiction_envs.robots.regressor import consistent, inertial_parameters
 
 Array = NDArray[np.float64]
 EXACT = 1e-9
-"""Relative difference at which the new model's parameters count as those that were asked for."""
+"""Largest relative difference between the new model's parameters and those given [-] (assumed)."""
 
 
 def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
-    """Return an arm with other inertias; bodies fixed to a link become part of it.
+    """Return an arm with other inertias; those of bodies fixed to a link are included in it.
 
     Args:
         arm: the arm.
         phi: (n, 10) parameters of the links about their joints, as `inertial_parameters`.
 
     Raises:
-        StictionError: parameters of another number of links, or of bodies that cannot exist.
+        StictionError: parameters of another number of links, or physically inconsistent ones.
     """
     p = np.asarray(phi, dtype=np.float64)
     if p.shape != (arm.n, 10) or not np.isfinite(p).all():
-        raise StictionError(
-            f"inertias of shape {p.shape}: allowed are ({arm.n}, 10) finite numbers"
-        )
+        raise StictionError(f"inertias of shape {p.shape}: expected ({arm.n}, 10) finite numbers")
     impossible = np.flatnonzero(~consistent(p))
     if len(impossible):
         names = ", ".join(arm.link_names[i] for i in impossible)
         raise StictionError(
-            f"inertias of {names}: no body has them: allowed are a positive mass and a "
+            f"inertias of {names} are physically inconsistent: expected a positive mass and a "
             "positive-definite pseudo-inertia"
         )
     root = ET.fromstring(arm.xml)
@@ -61,7 +59,7 @@ def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
 
 
 def _strip(body: ET.Element) -> None:
-    """Take the inertia off a body and all that is fixed to it."""
+    """Remove the inertia of a body and of all bodies fixed to it."""
     for old in body.findall("inertial"):
         body.remove(old)
     for child in body.findall("body"):

@@ -31,7 +31,7 @@ CARRIED = {
     "stiction_torque_rate_limits": "limits.torque_rate",
     "stiction_rest": "rest",
 }
-"""Custom numbers of an MJCF that say what its joints and actuators cannot, by key of an arm's TOML:
+"""Custom numbers of an MJCF for what its joints and actuators cannot hold, by key of an arm's TOML:
 an arm that is written and read again keeps them."""
 
 
@@ -50,7 +50,7 @@ def carry(root: ET.Element, values: Mapping[str, ArrayLike]) -> None:
 
 
 def free_name(name: str, taken: Container[str | None]) -> str:
-    """Return a name with as many ``_`` behind it as it takes to be new."""
+    """Return a name that is not taken, with ``_`` appended where needed."""
     while name in taken:
         name += "_"
     return name
@@ -64,7 +64,7 @@ def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> N
         first_link: name of the body of the first joint.
         tilt: roll about the world's x, then pitch about the world's y, rad. Gravity stays.
     """
-    # scipy.spatial takes longer to load than an arm: only for one that leans
+    # scipy.spatial takes longer to import than an arm to load
     from scipy.spatial.transform import Rotation
 
     up = parents(root)

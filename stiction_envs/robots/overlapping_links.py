@@ -1,6 +1,6 @@
-"""Links of a user's arm that touch in every pose: neighbours whose shapes overlap, not collisions.
+"""Links of a user's arm that touch in every pose: their shapes overlap, they do not collide.
 
-MoveIt's set-up assistant leaves out such pairs, found in the same way: in poses drawn at random.
+MoveIt's set-up assistant excludes such pairs in the same way: by poses drawn at random.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from stiction_envs.precomputed import store
 
 POSES = 200
-"""Poses that are drawn."""
+"""Poses that are drawn [-] (assumed)."""
 SHARE = 0.95
-"""Share of them in which two links touch that are left out (MoveIt's `default_fraction`, 0.95)."""
+"""Least share of poses in which a pair touches that is excluded [-] (MoveIt's default: 0.95)."""
 Pair = tuple[str, str]
 
 
@@ -49,7 +49,7 @@ def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> list
 
 
 def excluded_pairs(xml: str) -> list[Pair]:
-    """Return the pairs that `exclude_overlapping` left out of an MJCF."""
+    """Return the pairs that `exclude_overlapping` excluded in an MJCF."""
     excluded = ET.fromstring(xml).iter("exclude")
     mine = [e for e in excluded if e.get("name", "").startswith("touching ")]
     return [(e.get("body1", ""), e.get("body2", "")) for e in mine]

@@ -1,9 +1,9 @@
-"""Arms known by name, and the files that say everything about each.
+"""Registered arms, and the files that describe each.
 
 An arm is data in a folder: ``robots/NAME.xml`` (MJCF; outside the package a URDF too),
-``robots/NAME.toml`` (title, sources, limits, interface, and what other rooms ask about it) and,
-where its friction is known, ``friction/NAME.toml``. The package is such a folder; any other may be
-one, see :func:`register_arm_folder`. Light on purpose: nothing here imports MuJoCo.
+``robots/NAME.toml`` (title, sources, limits, interface, and what other rooms need of it) and,
+where its friction is known, ``friction/NAME.toml``. The package is such a folder, and
+:func:`register_arm_folder` adds others. Nothing here imports MuJoCo, so that it loads fast.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MODEL_FILES = (".xml", ".mjcf", ".urdf")
 
 @dataclass(frozen=True)
 class ArmFiles:
-    """Where one arm is described, and what its TOML says."""
+    """The files that describe one arm, and the contents of its TOML."""
 
     name: str
     model: Path
@@ -59,7 +59,7 @@ class ArmFiles:
 
     @property
     def environment(self) -> str | None:
-        """What its environments are called: ``Panda`` for ``PandaSJE-v0``; None for none."""
+        """Prefix of its environments' ids: ``Panda`` for ``PandaSJE-v0``; None for none."""
         name = self.table.get("environment")
         if name is not None and not (isinstance(name, str) and re.fullmatch(r"\w+", name)):
             raise StictionError(f"{self.toml}: environment {name!r}: expected letters and digits")
@@ -73,20 +73,20 @@ ARMS: Mapping[str, ArmFiles] = MappingProxyType(_arms)
 
 
 def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
-    """Make the arms of a folder known by name, for as long as the process runs.
+    """Register the arms of a folder by name, until the process ends.
 
-    Each works as one of the package: ``load_arm(NAME)``, ``stiction sje NAME`` and, where its TOML
-    has ``environment``, ``<environment>SJE-v0`` and ``<environment>GTE-v0``.
+    Each works like an arm of the package: ``load_arm(NAME)``, ``stiction sje NAME`` and, where its
+    TOML has ``environment``, ``<environment>SJE-v0`` and ``<environment>GTE-v0``.
 
     Args:
-        folder: holds ``robots/NAME.xml`` with ``robots/NAME.toml``, and ``friction/NAME.toml`` or
-            else the friction of ``generic.toml``.
+        folder: holds ``robots/NAME.xml`` with ``robots/NAME.toml``, and maybe
+            ``friction/NAME.toml``; without it the friction is that of ``generic.toml``.
 
     Returns:
         Their names, sorted.
 
     Raises:
-        StictionError: no arm there, a TOML that is none, or a name that is taken.
+        StictionError: no arm there, an unreadable TOML, or a name that is taken.
     """
     room = Path(folder).expanduser().resolve() / "robots"
     files = sorted(p for p in room.glob("*") if p.suffix.lower() in MODEL_FILES)
@@ -117,10 +117,10 @@ def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
 
 
 def known_arm(robot: str | Path) -> ArmFiles | None:
-    """Return the arm that a name or a model file stands for; None for a file that is none of ours.
+    """Return the registered arm of a name or a model file; None for any other file.
 
-    What is in a file counts, not what it is called: a copy of an arm of the package, whose TOML is
-    not beside it or is the package's, is that arm; another robot's ``panda.xml`` is not the Panda.
+    A file is identified by its content, not by its name. A copy of an arm of the package is that
+    arm, unless another TOML is beside it; another robot's ``panda.xml`` is not the Panda.
     """
     path = Path(robot).expanduser()
     if str(robot) in ARMS or not path.is_file():

@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Of one link, in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
 RANK = 1e-8
-"""Singular values over the largest under which a sum of parameters acts on nothing [-]."""
+"""Singular values, over the largest, that count as zero [-] (assumed)."""
 _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
-"""What is kept only if nothing else will do: of joints that turn about z these go into others (M.
-Gautier, W. Khalil, "Direct calculation of minimum set of inertial parameters of serial robots",
-1990), and the sums stay short."""
+"""Weights by which the pivoting avoids parameters [-] (assumed). Of joints that turn about z these
+parameters can be grouped into others (M. Gautier, W. Khalil, "Direct calculation of minimum set of
+inertial parameters of serial robots", 1990), which keeps the sums short."""
 LEAST = 1e-6
-"""Coefficients of a grouping that are taken for zero [-]."""
+"""Coefficients of a grouping that count as zero [-] (assumed)."""
 
 
 def inertial_names(n: int) -> tuple[str, ...]:
@@ -81,7 +81,7 @@ def consistent(phi: ArrayLike) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BaseSet:
-    """Which of p parameters act on the torques, in which sums: β = φ[kept] + K φ[dropped]."""
+    """Base parameters β = φ[kept] + K φ[dropped]: the sums of p parameters that torques show."""
 
     names: tuple[str, ...]
     """(p,) of all parameters."""
@@ -103,7 +103,7 @@ class BaseSet:
         return np.asarray(x[..., self.kept] + x[..., self.dropped] @ self.grouping.T)
 
     def expressions(self) -> tuple[str, ...]:
-        """Return the sums in words: ``Izz1 + Iyy2 - 0.316 my2``."""
+        """Return the sums as text: ``Izz1 + Iyy2 - 0.316 my2``."""
         dropped = [self.names[d] for d in self.dropped]
         return tuple(
             self.names[k] + "".join(_term(c, d) for c, d in zip(row, dropped, strict=True))
@@ -123,7 +123,7 @@ def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
     """Return the base parameters of a regressor, by QR with column pivoting.
 
     Args:
-        columns: (R, p) of motions that excite everything; rows of all joints below one another.
+        columns: (R, p) of exciting motions, the rows of all joints below one another.
         names: (p,) of the parameters.
     """
     size = np.linalg.norm(columns, axis=0)

@@ -19,7 +19,7 @@ MOUNTINGS = ("floor", "free")
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What the joints may do: float64 arrays, read-only, base to flange."""
+    """Limits of the joints: float64 arrays, read-only, base to flange."""
 
     position: NDArray[np.float64]
     """Lower and upper joint angle, (n, 2), rad."""
@@ -32,7 +32,7 @@ class Limits:
 
     @property
     def torque_assumed(self) -> NDArray[np.bool_]:
-        """(n,) whether the torque limit is the one that is assumed where a file says none."""
+        """(n,) whether the torque limit is the one assumed for files without any."""
         return np.asarray(self.torque == lookup(generic(), "limits.torque"))
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 @cache
 def generic() -> dict[str, Any]:
-    """What is assumed about an arm whose file does not say it (``generic.toml``)."""
+    """Values that are assumed where an arm's file has none (``generic.toml``)."""
     return read_toml(Path(__file__).with_name("generic.toml"))
 
 
@@ -71,6 +71,11 @@ def lookup(table: Mapping[str, Any], key: str) -> Any:
             return None
         node = node[part]
     return node.get("value") if isinstance(node, Mapping) else None
+
+
+def payload_radius() -> float:
+    """Return the radius of the solid sphere that a payload is [m]."""
+    return float(lookup(generic(), "payload_radius"))
 
 
 def on_floor(table: Mapping[str, Any], where: str) -> bool:
@@ -121,7 +126,7 @@ def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.floa
 def check_range(
     value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, allow_inf: bool = False
 ) -> None:
-    """Raise unless a joint can have these numbers: none larger than `[largest]` of `generic.toml`.
+    """Raise if a number is impossible for a joint: larger than `[largest]` of `generic.toml`.
 
     Args:
         value: numbers of any shape.
@@ -144,6 +149,6 @@ def check_range(
 
 
 def largest(unit: str = "") -> float:
-    """Return the size past which no number of a joint can be; "" asks for that of any unit."""
+    """Return the largest size of a joint's numbers in a unit; "" for the largest of all units."""
     sizes = generic()["largest"]
     return float(sizes[unit]["value"] if unit else max(x["value"] for x in sizes.values()))

@@ -1,4 +1,4 @@
-"""What MuJoCo does not take from a URDF: joint speeds, ``package://`` paths, fixed links."""
+"""Parts of a URDF that MuJoCo does not read: joint speeds, ``package://`` paths, fixed links."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 MESHES = (".stl", ".obj", ".msh")
-"""Mesh files that MuJoCo reads; others (.dae) are left out, only the looks suffer."""
+"""Mesh files that MuJoCo reads; others (.dae) are left out and not shown."""
 
 
 def velocities(root: ET.Element) -> dict[str, float]:
@@ -51,7 +51,7 @@ def prepare(root: ET.Element, path: Path) -> str:
 
 
 def _find(name: str, path: Path) -> Path | None:
-    """The mesh ``name`` of the URDF at ``path``, or None where it is missing or of no use."""
+    """The mesh ``name`` of the URDF at ``path``; None where it is missing or not readable."""
     tail = name.removeprefix("package://").removeprefix("file://")
     if Path(tail).suffix.lower() not in MESHES:
         return None

@@ -1,9 +1,9 @@
-"""Make a rigid serial arm of a user's MJCF or URDF.
+"""Read a rigid serial arm from a user's MJCF or URDF.
 
-Everything that is not the rigid arm goes: actuators, sensors, tendons, equalities, keyframes, joint
-damping, armature, springs and dry friction, gravity compensation, and slides behind the last hinge
-(fingers), whose links stay as rigid mass. What is kept of them first are limits and a rest pose.
-Of a bigger robot the joints beside one arm are locked first (`chain`).
+Limits and a rest pose are read first. Then everything that is not the rigid arm is removed:
+actuators, sensors, tendons, equalities, keyframes, joint damping, armature, springs and dry
+friction, gravity compensation, and slides behind the last hinge (fingers), whose links stay as
+rigid mass. Of a bigger robot all joints outside one arm are locked (`chain`).
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from stiction_envs.robots.tables import (
 )
 
 JOINTS = (2, 9)
-"""Smallest and largest number of hinges of an arm."""
+"""Smallest and largest number of hinges of an arm [-] (assumed)."""
 
 FLANGE_NAMES = ("flange", "attachment_site", "tool0", "tcp", "end_effector", "ee", "link8")
-"""Names by which a site or link is taken for the flange, most likely first, also behind ``_``."""
+"""Names of sites or links that are taken for the flange, most likely first; also after ``_``."""
 
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -91,7 +91,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
         low: float = -np.inf,
         allow_inf: bool = False,
     ) -> NDArray[np.float64]:
-        """Return what the TOML says, else the model's custom numbers, joints, or the default."""
+        """Return the TOML's numbers, else the model's custom ones, its joints', or the default."""
         given = lookup(table, key)
         where = f"{path if given is None else table_file}, {key}"
         default = lookup(generic(), key) if in_model is None else in_model
@@ -161,11 +161,11 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def _built(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Compile a robot; if need be with round inertias of what stands still."""
+    """Compile a robot; if that fails, with round inertias of its fixed bodies."""
     try:
         return spec, _compile(spec, path)
     except StictionError:
-        spec, _ = _named(path)  # one that does not compile is of no more use
+        spec, _ = _named(path)  # a spec that did not compile cannot be used again
         round_inertias(spec)
         return spec, _compile(spec, path)
 
@@ -255,7 +255,7 @@ def _positions(model: mujoco.MjModel, chain: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
-    """Largest torque of each hinge, N·m: the strictest of what joint and actuators say."""
+    """Largest torque of each hinge, N·m: the smallest limit of joint and actuators."""
     out = []
     for j in chain:
         found = []
@@ -286,8 +286,8 @@ def _rest(
 ) -> NDArray[np.float64]:
     """The keyframe ``home``, else the first keyframe, else zero, or the middle of its range, rad.
 
-    Zero where the range goes on for a twentieth of it on both sides: an arm that rests against a
-    stop can follow no path.
+    Zero only where it is a twentieth of the range (assumed) or more away from both ends: an arm
+    that rests against a stop cannot follow a path.
     """
     low, high = position.T
     key = rest_key(model)
@@ -298,7 +298,7 @@ def _rest(
 
 
 def _absolute_assets(spec: mujoco.MjSpec) -> None:
-    """Absolute file paths, so that the text works from any folder."""
+    """Make file paths absolute, so that the text works from any folder."""
     here = Path(spec.modelfiledir or ".").resolve()
     kinds = ((spec.meshes, spec.meshdir), (spec.hfields, spec.meshdir))
     for items, folder in (*kinds, (spec.textures, spec.texturedir)):
@@ -370,7 +370,7 @@ def _rigid_xml(
         if joint.name not in keep:
             spec.delete(joint)
     _absolute_assets(spec)
-    # The compiled model knows what to_xml rounds or leaves to defaults and frames.
+    # The compiled model has the numbers that to_xml rounds or leaves to defaults and frames.
     model = _compile(spec, path)
     root = ET.fromstring(spec.to_xml())
     for section in ("option", "size", "custom", "extension", "deformable", "keyframe"):
