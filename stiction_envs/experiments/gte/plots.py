@@ -241,28 +241,23 @@ def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
 
 
 def plot_window_sums(
-    plain: tuple[Run, Measures],
-    shaken: tuple[Run, Measures],
-    path: str | os.PathLike[str],
-    *,
-    robot: str,
+    pair: Sequence[tuple[Run, Measures]], path: str | os.PathLike[str], *, robot: str
 ) -> None:
     """Draw the sums of Table 4.11, simulated and measured: an arrow is what dither does.
 
     Args:
-        plain: the run without dither.
-        shaken: the one with it, of the same path and stiffness.
+        pair: the run without dither and the one with it, of one path and stiffness.
         path: PNG to write.
         robot: name for the title.
     """
     figure = Figure(figsize=(5.8, 4.0), layout="constrained")
     axes = figure.subplots()
-    simulated = [m.window_sum.mean(axis=0) for _, m in (plain, shaken)]
+    simulated = [m.window_sum.mean(axis=0) for _, m in pair]
     _arrows(axes, simulated, WITH, -0.17)
-    printed = [thesis_window_sums(run.case) for run, _ in (plain, shaken)]
+    printed = [thesis_window_sums(run.case) for run, _ in pair]
     if all(printed):
         _arrows(axes, [np.array([p[a] for a in AXES]) for p in printed if p], MEASURED, 0.17)
-    axes.set_title(case_text(plain[0].case), loc="left", fontsize=10)
+    axes.set_title(case_text(pair[0][0].case), loc="left", fontsize=10)
     axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
     axes.invert_yaxis()
     axes.set_xlim(left=0)

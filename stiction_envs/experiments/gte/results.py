@@ -90,7 +90,7 @@ class TrackingErrors(Result):
         printed = [self.compared and thesis_window_sums(run.case) for run in runs[:2]]
         in_thesis = len(printed) == 2 and all(printed)
         if in_thesis:
-            plots.plot_window_sums(*self.runs[:2], folder / "table_4_11.png", robot=self.robot)
+            plots.plot_window_sums(self.runs[:2], folder / "table_4_11.png", robot=self.robot)
         write_report(folder, self.rows, self.run_rows, printed=in_thesis, note=self.note)
 
     def __repr__(self) -> str:

@@ -32,16 +32,16 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.friction.assumed import friction_note
-from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
-from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Dither = str | Path | Sequence[AmplitudeRow]
+"""An amplitude table, or its rows."""
 MAX_SIMULATIONS = 384
-"""Simulations run at once; more cost memory and gain nothing on a few cores."""
+"""Simulations run at once (assumed): more cost memory and gain nothing on a few cores."""
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -91,25 +91,68 @@ class SingleJointExperiment(SJESetup):
         directions: Sequence[str] = DIRECTIONS,
         dither: Dither | None = None,
     ) -> list[Job]:
-        """Return the jobs of all configurations, or of some; see `jobs_of`."""
-        return jobs_of(
-            self.sticking.arm,
-            self.interface,
-            joints,
-            loads=loads,
-            directions=directions,
-            dither=dither,
-        )
+        """Return undithered jobs, then those with the dither of a table.
 
-    def rig(
-        self,
-        nsim: int,
-        *,
-        parameters: FrictionParameters | None = None,
-        dither_all: bool = False,
-    ) -> SJERig:
+        Args:
+            joints: 1..n; None for all.
+            loads: poses.
+            directions: of the ramp.
+            dither: each joint under test is dithered by its row; None for no dither.
+
+        Raises:
+            StictionError: a joint the arm lacks, or a table that dithers none of the joints, that
+                the arm cannot take, or that cannot be read.
+        """
+        chosen = list(joints) if joints is not None else None
+        base = [
+            Job(c)
+            for c in configurations(self.n, chosen)
+            if c.load in loads and c.direction in directions
+        ]
+        if dither is None:
+            return base
+        rows = self._rows(dither, sorted({j.configuration.joint for j in base}))
+        return base + [
+            Job(
+                job.configuration,
+                frequency_hz=row.frequency_hz,
+                amplitude_nm=row.amplitude_nm,
+                waveform=row.waveform,
+                offset_nm=row.offset_nm,
+                gate_velocity=row.gate_velocity,
+            )
+            for job in base
+            if (row := rows.get(job.configuration.joint)) is not None
+        ]
+
+    def _rows(self, dither: Dither, tested: list[int]) -> dict[int, AmplitudeRow]:
+        """Return the row of each joint that is dithered and tested."""
+        where = "dither"
+        if isinstance(dither, str | Path):
+            arm, where = self.sticking.arm, str(dither)
+            dither = read_amplitudes(
+                dither,
+                n_joints=arm.n,
+                torque_limit=arm.limits.torque,
+                controller_rate_hz=self.interface.controller_rate_hz,
+            )
+        for row in dither:
+            if row.amplitude_nm == 0 and row.offset_nm != 0:
+                raise StictionError(
+                    f"{where}: joint {row.joint} has offset_nm {row.offset_nm:g} without "
+                    "amplitude: expected an amplitude_nm above 0, or no offset"
+                )
+        dithered = {row.joint: row for row in dither if row.amplitude_nm > 0}
+        chosen = {j: row for j, row in dithered.items() if j in tested}
+        if not chosen:
+            has = ", ".join(map(str, sorted(dithered))) or "no joint"
+            asked = ", ".join(map(str, tested))
+            raise StictionError(f"{where}: dithers {has}, but the joints tested are {asked}")
+        return chosen
+
+    def rig(self, nsim: int, *, dither_all: bool = False) -> SJERig:
         """Return the machine that runs ``nsim`` simulations of this experiment; see `SJERig`."""
-        return SJERig(self, nsim, dither_all=dither_all, parameters=parameters)
+        return SJERig(self, nsim, dither_all=dither_all)
 
     def expected(self, job: Job) -> float:
         """Return the approximate size of a job's torque [N·m], to plan the work."""
@@ -222,7 +265,7 @@ class SingleJointExperiment(SJESetup):
             again = []
             for i in map(int, ended):
                 logs[i].close(rig, i)
-                if len(logs[i].tau) < repeats:
+                if len(logs[i].ramps) < repeats:
                     again.append(i)
                 else:
                     yield logs.pop(i).measurement()
@@ -233,7 +276,7 @@ class SingleJointExperiment(SJESetup):
     def _begin(self, rig: SJERig, ids: NDArray[np.int64], logs: dict[int, RampLog]) -> None:
         jobs = [logs[int(i)].job for i in ids]
         keys = [
-            (*j.configuration.index, len(logs[int(i)].tau), j.replica)
+            (*j.configuration.index, len(logs[int(i)].ramps), j.replica)
             for i, j in zip(ids, jobs, strict=True)
         ]
         rig.approach(ids, keys)
@@ -263,115 +306,29 @@ class RampLog:
     """What the ramps of one job gave."""
 
     def __init__(self, job: Job) -> None:
-        self.job = job
-        self.tau: list[float] = []
-        self.start: list[float] = []
-        self.start_torque: list[float] = []
-        self.shaken_speed: list[float] = []
-        self.deviation = 0.0
+        self.job, self.deviation = job, 0.0
+        self.ramps: list[tuple[float, float, float, float]] = []
         self.trace: list[float] = []
         self.traces: list[NDArray[np.float32]] = []
 
     def close(self, rig: SJERig, i: int) -> None:
         """End one iteration."""
-        self.tau.append(float(rig.tau[i]))
-        self.start.append(float(rig.start_angle[i] - rig.pose[i, rig.joint[i]]))
-        self.start_torque.append(float(rig.start_torque[i]))
-        self.shaken_speed.append(float(rig.shaken_speed[i]))
+        start = rig.start_angle[i] - rig.pose[i, rig.joint[i]]
+        self.ramps.append((rig.tau[i], start, rig.start_torque[i], rig.shaken_speed[i]))
         self.deviation = max(self.deviation, float(rig.deviation[i]))
         self.traces.append(np.array(self.trace, dtype=np.float32))
         self.trace = []
 
     def measurement(self) -> Measurement:
         """Return the finished job."""
+        tau, start, start_torque, shaken_speed = np.array(self.ramps).T.copy()
         return Measurement(
             job=self.job,
-            tau=np.array(self.tau),
-            start=np.array(self.start),
-            start_torque=np.array(self.start_torque),
-            shaken_speed=np.array(self.shaken_speed),
+            tau=tau,
+            start=start,
+            start_torque=start_torque,
+            shaken_speed=shaken_speed,
             deviation=self.deviation,
             traces=tuple(self.traces),
             trace_dt=BLOCK * CONTROL_DT,
         )
-
-
-Dither = str | Path | Sequence[AmplitudeRow]
-"""An amplitude table, or its rows."""
-
-
-def jobs_of(
-    arm: Arm,
-    interface: TorqueInterface,
-    joints: Sequence[int] | None,
-    *,
-    loads: Sequence[str] = LOADS,
-    directions: Sequence[str] = DIRECTIONS,
-    dither: Dither | None = None,
-) -> list[Job]:
-    """Return undithered jobs, then those with the dither of a table.
-
-    Args:
-        arm: the arm.
-        interface: says how fast a dither it takes.
-        joints: 1..n; None for all.
-        loads: poses.
-        directions: of the ramp.
-        dither: each joint under test is dithered by its row; None for no dither.
-
-    Raises:
-        StictionError: a joint the arm lacks, or a table that dithers none of the joints, that the
-            arm cannot take, or that cannot be read.
-    """
-    chosen = list(joints) if joints is not None else None
-    base = [
-        Job(c)
-        for c in configurations(arm.n, chosen)
-        if c.load in loads and c.direction in directions
-    ]
-    if dither is None:
-        return base
-    tested = sorted({j.configuration.joint for j in base})
-    rows = _rows(arm, interface, tested, dither)
-    return base + [
-        Job(
-            job.configuration,
-            frequency_hz=row.frequency_hz,
-            amplitude_nm=row.amplitude_nm,
-            waveform=row.waveform,
-            offset_nm=row.offset_nm,
-            gate_velocity=row.gate_velocity,
-        )
-        for job in base
-        if (row := rows.get(job.configuration.joint)) is not None
-    ]
-
-
-def _rows(
-    arm: Arm, interface: TorqueInterface, tested: list[int], dither: Dither
-) -> dict[int, AmplitudeRow]:
-    """Return the row of each joint that is dithered and tested."""
-    where = str(dither) if isinstance(dither, str | Path) else "dither"
-    rows = (
-        read_amplitudes(
-            dither,
-            n_joints=arm.n,
-            torque_limit=arm.limits.torque,
-            controller_rate_hz=interface.controller_rate_hz,
-        )
-        if isinstance(dither, str | Path)
-        else list(dither)
-    )
-    for row in rows:
-        if row.amplitude_nm == 0 and row.offset_nm != 0:
-            raise StictionError(
-                f"{where}: joint {row.joint} has offset_nm {row.offset_nm:g} without amplitude: "
-                "expected an amplitude_nm above 0, or no offset"
-            )
-    dithered = {row.joint: row for row in rows if row.amplitude_nm > 0}
-    chosen = {j: row for j, row in dithered.items() if j in tested}
-    if not chosen:
-        has = ", ".join(map(str, sorted(dithered))) or "no joint"
-        asked = ", ".join(map(str, tested))
-        raise StictionError(f"{where}: dithers {has}, but the joints tested are {asked}")
-    return chosen

@@ -24,7 +24,6 @@ from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-LOADS = ("load", "no_load")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,6 @@ from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
-from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 Array = NDArray[np.float64]
@@ -48,7 +47,6 @@ class SJERig(Rig):
         nsim: int,
         *,
         dither_all: bool = False,
-        parameters: FrictionParameters | None = None,
     ) -> None:
         """Make the rig; all simulations are idle.
 
@@ -56,15 +54,8 @@ class SJERig(Rig):
             setup: the experiment; its scatter has one stream per configuration and iteration.
             nsim: number of simulations.
             dither_all: whether every joint is dithered (the environments) or the tested one.
-            parameters: friction of one arm or of each simulation, None for the model's.
         """
-        super().__init__(
-            setup,
-            nsim,
-            approach=setup.protocol,
-            parameters=parameters,
-            columns=None if dither_all else 1,
-        )
+        super().__init__(setup, nsim, approach=setup.protocol, columns=None if dither_all else 1)
         self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
         # of every pose, joint by joint, load before no load
         self._inertia = self._servos.inertia(poses.q.reshape(-1, self.n))

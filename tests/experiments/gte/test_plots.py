@@ -97,7 +97,7 @@ def test_window_sums_beside_the_thesis(drawn):
     """From the ring without dither to the dot with it, simulated and measured."""
     plain, shaken = pair()
     both = ((plain, measure(plain)), (shaken, measure(shaken)))
-    gte_plots.plot_window_sums(*both, "a.png", robot="panda")
+    gte_plots.plot_window_sums(both, "a.png", robot="panda")
     (axes,) = drawn[0].axes
     texts = [t.get_text() for t in axes.get_yticklabels()]
     assert texts[0] == "x [m·samples]"
@@ -115,7 +115,7 @@ def test_window_sums_beside_the_thesis(drawn):
 def test_case_the_thesis_lacks_is_drawn_alone(drawn):
     plain, shaken = pair(stiffness=(300, 30, 0))
     both = ((plain, measure(plain)), (shaken, measure(shaken)))
-    gte_plots.plot_window_sums(*both, "a.png", robot="panda")
+    gte_plots.plot_window_sums(both, "a.png", robot="panda")
     colours = {x.get_color() for x in drawn[0].axes[0].lines}
     assert gte_plots.MEASURED not in colours
 
