@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.reporting.markdown import table_text
 
 Array = NDArray[np.float64]
+STICTION_FACTOR = 2.5
+"""Largest amplitude over the joint's largest stiction [-]; assumed: the thesis went up to 2 base torques."""
+LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 5.0, 100.0
+"""Of the action [Hz]; assumed: around thesis 3.3, 15 to 80 Hz on the Panda (200 Hz on the iiwa)."""
 
 
 @dataclass(frozen=True)
@@ -76,21 +79,21 @@ def action_bounds(
     """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
 
     A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
-    f_max = min(100 Hz, half the controller's rate), with the numbers of `ActionSettings`.
+    f_max = min(100 Hz, half the controller's rate).
 
     Raises:
         StictionError: a controller too slow for the lowest frequency.
     """
-    s, stiction = experiment_settings().action, largest_stiction(parameters, poses)
-    top = np.minimum(interface.torque_limit, s.stiction_factor * stiction)
+    stiction = largest_stiction(parameters, poses)
+    top = np.minimum(interface.torque_limit, STICTION_FACTOR * stiction)
     n = len(top)
-    f_max = min(s.highest_frequency, interface.controller_rate_hz / 2)
-    if f_max <= s.lowest_frequency:
+    f_max = min(HIGHEST_FREQUENCY, interface.controller_rate_hz / 2)
+    if f_max <= LOWEST_FREQUENCY:
         raise StictionError(
             f"controller rate {interface.controller_rate_hz} Hz: expected more than "
-            f"{2 * s.lowest_frequency:g} Hz, for the environments"
+            f"{2 * LOWEST_FREQUENCY:g} Hz, for the environments"
         )
-    low = np.concatenate([np.zeros(n), np.full(n, s.lowest_frequency)])
+    low = np.concatenate([np.zeros(n), np.full(n, LOWEST_FREQUENCY)])
     return low, np.concatenate([top, np.full(n, f_max)])
 
 
@@ -159,9 +162,8 @@ def observation_table(n: int, groups: Sequence[Group]) -> str:
 
 def action_table(n: int) -> str:
     """Return the Markdown table of the action for an arm of ``n`` joints."""
-    s = experiment_settings().action
-    top = f"A_max = min(torque limit, {s.stiction_factor:g} × stiction)"
-    rate = f"min({s.highest_frequency:g}, controller rate / 2)"
+    top = f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)"
+    rate = f"min({HIGHEST_FREQUENCY:g}, controller rate / 2)"
     return table_text(
         ["index", "meaning", "min", "max", "unit"],
         [
@@ -169,7 +171,7 @@ def action_table(n: int) -> str:
             [
                 f"{n}–{2 * n - 1}",
                 f"frequency, joint 1 … {n}",
-                f"{s.lowest_frequency:g}",
+                f"{LOWEST_FREQUENCY:g}",
                 rate,
                 "Hz",
             ],

@@ -91,50 +91,6 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OscillationSettings:
-    """How far a dither moves the joint under test before it breaks away."""
-
-    share: Share
-    """The ramp counts until the joint has moved by this part of the threshold [-]."""
-    highpass: Share
-    """Corner over the dither's frequency of the high-pass that removes creep from the speed [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PushSettings:
-    """How a person pushes a joint, and when the joint has stopped."""
-
-    step: Share
-    """Step by which a push grows, over the torque that the joint holds [-]."""
-    rise_time: Positive
-    """Time in which the torque grows by the torque that the joint holds [s]."""
-    watched_time: Positive
-    """A joint has stopped if its mean position equals that of this much earlier [s]."""
-    still: Positive
-    """Largest difference between those two positions [rad]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServoSettings:
-    """How the joints that are not under test are held."""
-
-    torque_margin: Positive
-    """A servo's stiffness assumes a torque limit of at least this many times the resistance [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActionSettings:
-    """Bounds of an environment's dither; see `observation.action_bounds`."""
-
-    stiction_factor: Positive
-    """Largest amplitude over the joint's largest stiction [-]."""
-    lowest_frequency: Positive
-    """Lowest frequency [Hz]."""
-    highest_frequency: Positive
-    """Highest frequency [Hz]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
     """All settings of this package."""
 
@@ -144,14 +100,6 @@ class ExperimentSettings:
     """Load and no-load poses."""
     calibration: CalibrationSettings
     """Friction from base torques."""
-    oscillation: OscillationSettings
-    """Displacement by dither."""
-    push: PushSettings
-    """A joint that a person pushes."""
-    servos: ServoSettings
-    """Servos of the other joints."""
-    action: ActionSettings
-    """Dither in the environments."""
 
 
 @cache

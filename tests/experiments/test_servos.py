@@ -4,8 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.servos import Servos
-from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.servos import TORQUE_MARGIN, Servos
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
@@ -146,11 +145,11 @@ def test_offset_counts_in_both_directions(light):
 
 
 def test_the_margin_is_what_tolerance_and_scatter_ask_for():
-    """`torque_margin` follows from the protocol: what resists is beaten within the tolerance."""
-    p, margin = load_protocol("own"), experiment_settings().servos.torque_margin
+    """The margin follows from the protocol: what resists is beaten within the tolerance."""
+    p = load_protocol("own")
     reach = p.start_tolerance - 3 * p.pose_scatter
     least = (1 + 3 * p.friction_scatter) / (p.hold_stiffness * reach)
-    assert least < margin < 1.1 * least
+    assert least < TORQUE_MARGIN < 1.1 * least
 
 
 def test_springs_of_elastic_joints_are_part_of_the_mass_matrix():

@@ -133,7 +133,7 @@ class PushPage:
         joints = [c.hotkey for c in self.view.controls if c.hotkey.isdigit()]
         chosen = gui.add_button_group("joint", joints)
         chosen.on_click(lambda event: self.view.keys.put(ONE - 1 + int(event.target.value)))
-        step = f"{100 * self.view.push.settings.step:.0f} %"
+        step = f"{100 * self.view.push.STEP:.0f} %"
         pushed = gui.add_button_group("push", [f"− {step}", f"+ {step}"])
         pushed.on_click(
             lambda event: self.view.keys.put(UP if event.target.value.startswith("+") else DOWN)

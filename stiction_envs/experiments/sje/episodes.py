@@ -20,7 +20,6 @@ from stiction_envs.experiments.episodes import (
     ScatterKey,
 )
 from stiction_envs.experiments.observation import largest_stiction, observed_action, pack
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.observation import GROUPS, check_sje_options
 from stiction_envs.experiments.sje.oscillation import Oscillation
@@ -29,7 +28,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     sje_reward_settings,
 )
-from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP
+from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING
 from stiction_envs.experiments.sje.undithered import base_torques
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -81,7 +80,7 @@ class SJEEpisodes(Episodes):
             self.num_envs,
             self.n,
             corner=reward.shaking_corner,
-            far=experiment_settings().oscillation.share * e.protocol.threshold,
+            far=STICKING * e.protocol.threshold,
         )
         self.rig.watch = self.oscillation.add
         self.stiction = largest_stiction(e.sticking.parameters, e.poses)

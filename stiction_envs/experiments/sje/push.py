@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.base import Experiment, joint_number
 from stiction_envs.experiments.rig import Rig
-from stiction_envs.experiments.settings import PushSettings, experiment_settings
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.measured import AmplitudeRow
@@ -33,19 +32,23 @@ _ME = np.array([0])
 class Push(Rig):
     """One arm with one joint under somebody's hand."""
 
-    def __init__(
-        self,
-        sticking: StickingModel,
-        *,
-        dither: Sequence[AmplitudeRow] = (),
-        settings: PushSettings | None = None,
-    ) -> None:
+    STEP = 0.1
+    """Step by which a push grows, over the torque that the joint holds [-]; assumed."""
+    RISE_TIME = 20.0
+    """Time in which the torque grows by the torque that the joint holds [s]; assumed: about the
+    rate of the Single Joint Experiment; under a quicker ramp a LuGre joint lets go earlier."""
+    WATCHED_TIME = 0.25
+    """A joint has stopped if its mean position equals that of this much earlier [s]; assumed: some
+    periods of a dither."""
+    STILL = 0.005
+    """Largest difference between those two positions [rad]; assumed."""
+
+    def __init__(self, sticking: StickingModel, *, dither: Sequence[AmplitudeRow] = ()) -> None:
         """Put the arm at its rest pose, joint 1 free, nothing pushed, dither off.
 
         Args:
             sticking: the model.
             dither: of each dithered joint, when it is the one that is pushed and dither is on.
-            settings: None for those of ``settings.toml``.
 
         Raises:
             StictionError: dither of a joint that the arm lacks.
@@ -56,7 +59,6 @@ class Push(Rig):
             joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
         """Dither of each joint that has one."""
-        self.settings = settings or experiment_settings().push
         self.threshold = self.approach_protocol.threshold
         """Distance after which the joint has let go [rad]."""
         # whole controller cycles, none longer than the plant leaves its friction alone
@@ -101,8 +103,8 @@ class Push(Rig):
         self._set_dither()
 
     def harder(self, steps: float) -> None:
-        """Push harder in the positive direction by steps of the settings; the torque follows."""
-        self.target += steps * self.settings.step * self.holds_up_to(1.0)
+        """Push harder in the positive direction by steps of `STEP`; the torque follows."""
+        self.target += steps * self.STEP * self.holds_up_to(1.0)
         limit = float(self.interface.torque_limit[self.joint - 1])
         self.target = float(np.clip(self.target, -limit, limit))
         if abs(self.target) < 1e-9:
@@ -178,7 +180,7 @@ class Push(Rig):
 
     def _ramp(self) -> Array:
         """Return the commanded torque (block,) of the next control steps [N·m]."""
-        rate = self.holds_up_to(self.target) / self.settings.rise_time
+        rate = self.holds_up_to(self.target) / self.RISE_TIME
         step = np.arange(1, self.block + 1)
         # held for a controller cycle, as the robot holds it
         cycle = -(-step // self.interface.hold_steps) * self.interface.hold_steps
@@ -193,13 +195,13 @@ class Push(Rig):
         if len(self._seen) < (self._seen.maxlen or 0):
             return False
         seen = list(self._seen)
-        return abs(float(np.mean(seen[half:]) - np.mean(seen[:half]))) < self.settings.still
+        return abs(float(np.mean(seen[half:]) - np.mean(seen[:half]))) < self.STILL
 
     def _rest_here(self) -> None:
         """Count the joint's angle from here."""
         self.start, self.slips = float(self.plant.position[0, self.joint - 1]), False
         stride = self.interface.hold_steps if self.dither.gated else self.block
-        watched = round(2 * self.settings.watched_time / CONTROL_DT / stride)
+        watched = round(2 * self.WATCHED_TIME / CONTROL_DT / stride)
         self._seen: deque[float] = deque(maxlen=max(2, watched))
 
     def _set_dither(self) -> None:

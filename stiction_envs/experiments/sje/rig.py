@@ -18,7 +18,6 @@ from stiction_envs.compiled import compiled
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.rig import Rig, minimum_jerk
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
@@ -28,6 +27,12 @@ Index = NDArray[np.int64]
 IDLE, APPROACH, RAMP = 0, 1, 2
 BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
+STICKING = 0.2
+"""A joint still sticks until it has moved by this part of the threshold [-]; assumed: past it the
+joint runs away, and its speed is no longer the dither's."""
+HIGHPASS = 0.2
+"""Corner over the dither's frequency of the high-pass that removes creep from the speed [-];
+assumed: it takes 2 % of the oscillation."""
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -76,7 +81,6 @@ class SJERig(Rig):
         self.shaken_speed = np.zeros(nsim)
         """(N,) root mean square speed of the joint under test before it broke away, without what is
         slow against the dither [rad/s]."""
-        self._oscillation = experiment_settings().oscillation
         self._speeds = np.zeros((nsim, 4))  # of `_add_squares`
         self._read_speed = np.zeros((nsim, self.columns))
         self.watch: Callable[[Index, Array], None] | None = None
@@ -214,12 +218,10 @@ class SJERig(Rig):
         frequency = self.dither.frequency[ids]
         if self.columns > 1:
             frequency = np.take_along_axis(frequency, self.joint[ids][:, None], axis=1)
-        corner = self._oscillation.highpass * frequency[:, 0]
+        corner = HIGHPASS * frequency[:, 0]
+        gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
         sums = self._speeds[ids]
-        far = self._oscillation.share * self.protocol.threshold
-        _add_squares(
-            angle, self.start_angle[ids], far, 1 / (1 + 2 * np.pi * corner * CONTROL_DT), sums
-        )
+        _add_squares(angle, self.start_angle[ids], far, gain, sums)
         self._speeds[ids] = sums
 
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
