@@ -115,10 +115,6 @@ class Report(Result):
         return f"<conformance Report: {n} of {len(self.joints)} joints stick>"
 
     def __str__(self) -> str:
-        return self.text()
-
-    def text(self) -> str:
-        """Return the results as a table with units."""
         answer = self.to_json()
         return describe(answer["rows"], answer["settings"])
 

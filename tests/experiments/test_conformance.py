@@ -41,7 +41,7 @@ def stock(frictionloss: float = 0.3, *, extra: str = "", inertia: float = 0.2) -
 )
 def test_every_joint_of_every_arm_sticks(robot):
     report = conformance(robot)
-    assert report.passed, report.text()
+    assert report.passed, str(report)
     assert [j.name for j in report.joints] == [f"joint{i}" for i in range(1, 8)]
     for joint in report.joints:
         assert joint.still < 1e-6
@@ -141,8 +141,8 @@ def test_one_weak_joint_fails_the_model():
     report = conformance(model, [0.6, 0.8], rates=NO_RAMP)
     assert [j.passed for j in report.joints] == [True, False]
     assert not report.passed
-    assert "1 of 2 joints stick" in report.text()
-    assert "NO" in report.text()
+    assert "1 of 2 joints stick" in str(report)
+    assert "NO" in str(report)
 
 
 # ---- what must not matter ------------------------------------------------------------------
@@ -158,7 +158,7 @@ def test_one_weak_joint_fails_the_model():
 )
 def test_limits_springs_and_damping_do_not_hold_it(extra):
     report = conformance(lugre("2000 12 0.5 0.6 0.003", **extra), rates=NO_RAMP)
-    assert report.passed, report.text()
+    assert report.passed, str(report)
 
 
 def test_a_servo_does_not_hold_it():
@@ -178,7 +178,7 @@ def test_gravity_and_contact_do_not_matter():
   </worldbody><actuator><dcmotor joint="j" input="none" motorconst="0" resistance="1"
   lugre="2000 25 0.5 0.6 0.003"/></actuator></mujoco>"""
     report = conformance(text, rates=NO_RAMP)
-    assert report.passed, report.text()
+    assert report.passed, str(report)
 
 
 def test_the_model_is_not_changed():
@@ -204,7 +204,7 @@ def test_position_may_be_given():
 
 
 def test_text_has_every_joint_and_unit():
-    text = conformance(sticking(), rates=(0.2,)).text()
+    text = str(conformance(sticking(), rates=(0.2,)))
     lines = text.splitlines()
     assert len({len(line) for line in lines[:3]}) == 1
     for word in ("F_s N·m", "mrad", "rad/s", "at 0.2 N·m/s", "sticks"):

@@ -173,15 +173,7 @@ def write_report(
     printed: bool,
     note: str = "",
 ) -> None:
-    """Write both pages.
-
-    Args:
-        folder: an existing one, with the pictures.
-        rows: of ``errors.csv``, six axes per case, the case without anything first.
-        runs: of ``runs.csv``, a row per case.
-        printed: whether the folder has a picture of Table 4.11.
-        note: stands at the top.
-    """
+    """Write both pages; cases are compared with the first, without dither and compensation."""
     from stiction_envs.reporting.templates import write_md_and_html
 
     cases = {run.case: [r for r in rows if r.case == run.case] for run in runs}
@@ -249,13 +241,7 @@ def _trouble(runs: Sequence[RunRow]) -> str:
 
 
 def _errors(cases: dict[str, list[ErrorRow]], column: str, factor: float) -> str:
-    """Return a table of one error, an axis in a line; what is not the first case with its change.
-
-    Args:
-        cases: six axes each.
-        column: of `ErrorRow`.
-        factor: of the unit that is shown to the row's.
-    """
+    """Return a table of one error, an axis in a line; other cases with their change."""
     base, *others = cases.values()
     milli = "m" if factor == MILLI else ""
     rows = []

@@ -263,17 +263,7 @@ def write_report(
     stuck: str = "",
     note: str = "",
 ) -> None:
-    """Write both pages and the picture.
-
-    Args:
-        folder: an existing one, with the pictures.
-        rows: of ``sje.csv``, at least one.
-        robot: name of the arm.
-        protocol: that the torques were measured by.
-        pictures: of the iterations, names in the folder.
-        stuck: what has no torque, one line.
-        note: stands at the top.
-    """
+    """Write both pages and the picture of all torques; ``pictures`` are those of the iterations."""
     from stiction_envs.experiments.sje.plots import plot_torques
     from stiction_envs.reporting.templates import write_md_and_html
 
