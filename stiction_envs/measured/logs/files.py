@@ -39,7 +39,7 @@ def read_raw(
     for option, given in (("joints", names.joints), ("topic", names.topic)):
         if given and not kind.has_names:
             raise StictionError(
-                f"--{option}: the joints of {where} have numbers: expected ROS bags only"
+                f"{option}: the joints of {where} have numbers: expected ROS bags only"
             )
     raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names))
     if not len(raw.t):

@@ -52,7 +52,7 @@ class CsvFile(LogFormat):
 
 
 def known_header(names: Sequence[str]) -> Header:
-    """Return kind columns these are."""
+    """Return the kind of log that has these columns."""
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
 
 
