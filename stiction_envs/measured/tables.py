@@ -31,12 +31,12 @@ LOADS = ("load", "no_load")
 DIRECTIONS = ("+", "-")
 """Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
 
-_KEY = ("robot", "joint", "load", "direction")
+KEY = ("robot", "joint", "load", "direction")
 _RESULT = ("frequency_hz", "amplitude_nm", "tau_nm", "std_nm", "iterations", "reduction")
-SJE_COLUMNS = (*_KEY, *_RESULT)
+SJE_COLUMNS = (*KEY, *_RESULT)
 AMPLITUDE_COLUMNS = ("joint", "frequency_hz", "amplitude_nm")
 AMPLITUDE_OPTIONAL = ("waveform", "offset_nm", "gate_rad_s")
-THESIS_BASE_COLUMNS = (*_KEY, "tau_base_Nm")
+THESIS_BASE_COLUMNS = (*KEY, "tau_base_Nm")
 
 
 @dataclass(frozen=True)

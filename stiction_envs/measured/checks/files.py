@@ -7,28 +7,28 @@ print(found)                   # one finding in a line
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.rules import Defect
 from stiction_envs.measured.checks.tables import check_tables, read_rows
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.files import count_joints, is_log
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import IGNORED, JointLog, read_logs
+from stiction_envs.measured.logs.reader import IGNORED, read_logs
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
 
 REMARK = "remark"
 """Kind of what is true but not wrong."""
-ALLOWED = ("gap", "run", "epoch", "source")
-"""Corrections of a log that only say how it was recorded: segments, recordings, dates as time, what
-its columns or messages are."""
+NOT_WRONG = ("gap", "run", "epoch", "source")
+"""Kinds of correction that only say how a log was recorded: segments, recordings, dates as time,
+what its columns or messages are."""
 
 
 @dataclass(frozen=True)
@@ -113,64 +113,48 @@ def check(
         if not is_log(path):
             raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
     arm = None if robot is None else load_arm(robot, chain=chain)
+    n, limits, names = (0, None, ()) if arm is None else (arm.n, arm.limits, arm.joint_names)
+    naming = Naming(robot=names, joints=tuple(joints), topic=topic)
     kinds = {path: file_kind(path) for path in paths}
-    findings = _of_tables([p for p in kinds if kinds[p] == TABLE])
+    findings: list[Finding] = []
+    tables: dict[str, list[dict[str, str]]] = {}
+    for path in (p for p in kinds if kinds[p] == TABLE):
+        with _unreadable(path, findings):
+            tables[str(path)] = read_rows(path)
+    for d in check_tables(tables):
+        text = f"{d.printed}, expected {d.expected}: {d.message}"
+        findings.append(Finding(d.table, d.where, d.kind, text))
     for path in (p for p in kinds if kinds[p] != TABLE):
-        try:
-            naming = Naming(
-                robot=() if arm is None else arm.joint_names, joints=tuple(joints), topic=topic
-            )
-            n = count_joints(path, naming) if arm is None else arm.n
-            limits = None if arm is None else arm.limits
-            (log,) = read_logs([path], n, limits=limits, naming=naming)
-            findings += _of_log(path, log)
-        except StictionError as error:
-            findings.append(_unreadable(path, error))
+        with _unreadable(path, findings):
+            count = n or count_joints(path, naming)
+            (log,) = read_logs([path], count, limits=limits, naming=naming)
+            for c in log.corrections:
+                kind = REMARK if c.kind in NOT_WRONG else "corrected"
+                findings.append(Finding(str(path), "", kind, c.text))
+            for text in log.warnings:
+                kind = REMARK if text.startswith(IGNORED) else "warning"
+                findings.append(Finding(str(path), "", kind, text))
+    arguments = {
+        "files": [str(p) for p in paths],
+        "robot": robot,
+        **({} if chain is None else {"chain": list(chain)}),
+        "joints": list(joints),
+        "topic": topic,
+    }
+    inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),
-        provenance=provenance(
-            "check",
-            {
-                "files": [str(p) for p in paths],
-                "robot": robot,
-                **({} if chain is None else {"chain": list(chain)}),
-                "joints": list(joints),
-                "topic": topic,
-            },
-            seed=0,
-            inputs={f"file{k}": p for k, p in enumerate(paths, 1)},
-        ),
+        provenance=provenance("check", arguments, seed=0, inputs=inputs),
     )
 
 
-def _of_tables(paths: Sequence[Path]) -> list[Finding]:
-    findings, tables = [], {}
-    for path in paths:
-        try:
-            tables[str(path)] = read_rows(path)
-        except StictionError as error:
-            findings.append(_unreadable(path, error))
-    return findings + [_of_defect(d) for d in check_tables(tables)]
-
-
-def _of_defect(d: Defect) -> Finding:
-    text = f"{d.printed}, expected {d.expected}: {d.message}"
-    return Finding(d.table, d.where, d.kind, text)
-
-
-def _of_log(path: Path, log: JointLog) -> list[Finding]:
-    out = [
-        Finding(str(path), "", REMARK if m.kind in ALLOWED else "corrected", m.text)
-        for m in log.corrections
-    ]
-    for text in log.warnings:
-        kind = REMARK if text.startswith(IGNORED) else "warning"
-        out.append(Finding(str(path), "", kind, text))
-    return out
-
-
-def _unreadable(path: Path, error: StictionError) -> Finding:
-    """Return an error as a finding; its message begins with the file."""
-    text = str(error).removeprefix(str(path)).lstrip(":, ")
-    return Finding(str(path), "", "unreadable", text)
+@contextmanager
+def _unreadable(path: Path, findings: list[Finding]) -> Iterator[None]:
+    """Turn an error into a finding about its file."""
+    try:
+        yield
+    except StictionError as error:
+        # the message begins with the file
+        text = str(error).removeprefix(str(path)).lstrip(":, ")
+        findings.append(Finding(str(path), "", "unreadable", text))

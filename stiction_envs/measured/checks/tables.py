@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.rules import (
+    Bases,
     Defect,
     Row,
+    Setting,
     check_amplitudes,
     check_measurements,
     check_percentages,
     check_repeats,
     check_signs,
     check_sje,
+    grouped,
     joint_scale,
     number,
     place,
@@ -28,19 +33,16 @@ from stiction_envs.measured.checks.thesis_forms import (
     check_units,
 )
 from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS
-from stiction_envs.measured.thesis_robots import thesis_robots
-from stiction_envs.measured.thesis_tables import THESIS_TABLES, thesis_file
+from stiction_envs.measured.tables import DIRECTIONS, KEY, LOADS, SJE_COLUMNS
 
-_KEY = ("robot", "joint", "load", "direction")
 FORMS: dict[str, tuple[str, ...]] = {
     "SJE table": SJE_COLUMNS,
-    "4.5-4.8": (*_KEY, "frequency_Hz", "scale", "tau_sje_Nm", "change_pct"),
+    "4.5-4.8": (*KEY, "frequency_Hz", "scale", "tau_sje_Nm", "change_pct"),
     "4.9": (
-        *(*_KEY, "frequency_Hz", "scale", "tau_base_Nm"),
+        *(*KEY, "frequency_Hz", "scale", "tau_base_Nm"),
         *("tau_intermediate_Nm", "tau_final_Nm", "final_set_by_hand"),
     ),
-    "4.10": (*_KEY, "amplitude_set", "tau_base_Nm", "tau_sje_Nm", "change_pct"),
+    "4.10": (*KEY, "amplitude_set", "tau_base_Nm", "tau_sje_Nm", "change_pct"),
     "4.11": (
         *("robot", "subtable", "axis"),
         *("mean_error_dither", "mean_error_no_dither", "diff", "unit_printed"),
@@ -48,7 +50,7 @@ FORMS: dict[str, tuple[str, ...]] = {
     "4.2": ("robot", "joint", "direction", "quantity", "unit", "value"),
     "4.1": ("robot", "joint", "quantity", "unit", "value"),
     "A.1": ("robot", "joint", "direction", "intercept_Nm", "slope_Nms_per_rad", "r2"),
-    "4.3, 4.4": (*_KEY, "tau_base_Nm"),
+    "4.3, 4.4": (*KEY, "tau_base_Nm"),
 }
 """Columns by which a table is recognised, first match first; others may be there too."""
 _NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
@@ -61,21 +63,6 @@ _REPEATED = {
     "r2": ", r2",
 }
 """Columns of numbers that several tables print, and what they are called."""
-
-
-def check_thesis() -> list[Defect]:
-    """Everything wrong in print in the thesis's tables, misprints and remarks."""
-    robots = thesis_robots()
-    return check_tables(
-        {name: read_rows(thesis_file(name)) for name in THESIS_TABLES},
-        total_kg={name: r.weight_kg for name, r in robots.items() if r.weight_kg is not None},
-        start_kg={name: r.start_kg for name, r in robots.items() if r.start_kg},
-    )
-
-
-def check_files(paths: Iterable[str | os.PathLike[str]]) -> list[Defect]:
-    """Everything wrong in CSV files, each by itself and all against each other."""
-    return check_tables({str(path): read_rows(path) for path in paths})
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
@@ -104,48 +91,43 @@ def form_of(columns: Sequence[str]) -> str | None:
     return next((name for name, need in FORMS.items() if set(need) <= set(columns)), None)
 
 
-def check_tables(
-    tables: Mapping[str, Sequence[Row]],
-    *,
-    total_kg: Mapping[str, float] | None = None,
-    start_kg: Mapping[str, Mapping[int, float]] | None = None,
-) -> list[Defect]:
+def check_tables(tables: Mapping[str, Sequence[Row]]) -> list[Defect]:
     """Apply each rule to the tables it fits; ``tables`` are rows as printed by table name.
 
     Base torques of any table serve those that print none, the first one with the most decimals.
-    For ``total_kg`` and ``start_kg`` see :func:`check_parameters`.
     """
     forms = {name: form_of(list(rows[0])) for name, rows in tables.items() if rows}
-    bases = _base_torques(tables)
+    rules = _rules(_base_torques(tables))
     found = []
     for name, form in forms.items():
-        rows = tables[name]
-        columns = [c for c in ("tau_base_Nm", "tau_intermediate_Nm", "tau_sje_Nm") if c in rows[0]]
-        if form in ("4.3, 4.4", "4.5-4.8", "4.9", "4.10"):
-            found += check_signs(rows, columns, name)
-        if form == "SJE table":
-            found += check_sje(rows, name)
-        elif form in ("4.5-4.8", "4.10"):
-            found += check_percentages(rows, name, bases)
-        elif form == "4.9":
-            found += check_amplitudes(rows, name)
-        elif form == "4.11":
-            found += check_units(rows, name) + check_differences(rows, name)
-            found += check_growth(rows, name)
-        elif form == "4.1":
-            found += check_parameters(rows, name, total_kg=total_kg, start_kg=start_kg)
-        elif form == "A.1":
-            found += check_fits(rows, name, bases)
+        for rule in rules.get(form or "", ()):
+            found += [replace(defect, table=name) for defect in rule(tables[name])]
     found += check_measurements(_measurements(tables, forms))
     printed = _printed_quantities(tables)
     found += check_repeats(x for x in printed if not x[1].endswith(", r2"))
     # R² has no resolution of its own: three digits of it are all one prints.
-    return found + check_repeats((x for x in printed if x[1].endswith(", r2")), enough_digits=3)
+    found += check_repeats((x for x in printed if x[1].endswith(", r2")), enough_digits=3)
+    return found
 
 
-def _base_torques(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, str, str], str]:
-    """Printed base torques, N·m, of dithered tables before others (4.7 refers to 4.6, not 4.3)."""
-    bases: dict[tuple[str, int, str, str], str] = {}
+def _rules(bases: Bases) -> dict[str, Sequence[Callable[[Sequence[Row]], Iterable[Defect]]]]:
+    """Return the rules of each form that look at one table by itself."""
+    dithered = (check_signs, partial(check_percentages, bases=bases))
+    return {
+        "SJE table": (check_sje,),
+        "4.3, 4.4": (check_signs,),
+        "4.5-4.8": dithered,
+        "4.10": dithered,
+        "4.9": (check_signs, check_amplitudes),
+        "4.11": (check_units, check_differences, check_growth),
+        "4.1": (check_parameters,),
+        "A.1": (partial(check_fits, bases=bases),),
+    }
+
+
+def _base_torques(tables: Mapping[str, Sequence[Row]]) -> dict[Setting, str]:
+    """Printed base torques [N·m], of dithered tables before others (4.7 refers to 4.6, not 4.3)."""
+    bases: dict[Setting, str] = {}
     for dithered in (True, False):
         for rows in tables.values():
             for row in rows:
@@ -156,19 +138,19 @@ def _base_torques(tables: Mapping[str, Sequence[Row]]) -> dict[tuple[str, int, s
 
 def _measurements(
     tables: Mapping[str, Sequence[Row]], forms: Mapping[str, str | None]
-) -> list[dict[str, object]]:
+) -> list[Row]:
     """Dithered readings of all tables with frequency and scale, those of 4.10 through 4.9.
 
     Verification rows whose amplitude is not scale × base (``final``) repeat nothing.
     """
-    chosen: dict[tuple[str, int, str, str], dict[str, object]] = {}
-    for name, form in forms.items():
-        rows = tables[name] if form == "4.9" else ()
-        for row in rows:
-            joint = [r for r in rows if setting_key(r)[:2] == setting_key(row)[:2]]
-            setting = {"frequency_Hz": row["frequency_Hz"], "scale": str(joint_scale(joint))}
-            chosen[setting_key(row)] = setting
-    found = []
+    chosen: dict[Setting, dict[str, str]] = {}
+    for name in (name for name, form in forms.items() if form == "4.9"):
+        for joint in grouped(tables[name], lambda row: setting_key(row)[:2]).values():
+            scale = str(joint_scale(joint))
+            for row in joint:
+                setting = {"frequency_Hz": row["frequency_Hz"], "scale": scale}
+                chosen[setting_key(row)] = setting
+    found: list[Row] = []
     for name, form in forms.items():
         for row in tables[name]:
             if form == "4.5-4.8":
@@ -187,7 +169,7 @@ def _printed_quantities(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, 
             for column, what in _REPEATED.items():
                 if column in row:
                     # The line of a joint and direction is one for both poses.
-                    keys = ("robot", "joint", "direction") if what else _KEY
+                    keys = ("robot", "joint", "direction") if what else KEY
                     where = place({key: row[key] for key in keys}) + what
                     found.append((name, where, str(row[column])))
             if "quantity" in row and "direction" in row:

@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stiction_envs.measured as measured
-from stiction_envs.measured import (
-    SJERow,
+from stiction_envs.measured import SJERow, write_sje
+from stiction_envs.measured.checks.rules import (
     check_amplitudes,
-    check_files,
     check_measurements,
     check_percentages,
     check_repeats,
     check_signs,
     check_sje,
-    check_tables,
-    write_sje,
+    setting_key,
 )
-from stiction_envs.measured.checks.rules import setting_key
+from stiction_envs.measured.checks.tables import check_tables, read_rows
+from stiction_envs.measured.thesis_tables import thesis_file
 
 THESIS = Path(measured.__file__).parent / "thesis"
 SEEDS = range(8)
 POSES = [(load, direction) for load in ("load", "no_load") for direction in "+-"]
-
-
-def rows_of(number):
-    with open(THESIS / f"table_{number.replace('.', '_')}.csv", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def changed(rows, i, **cells):
@@ -42,11 +35,11 @@ def places(found):
 
 
 def test_all_316_percentages_of_the_thesis_pass():
-    bases = {setting_key(r): r["tau_base_Nm"] for r in rows_of("4.6")}
-    tables = [rows_of(n) for n in ("4.5", "4.6", "4.7", "4.8", "4.10")]
+    bases = {setting_key(r): r["tau_base_Nm"] for r in read_rows(thesis_file("4.6"))}
+    tables = [read_rows(thesis_file(n)) for n in ("4.5", "4.6", "4.7", "4.8", "4.10")]
     assert sum(map(len, tables)) == 316
     for rows in tables:
-        assert check_percentages(rows, bases=bases) == []
+        assert list(check_percentages(rows, bases=bases)) == []
 
 
 def dithered(rng, robot="arm", scale=1.0):
@@ -119,7 +112,7 @@ def test_clean_tables_have_no_defect(seed, tmp_path):
     for name, rows in tables.items():
         assert check_tables({name: rows}) == []
     write_sje(tmp_path / "sje.csv", sje(rng))
-    assert check_files([tmp_path / "sje.csv"]) == []
+    assert check_tables({"s": read_rows(tmp_path / "sje.csv")}) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -147,7 +140,7 @@ def test_a_wrong_sign_is_found(seed):
     bad = changed(rows, i, tau_sje_Nm=tau[1:] if tau[0] == "-" else f"-{tau}")
     (defect,) = check_tables({"mine": bad})
     assert defect.kind == "sign"
-    assert check_signs(rows, ["tau_base_Nm", "tau_sje_Nm"]) == []
+    assert list(check_signs(rows, ["tau_base_Nm", "tau_sje_Nm"])) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -179,7 +172,7 @@ def test_a_wrong_amplitude_scale_or_final_is_found(seed):
 
 def test_repeats_by_their_printed_digits():
     """Half a unit of the shorter number: 1.265 is 1.2646 rounded, 1.264 is not."""
-    assert check_repeats([("a", "q", "1.2646"), ("b", "q", "1.2646"), ("b", "p", "7")]) == []
+    assert list(check_repeats([("a", "q", "1.2646"), ("b", "q", "1.2646"), ("b", "p", "7")])) == []
     (remark,) = check_repeats([("a", "q", "1.265"), ("b", "q", "1.2646")])
     assert (remark.table, remark.printed, remark.kind) == ("a", "1.265", "remark")
     (defect,) = check_repeats([("a", "q", "1.264"), ("b", "q", "1.2646"), ("c", "q", "1.265")])
@@ -187,8 +180,8 @@ def test_repeats_by_their_printed_digits():
     (defect,) = check_repeats([("a", "q", "1.2645"), ("b", "q", "1.2646")])
     assert (defect.table, defect.kind) == ("b", "repeat")
     readings = [("a", "r2", "0.0299"), ("b", "r2", "0.029948")]
-    assert len(check_repeats(readings)) == 1
-    assert check_repeats(readings, enough_digits=3) == []
+    assert len(list(check_repeats(readings))) == 1
+    assert list(check_repeats(readings, enough_digits=3)) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -200,7 +193,7 @@ def test_a_repetition_that_contradicts_is_found(seed):
         percent = float(r["change_pct"]) + rng.normal(scale=3.0)
         tau = float(r["tau_base_Nm"]) * (1 + percent / 100)
         again.append({**r, "table": "two", "tau_sje_Nm": f"{tau}", "change_pct": f"{percent:+.2f}"})
-    assert check_measurements(first + again) == []
+    assert list(check_measurements(first + again)) == []
     i = int(rng.integers(len(first)))
     bad = changed(again, i, change_pct="-95.00")
     (defect,) = check_measurements(first + bad)
@@ -208,23 +201,22 @@ def test_a_repetition_that_contradicts_is_found(seed):
     place = f"arm joint {r['joint']}, {r['load']} {r['direction']}, {r['frequency_Hz']} Hz"
     assert (defect.table, defect.where, defect.kind) == ("two", place, "repeat")
     # Four repetitions are too few to tell a spread.
-    assert check_measurements(first[:4] + changed(again, 0, change_pct="-95.00")[:4]) == []
+    assert list(check_measurements(first[:4] + changed(again, 0, change_pct="-95.00")[:4])) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_sje_tables(seed, tmp_path):
     rng = np.random.default_rng(seed)
     write_sje(tmp_path / "sje.csv", sje(rng))
-    with open(tmp_path / "sje.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(tmp_path / "sje.csv")
     i = int(rng.choice([k for k, r in enumerate(rows) if float(r["frequency_hz"]) > 0]))
     r = rows[i]
     place = f"arm joint {r['joint']}, {r['load']} {r['direction']}"
     bad = changed(rows, i, reduction=f"{float(r['reduction']) + 0.01:.4f}")
-    (defect,) = check_sje(bad, "mine")
+    (defect,) = check_sje(bad)
     assert (defect.kind, defect.where.startswith(place)) == ("percentage", True)
     bad = changed(rows, i, tau_nm=repr(-float(r["tau_nm"])))
-    (defect,) = check_sje(bad, "mine")
+    (defect,) = check_sje(bad)
     assert (defect.kind, defect.where) == ("sign", place)
     for std, step, n in (("0.01", 0.05, 0), ("0.01", 0.1, 1), ("nan", 0.01, 0), ("nan", 1.5, 1)):
         sign = 1 if r["direction"] == "+" else -1
@@ -233,4 +225,4 @@ def test_sje_tables(seed, tmp_path):
         assert [d.kind for d in check_sje([*rows, twice])] == ["repeat"] * n
     # Without its base row a reduction cannot be judged.
     alone = [x for x in rows if float(x["frequency_hz"]) > 0]
-    assert check_sje(alone) == []
+    assert list(check_sje(alone)) == []
