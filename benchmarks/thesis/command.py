@@ -101,7 +101,7 @@ def _items(args: argparse.Namespace) -> dict[str, Any]:
     items = chosen(args.only)
     name = "-".join(args.only).replace(".", "_") or "thesis"
     args.only = [item.key for item in items]  # the same run, however asked for
-    inputs = inputs_of(HERE / "ensemble" / "ensemble.toml")
+    inputs = inputs_of()
     folder = common.output_folder(args, name, inputs, resumable=True)
     options = Options(
         seed=args.seed,

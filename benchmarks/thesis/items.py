@@ -29,7 +29,7 @@ Numbers = tuple[str, str]
 """The number that counts, and one sentence of how the simulation compares with the thesis."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Written:
     """What an item says and shows."""
 
@@ -38,18 +38,18 @@ class Written:
     """Markdown: tables and pictures."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Item:
     """A table or a figure of the thesis."""
 
-    id: str
-    """As printed: ``4.6``, ``F.1``."""
     kind: str
     """One of :data:`KINDS`."""
+    id: str
+    """As printed: ``4.6``, ``F.1``."""
     title: str
     """What it shows in the thesis, in our words."""
     needs: Callable[[], Needs]
-    write: Write
+    write: Callable[[Item, Found, Path], Written]
     """Draws into the folder what the studies found."""
 
     @property
@@ -70,7 +70,6 @@ class Item:
 
 
 Write = Callable[[Item, Found, Path], Written]
-"""Draws an item into a folder from what the studies found."""
 
 
 def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
@@ -100,19 +99,14 @@ def write_table(
         columns: of the CSV, those of the thesis first.
         rows: of the CSV.
         header: of the table on the page.
-        shown: its rows there.
+        shown: its rows there; short cells are not broken.
         numbers: how it compares.
     """
     path = folder / item.file
     path.parent.mkdir(exist_ok=True)
     write_lines(path, columns, rows)
-    body = table_text(header, [[_unbroken(cell) for cell in row] for row in shown])
-    return Written(numbers=numbers, body=body)
-
-
-def _unbroken(cell: str) -> str:
-    """Return a short cell with blanks that do not break."""
-    return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
+    cells = [[x.replace(" ", "\u00a0") if len(x) <= SHORT else x for x in row] for row in shown]
+    return Written(numbers, table_text(header, cells))
 
 
 def write_figure(item: Item, folder: Path, figure: Figure, numbers: Numbers) -> Written:
@@ -120,7 +114,7 @@ def write_figure(item: Item, folder: Path, figure: Figure, numbers: Numbers) -> 
     path = folder / item.file
     path.parent.mkdir(exist_ok=True)
     save_small(figure, path)
-    return Written(numbers=numbers, body=f"![{item.name}: {item.title}]({item.file})")
+    return Written(numbers, f"![{item.name}: {item.title}]({item.file})")
 
 
 def plain_axes(axes: Axes) -> None:

@@ -35,7 +35,8 @@ from benchmarks.thesis.lsm import (
     bands_of,
     friction,
 )
-from stiction_envs.experiments.sje.protocol import Configuration, Job, configurations
+from benchmarks.thesis.torques import base_jobs
+from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.measured import thesis_robots, thesis_table
 from stiction_envs.reporting.markdown import number, short, signed, span, table_text
 from stiction_envs.robots import arm_title, load_arm
@@ -62,7 +63,7 @@ def line_needs() -> Needs:
 
 def comparison_needs() -> Needs:
     """Return what Table 4.4 needs: lines, and base torques."""
-    return {**line_needs(), "sje": [(PANDA, Job(c)) for c in configurations(7)]}
+    return {**line_needs(), "sje": [(PANDA, job) for job in base_jobs()]}
 
 
 def link_needs() -> Needs:
@@ -184,7 +185,7 @@ def write_all_joints(item: Item, found: Found, folder: Path) -> Written:
         shown=shown,
         numbers=compare_lines(found),
     )
-    return Written(numbers=written.numbers, body=f"{written.body}\n\n{_defects(found)}")
+    return Written(written.numbers, f"{written.body}\n\n{_defects(found)}")
 
 
 def _defects(found: Found) -> str:

@@ -2,7 +2,7 @@
 
 What the study ``gte`` finds is a pair for each path and stiffness: without dither, and with the
 final one of Table 4.9. All of it is the shipped set-up; the thesis prints no path sizes, start or
-speeds, which `benchmarks.thesis.ensemble` therefore draws.
+speeds.
 """
 
 from __future__ import annotations
@@ -17,9 +17,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.thesis.ensemble.page import write_ensemble
-from benchmarks.thesis.ensemble.runs import measured_sums
-from benchmarks.thesis.ensemble.scores import factor
 from benchmarks.thesis.items import (
     Found,
     Item,
@@ -41,19 +38,14 @@ Array = NDArray[np.float64]
 Pair = tuple[tuple[Run, Measures], tuple[Run, Measures]]
 """The run without dither and the one with it."""
 LETTERS = "abcdef"
-ENSEMBLE = "all"
-"""The only part of the study ``ensemble``."""
+KINDS = ("no_dither", "dither")
+"""Ends of the names of the printed columns."""
 
 
 def path_needs(*trajectories: str) -> Callable[[], Needs]:
     """Return what an item of these paths needs; none for all."""
     chosen = trajectories or TRAJECTORIES
     return lambda: {"gte": [(t, k) for t in chosen for k in thesis_stiffness()]}
-
-
-def sums_needs() -> Needs:
-    """Return what Table 4.11 needs: the shipped set-up, and others that the thesis allows."""
-    return {**path_needs()(), "ensemble": [ENSEMBLE]}
 
 
 def pairs_of(found: Found, trajectories: Sequence[str] = TRAJECTORIES) -> list[Pair]:
@@ -66,57 +58,52 @@ def pairs_of(found: Found, trajectories: Sequence[str] = TRAJECTORIES) -> list[P
 
 @dataclass(frozen=True, kw_only=True)
 class WindowSums:
-    """Sums of |error| over 200 samples, (24,) each: cases by axes [m·samples, rad·samples]."""
+    """Sums of |error| over 200 samples, (2, 24): without dither and with it, cases by axes.
 
-    measured: tuple[Array, Array]
-    """Without dither and with it."""
-    simulated: tuple[Array, Array]
+    Units are [m·samples] and [rad·samples].
+    """
+
+    measured: Array
+    simulated: Array
     """Means over iterations."""
-    std: tuple[Array, Array]
+    std: Array
     """Over iterations; NaN for one."""
     iterations: int
 
     @property
-    def measured_change(self) -> Array:
-        """Relative change by dither [-]."""
-        return self.measured[1] / self.measured[0] - 1.0
-
-    @property
-    def simulated_change(self) -> Array:
-        """Relative change by dither [-]."""
-        return self.simulated[1] / self.simulated[0] - 1.0
+    def changes(self) -> tuple[Array, Array]:
+        """Relative change by dither [-], simulated and measured."""
+        return self.simulated[1] / self.simulated[0] - 1, self.measured[1] / self.measured[0] - 1
 
     @property
     def clear(self) -> NDArray[np.bool_]:
         """Whether the simulated change is above twice its standard error."""
         error = np.hypot(*self.std) / math.sqrt(self.iterations)
-        return np.abs(self.simulated[1] - self.simulated[0]) > 2.0 * error
+        return np.abs(np.diff(self.simulated, axis=0)[0]) > 2.0 * error
 
 
 def window_sums(pairs: Sequence[Pair]) -> WindowSums:
     """Return the sums of Table 4.11, in its order."""
-    sums = [[pair[k][1].window_sum for pair in pairs] for k in range(2)]
-    iterations = len(sums[0][0])
-    mean = [np.concatenate([s.mean(axis=0) for s in x]) for x in sums]
-    std = [np.full(24, np.nan)] * 2
-    if iterations > 1:
-        std = [np.concatenate([s.std(axis=0, ddof=1) for s in x]) for x in sums]
+    printed = [[row[f"mean_error_{x}"] for row in thesis_table("4.11")] for x in KINDS]
+    sums = np.array([[pair[k][1].window_sum for pair in pairs] for k in range(2)])
+    n = sums.shape[2]
+    std = sums.std(axis=2, ddof=1) if n > 1 else np.full_like(sums[:, :, 0], np.nan)
     return WindowSums(
-        measured=measured_sums(),
-        simulated=(mean[0], mean[1]),
-        std=(std[0], std[1]),
-        iterations=iterations,
+        measured=np.array(printed),
+        simulated=sums.mean(axis=2).reshape(2, -1),
+        std=std.reshape(2, -1),
+        iterations=n,
     )
 
 
 def compare_sums(s: WindowSums) -> Numbers:
     """Return how many signs of dither's effect come out, and how far off sizes are."""
-    now, old = s.simulated_change, s.measured_change
+    now, old = s.changes
     right, rises = np.sign(now) == np.sign(old), old > 0
-    off = number(float(factor(s.simulated[0], s.measured[0])))
+    off = np.exp(np.sqrt((np.log(s.simulated[0] / s.measured[0]) ** 2).mean()))
     brief = (
         f'{right.sum()} of {len(old)} signs ("every error falls": {(old < 0).sum()}), sizes off by '
-        f"a factor of {off}"
+        f"a factor of {number(float(off))}"
     )
     return brief, (
         f"With the shipped set-up, to which nothing is fitted, {brief}; {right[rises].sum()} of "
@@ -127,34 +114,34 @@ def compare_sums(s: WindowSums) -> Numbers:
 
 
 def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.11, of the shipped set-up, and how it lies among those the thesis allows."""
+    """Write Table 4.11, of the shipped set-up."""
     s = window_sums(pairs_of(found))
     printed = thesis_table("4.11")
-    difference = 100 * (s.simulated_change - s.measured_change)
+    now, old = s.changes
+    difference = 100 * (now - old)
     lines, shown = [], []
     for k, row in enumerate(printed):
-        now = [s.simulated[0][k], s.std[0][k], s.simulated[1][k], s.std[1][k], difference[k]]
-        lines.append([*row.values(), *now])
+        lines.append(
+            [*row.values(), *np.stack([s.simulated[:, k], s.std[:, k]], 1).ravel(), difference[k]]
+        )
         stiffness = [row[f"stiffness_{x}"] for x in ("translation", "rotation", "nullspace")]
-        noise = "" if s.clear[k] else " (noise)"
         shown.append(
             [
                 f"{row['trajectory']} {'/'.join(f'{x:g}' for x in stiffness)}",
                 f"{row['axis']} [{unit(row['axis'])}·samples]",
-                *(f"{x[k]:.3f}" for x in s.measured),
-                percent(100 * s.measured_change[k]),
-                *(f"{x[k]:.3f}" for x in s.simulated),
-                percent(100 * s.simulated_change[k]) + noise,
+                *(f"{x:.3f}" for x in s.measured[:, k]),
+                percent(100 * old[k]),
+                *(f"{x:.3f}" for x in s.simulated[:, k]),
+                percent(100 * now[k]) + ("" if s.clear[k] else " (noise)"),
                 signed(difference[k], 1),
             ]
         )
-    kinds = ("no_dither", "dither")
-    written = write_table(
+    return write_table(
         item,
         folder,
         columns=[
             *printed[0],
-            *(f"simulated_{kind}{end}" for kind in kinds for end in ("", "_std")),
+            *(f"simulated_{kind}{end}" for kind in KINDS for end in ("", "_std")),
             "difference_points",
         ],
         rows=lines,
@@ -165,9 +152,6 @@ def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
         shown=shown,
         numbers=compare_sums(s),
     )
-    members, shipped = found["ensemble"][ENSEMBLE]
-    section = write_ensemble(folder, members, shipped)
-    return Written(numbers=written.numbers, body=f"{written.body}\n\n{section}")
 
 
 # ---- paths ---------------------------------------------------------------------------------------

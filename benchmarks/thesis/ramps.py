@@ -16,13 +16,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_figure
-from benchmarks.thesis.torques import change_pct, job_of
+from benchmarks.thesis.torques import base_jobs, change_pct, job_of
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import (
     LOADS,
     Job,
     Measurement,
-    configurations,
     load_protocol,
 )
 from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
@@ -51,13 +50,13 @@ class Ramps:
     def jobs(self) -> list[Job]:
         """Return the jobs that are drawn."""
         if self.dither == "none":
-            return [Job(c) for c in configurations(7, [self.joint])]
+            return base_jobs([self.joint])
         return [job_of(r) for r in self.printed()]
 
     def needs(self) -> Needs:
         """Return what the figure needs: the base torques too, for the change by dither."""
-        base = [Job(c) for c in configurations(7, [self.joint])]
-        return {"sje": [(self.robot, j) for j in dict.fromkeys([*base, *self.jobs()])]}
+        jobs = dict.fromkeys([*base_jobs([self.joint]), *self.jobs()])
+        return {"sje": [(self.robot, j) for j in jobs]}
 
     def write(self, item: Item, found: Found, folder: Path) -> Written:
         """Draw the figure."""

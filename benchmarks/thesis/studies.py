@@ -1,22 +1,21 @@
 """The studies behind the items: each is run once, for the parts that items ask for.
 
 What is done is kept in ``studies/`` of the output folder, so that an interrupted run goes on:
-torques and set-ups in rows, paths in one file each. What takes seconds is done again.
+torques in rows, paths in one file each. What takes seconds is done again.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.harness import Rows
-from benchmarks.thesis.ensemble import runs as ensemble
-from benchmarks.thesis.ensemble.set_ups import ROBOT, prior
 from benchmarks.thesis.items import Found
 from benchmarks.thesis.lsm import fit_lines, friction_curve
 from benchmarks.thesis.torques import TUNED, choose
@@ -25,16 +24,13 @@ from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Job
+from stiction_envs.experiments.sje.protocol import Job, Measurement
+from stiction_envs.measured import thesis_robots
 from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.version import __version__
 from tuning.protocol.measurements import as_data, from_data
 
-Advance = Callable[[float], None]
-"""Called with the seconds of one processor that were worked off, roughly."""
-COST = {"curve": 3.0, "lsm": 1.5, "arm": 0.005, "path": 0.03, "set-up": 5.0, "drawing": 0.4}
-"""Measured seconds of one processor: of a curve, a log, a simulated second of an arm and of a path,
-a set-up, a figure."""
+(ROBOT,) = thesis_robots("4.11")
 ARRAYS = (
     *("time", "reference", "actual", "accepted", "reached", "mean_square"),
     *("dither_power", "torque_rate"),
@@ -54,122 +50,63 @@ class Options:
     folder: Path
     """Of what is kept."""
 
-
-@dataclass(frozen=True)
-class Study:
-    """What items can ask for."""
-
-    name: str
-    """In the progress bar."""
-    run: Callable[[Sequence[Any], Found, Options, Advance], dict[Any, Any]]
-    """Parts, what earlier studies found, how, progress → by part."""
-    cost: Callable[[Sequence[Any], Options], float]
-    """Seconds of one processor, roughly."""
+    @property
+    def arm(self) -> dict[str, Any]:
+        """Arguments of an experiment."""
+        return {"scatter": self.scatter, "seed": self.seed, "threads": self.threads}
 
 
-def _curves(parts: Sequence[str], _: Found, how: Options, advance: Advance) -> dict[Any, Any]:
-    out = {}
+def _curves(parts: Sequence[str], _: Found, how: Options) -> Iterator[tuple[Any, Any]]:
     for robot in parts:
-        out[robot] = friction_curve(robot, threads=how.threads)
-        advance(COST["curve"])
-    return out
+        yield robot, friction_curve(robot, threads=how.threads)
 
 
-def _lines(
-    parts: Sequence[tuple[str, str]], _: Found, how: Options, advance: Advance
-) -> dict[Any, Any]:
-    out = {}
+def _lines(parts: Sequence[tuple[str, str]], _: Found, how: Options) -> Iterator[tuple[Any, Any]]:
     for robot, wrong in parts:
-        out[robot, wrong] = fit_lines(robot, wrong, seed=how.seed)
-        advance(COST["lsm"])
-    return out
+        yield (robot, wrong), fit_lines(robot, wrong, seed=how.seed)
 
 
-# ---- Single Joint Experiment ---------------------------------------------------------------------
-
-
-def _by_robot(parts: Sequence[tuple[str, Job]]) -> dict[str, list[Job]]:
-    robots = dict.fromkeys(robot for robot, _ in parts)
-    return {robot: [job for other, job in parts if other == robot] for robot in robots}
-
-
-def _arm(robot: str, how: Options) -> SingleJointExperiment:
-    return SingleJointExperiment(robot, scatter=how.scatter, seed=how.seed, threads=how.threads)
-
-
-def _torques(
-    parts: Sequence[tuple[str, Job]], _: Found, how: Options, advance: Advance
-) -> dict[Any, Any]:
-    out = {}
-    for robot, jobs in _by_robot(parts).items():
+def _torques(parts: Sequence[Any], _: Found, how: Options) -> Iterator[tuple[Any, Any]]:
+    for robot in dict.fromkeys(robot for robot, _ in parts):
         # the folder's provenance has told this run from others already
-        kept, arm = Rows(how.folder / f"{robot}.jsonl", __version__), _arm(robot, how)
+        kept = Rows(how.folder / f"{robot}.jsonl", __version__)
+        jobs = [job for other, job in parts if other == robot]
         missing = [j for j in jobs if str(j) not in kept]
         done = [j for j in jobs if str(j) in kept]
-        advance(COST["arm"] * arm.expected_seconds(done, how.iterations))
+        measured = SingleJointExperiment(robot, **how.arm).run(missing, iterations=how.iterations)
 
-        def progress(seconds: float) -> None:
-            advance(COST["arm"] * seconds)
-
-        for m in arm.run(missing, iterations=how.iterations, progress=progress):
+        def keep(m: Measurement, kept: Rows = kept) -> Job:
             kept.add(str(m.job), as_data(m))
-        # as a resumed run reads them, so that both give the same page
-        out.update({(robot, j): from_data(j, kept[str(j)]) for j in jobs})
-    return out
+            return m.job
+
+        for job in chain(done, map(keep, measured)):
+            # as a resumed run reads them, so that both give the same page
+            yield (robot, job), from_data(job, kept[str(job)])
 
 
-def _torque_cost(parts: Sequence[tuple[str, Job]], how: Options) -> float:
-    seconds = [
-        _arm(robot, how).expected_seconds(jobs, how.iterations)
-        for robot, jobs in _by_robot(parts).items()
-    ]
-    return COST["arm"] * sum(seconds)
-
-
-def _choices(parts: Sequence[int], found: Found, _: Options, __: Advance) -> dict[Any, Any]:
+def _choices(parts: Sequence[int], found: Found, _: Options) -> Iterator[tuple[Any, Any]]:
     measured = {job: m for (robot, job), m in found["sje"].items() if robot == TUNED}
-    return {joint: choose(joint, measured) for joint in parts}
+    for joint in parts:
+        yield joint, choose(joint, measured)
 
 
-# ---- Generated Trajectory Experiment -------------------------------------------------------------
-
-
-def _cases(parts: Sequence[Any]) -> list[Case]:
-    return [
-        Case(trajectory=trajectory, stiffness=stiffness, dither=d)
-        for trajectory, stiffness in parts
-        for d in ((), thesis_final_dither())
-    ]
-
-
-def _path_arm(how: Options) -> GeneratedTrajectoryExperiment:
-    return GeneratedTrajectoryExperiment(
-        ROBOT, scatter=how.scatter, seed=how.seed, threads=how.threads
-    )
-
-
-def _paths(parts: Sequence[Any], _: Found, how: Options, advance: Advance) -> dict[Any, Any]:
-    arm, done = _path_arm(how), []
-
-    def progress(seconds: float) -> None:
-        advance(COST["path"] * seconds)
-
-    for case in _cases(parts):
-        kind = "dither" if case.dithered else "no_dither"
-        stiffness = "_".join(f"{k:g}" for k in case.stiffness)
-        file = how.folder / f"{case.trajectory}_{stiffness}_{kind}.npz"
-        if file.exists():
-            run = _read(file, case)
-            progress(arm.expected_seconds([case], how.iterations))
-        else:
-            (run,) = arm.run([case], iterations=how.iterations, progress=progress)
-            _keep(file, run)
-        done.append((run, measure(run, arm.protocol, arm.motion)))
-    return dict(zip(parts, zip(done[::2], done[1::2], strict=True), strict=True))
-
-
-def _path_cost(parts: Sequence[Any], how: Options) -> float:
-    return COST["path"] * _path_arm(how).expected_seconds(_cases(parts), how.iterations)
+def _paths(parts: Sequence[Any], _: Found, how: Options) -> Iterator[tuple[Any, Any]]:
+    """Yield runs and measures of each path and stiffness: without dither, and with the final."""
+    arm = GeneratedTrajectoryExperiment(ROBOT, **how.arm)
+    for trajectory, stiffness in parts:
+        both = []
+        for dither in ((), thesis_final_dither()):
+            case = Case(trajectory=trajectory, stiffness=stiffness, dither=dither)
+            kind = "dither" if dither else "no_dither"
+            name = "_".join(f"{k:g}" for k in stiffness)
+            file = how.folder / f"{trajectory}_{name}_{kind}.npz"
+            if file.exists():
+                run = _read(file, case)
+            else:
+                (run,) = arm.run([case], iterations=how.iterations)
+                _keep(file, run)
+            both.append((run, measure(run, arm.protocol, arm.motion)))
+        yield (trajectory, stiffness), tuple(both)
 
 
 def _keep(file: Path, run: Run) -> None:
@@ -186,29 +123,24 @@ def _read(file: Path, case: Case) -> Run:
         return Run(case=case, **{name: data[name] for name in ARRAYS}, flags=flags)
 
 
-def _ensemble(parts: Sequence[str], _: Found, how: Options, advance: Advance) -> dict[Any, Any]:
-    """Run set-ups that the thesis leaves open; and what is lag in the shipped one."""
-    before = 0
+@dataclass(frozen=True)
+class Study:
+    """What items can ask for."""
 
-    def progress(done: int, _: int) -> None:
-        nonlocal before
-        advance(COST["set-up"] * (done - before))
-        before = done
-
-    same: Mapping[str, Any] = {"seed": how.seed, "scatter": how.scatter, "threads": how.threads}
-    members = ensemble.run_ensemble(how.folder / "ensemble.jsonl", progress=progress, **same)
-    return dict.fromkeys(parts, (members, ensemble.shipped_lag(**same)))
+    name: str
+    """In the progress bar."""
+    seconds: float
+    """Of one processor for each part, measured roughly [s]."""
+    run: Callable[[Sequence[Any], Found, Options], Iterator[tuple[Any, Any]]]
+    """Parts, what earlier studies found, options → parts and what was found, as they are done."""
 
 
 STUDIES = {
-    "curve": Study("friction curve", _curves, lambda parts, _: COST["curve"] * len(parts)),
-    "lsm": Study("line fits", _lines, lambda parts, _: COST["lsm"] * len(parts)),
-    "sje": Study("single joints", _torques, _torque_cost),
-    "choice": Study("chosen settings", _choices, lambda *_: 0.0),
-    "gte": Study("paths", _paths, _path_cost),
-    "ensemble": Study(
-        "set-ups of the paths", _ensemble, lambda *_: COST["set-up"] * prior()["run"]["set_ups"]
-    ),
+    "curve": Study("friction curve", 3.0, _curves),
+    "lsm": Study("line fits", 1.5, _lines),
+    "sje": Study("single joints", 0.7, _torques),
+    "choice": Study("chosen settings", 0.0, _choices),
+    "gte": Study("paths", 20.0, _paths),
 }
 """By name, in the order in which they run: a later one may read what an earlier one found."""
 
@@ -227,21 +159,13 @@ def run_studies(
         What was found by study and part, and the seconds of all studies.
     """
     parts = {name: needs[name] for name in STUDIES if name in needs}
-    costs = {name: STUDIES[name].cost(mine, how) for name, mine in parts.items()}
-    total, before = sum(costs.values()), 0.0
+    total, done = sum(STUDIES[name].seconds * len(mine) for name, mine in parts.items()), 0.0
     found: dict[str, dict[Any, Any]] = {}
     for name, mine in parts.items():
-        study, done = STUDIES[name], 0.0
-
-        def advance(
-            seconds: float, study: Study = study, most: float = costs[name], start: float = before
-        ) -> None:
-            nonlocal done
-            done += seconds
-            # estimates may be passed; the next study starts where this one was to end
-            tell(study.name, start + min(done, most), total)
-
-        tell(study.name, before, total)
-        found[name] = study.run(mine, found, how, advance)
-        before += costs[name]
+        study, found[name] = STUDIES[name], {}
+        tell(study.name, done, total)
+        for part, result in study.run(mine, found, how):
+            found[name][part] = result
+            done += study.seconds
+            tell(study.name, done, total)
     return found, total

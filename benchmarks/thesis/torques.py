@@ -10,16 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.thesis.items import (
-    Found,
-    Item,
-    Needs,
-    Numbers,
-    Written,
-    write_table,
-)
+from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_table
 from benchmarks.thesis.nested_models.cells import cells, repeat_floor
 from stiction_envs.experiments.sje.protocol import (
+    SIGNS,
     Configuration,
     Job,
     Measurement,
@@ -43,11 +37,8 @@ ROBOTS = tuple(thesis_robots())
 SCALES = (0.8, 1.0, 1.2)
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of Tables 4.6 to 4.8, over the base torque and in Hz."""
-POSES = {"load": "load", "no_load": "no load"}
 ADDED = ("simulated_tau_Nm", "simulated_std_Nm", "simulated_change_pct", "difference_points")
 """Columns added to the thesis's own; the difference is of changes, or per cent of a base torque."""
-Measured = Mapping[tuple[str, Job], Measurement]
-"""By robot and job."""
 
 
 # ---- jobs ----------------------------------------------------------------------------------------
@@ -59,16 +50,18 @@ def job_of(row: DitheredRow) -> Job:
     return Job(c, row.frequency_hz, row.amplitude_nm)
 
 
+def base_jobs(joints: Sequence[int] | None = None) -> list[Job]:
+    """Return the jobs without dither."""
+    return [Job(c) for c in configurations(7, joints)]
+
+
 def grid() -> dict[tuple[Configuration, float, float], Job]:
     """Return the jobs of Tables 4.6 to 4.8, and those left out there, of `TUNED`.
 
     By configuration, frequency [Hz] and scale.
     """
-    first = {
-        Configuration(r.joint, r.load, r.direction): abs(r.tau_base_nm)
-        for r in thesis_dithered(TUNED)
-        if r.table == "4.6"
-    }
+    rows = [r for r in thesis_dithered(TUNED) if r.table == "4.6"]
+    first = {job_of(r).configuration: abs(r.tau_base_nm) for r in rows}
     return {
         (c, f, s): Job(c, f, s * tau)
         for c, tau in first.items()
@@ -80,9 +73,9 @@ def grid() -> dict[tuple[Configuration, float, float], Job]:
 def jobs_of_table(table: str) -> list[tuple[str, Job]]:
     """Return robot and job of all that a table needs, base torques too."""
     if table == "4.3":
-        return [(robot, Job(c)) for robot in ROBOTS for c in configurations(7)]
+        return [(robot, job) for robot in ROBOTS for job in base_jobs()]
     if table == "4.9":
-        return [(TUNED, j) for j in dict.fromkeys([*map(Job, configurations(7)), *grid().values()])]
+        return [(TUNED, j) for j in dict.fromkeys([*base_jobs(), *grid().values()])]
     (robot,) = thesis_robots(table)
     jobs = [job_of(r) for r in thesis_dithered(robot) if r.table == table]
     base = [Job(j.configuration) for j in jobs]
@@ -96,8 +89,7 @@ def torque_needs(table: str) -> Callable[[], Needs]:
 
 def configuration_name(c: Configuration, robot: str = "") -> str:
     """Return ``Panda 1 load (+)``."""
-    sign = "+" if c.direction == "+" else "−"
-    return f"{robot} {c.joint} {POSES[c.load]} ({sign})".strip()
+    return f"{robot} {c.joint} {c.load.replace('_', ' ')} ({SIGNS[c.direction]})".strip()
 
 
 def torque_text(value: float, digits: int) -> str:
@@ -120,10 +112,8 @@ class TorqueRow:
     """Its column on the page: the frequency, or in Table 4.10 the set of amplitudes."""
     outlier: bool
     """The one printed value that its own repeat refutes."""
-    measured_nm: float
-    simulated_nm: float
-    """Mean over the iterations; NaN if one was stuck."""
-    simulated_std_nm: float
+    simulated: Measurement
+    """Its mean torque is NaN if an iteration was stuck."""
     base_nm: float
     """Simulated without dither."""
     measured_change_pct: float
@@ -132,11 +122,23 @@ class TorqueRow:
     """Against the simulated base torque [%]."""
 
     @property
+    def measured_nm(self) -> float:
+        """The printed torque."""
+        return float(self.printed["tau_sje_Nm" if self.job.amplitude_nm else "tau_base_Nm"])
+
+    @property
     def difference(self) -> float:
         """Simulated less measured, in points of the base torque; in % of it where no dither is."""
         if self.job.amplitude_nm:
             return self.simulated_change_pct - self.measured_change_pct
-        return 100.0 * (self.simulated_nm / self.measured_nm - 1.0)
+        return 100.0 * (self.simulated.mean / self.measured_nm - 1.0)
+
+    @property
+    def added(self) -> list[float]:
+        """Values of `ADDED`; one iteration has no standard deviation."""
+        m = self.simulated
+        std = m.std if len(m.tau) > 1 else math.nan
+        return [m.mean, std, self.simulated_change_pct, self.difference]
 
 
 def change_pct(m: Measurement, base: Measurement) -> float:
@@ -144,15 +146,13 @@ def change_pct(m: Measurement, base: Measurement) -> float:
     return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
 
 
-def rows_of_table(table: str, measured: Measured) -> list[TorqueRow]:
+def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -> list[TorqueRow]:
     """Return the rows of Table 4.3, 4.5 to 4.8 or 4.10, in its order."""
     out = []
     dithered = {robot: [r for r in thesis_dithered(robot) if r.table == table] for robot in ROBOTS}
     # Table 4.10's printed rows alternate between the sets of amplitudes, as ours do
     for printed in thesis_table(table):
-        robot = (
-            our_name(printed["robot"]) if "robot" in printed else next(iter(thesis_robots(table)))
-        )
+        robot = our_name(printed["robot"]) if "robot" in printed else TUNED
         c = Configuration(printed["joint"], printed["load"], printed["direction"])
         row = None if table == "4.3" else dithered[robot].pop(0)
         job = Job(c) if row is None else job_of(row)
@@ -165,11 +165,7 @@ def rows_of_table(table: str, measured: Measured) -> list[TorqueRow]:
                 printed=printed,
                 column=row.amplitude_set if row and table == "4.10" else f"{job.frequency_hz:g} Hz",
                 outlier=row is not None and row.outlier,
-                measured_nm=row.tau_sje_nm
-                if row
-                else thesis_base(robot).get(c.joint, c.load, c.direction),
-                simulated_nm=m.mean,
-                simulated_std_nm=m.std if len(m.tau) > 1 else math.nan,
+                simulated=m,
                 base_nm=base.mean,
                 measured_change_pct=row.change_pct if row else 0.0,
                 simulated_change_pct=change_pct(m, base) if row else 0.0,
@@ -184,35 +180,30 @@ def rows_of_table(table: str, measured: Measured) -> list[TorqueRow]:
 def write_base(item: Item, found: Found, folder: Path) -> Written:
     """Write Table 4.3."""
     rows = rows_of_table("4.3", found["sje"])
-    name = {
-        id(r): configuration_name(r.job.configuration, thesis_robots()[r.robot].title) for r in rows
-    }
-    moved = [r for r in rows if math.isfinite(r.difference)]
-    gaps = np.abs([r.difference for r in moved]) if moved else np.array([math.nan])
-    brief = f"{number(gaps.mean())} % off (calibrated)"
+    names = [configuration_name(r.job.configuration, thesis_robots()[r.robot].title) for r in rows]
+    off = np.array([r.difference for r in rows])
+    stuck = np.isnan(off).sum()
+    brief = f"{number(float(np.nanmean(np.abs(off))))} % off (calibrated)"
     sentence = (
         f"Stiction is calibrated to this table: the {len(rows)} base torques are off by "
-        f"{number(gaps.mean())} % in the mean, by {number(gaps.max())} % at most"
-        f"{f' ({name[id(moved[int(gaps.argmax())])]})' if moved else ''}; {len(rows) - len(moved)} "
-        "never moved."
+        f"{number(float(np.nanmean(np.abs(off))))} % in the mean, by "
+        f"{number(float(np.nanmax(np.abs(off))))} % at most "
+        f"({names[int(np.nanargmax(np.abs(off)))]}); {stuck} never moved."
     )
     return write_table(
         item,
         folder,
         columns=[*rows[0].printed, *ADDED],
-        rows=[
-            [*r.printed.values(), r.simulated_nm, r.simulated_std_nm, 0.0, r.difference]
-            for r in rows
-        ],
+        rows=[[*r.printed.values(), *r.added] for r in rows],
         header=["robot, joint, pose, direction", "measured [N·m]", "simulated [N·m]", "difference"],
         shown=[
             [
-                name[id(r)],
+                name,
                 signed(r.measured_nm, 4),
-                torque_text(r.simulated_nm, 4),
+                torque_text(r.simulated.mean, 4),
                 f"{torque_text(r.difference, 2)} %",
             ]
-            for r in rows
+            for name, r in zip(names, rows, strict=True)
         ],
         numbers=(brief, sentence),
     )
@@ -224,23 +215,19 @@ def compare(rows: Sequence[TorqueRow]) -> Numbers:
     good = [r for r in sound if math.isfinite(r.difference)]
     if not good:
         return "never moved", f"All {len(sound)} joints stayed stuck."
-    gap = np.array([r.difference for r in good])
+    gap = np.abs([r.difference for r in good])
     measured = np.array([r.measured_change_pct for r in good])
     right = np.sign([r.simulated_change_pct for r in good]) == np.sign(measured)
-    joint = np.array([r.job.configuration.joint for r in good])
-    by_joint = {j: np.abs(gap[joint == j]).mean() for j in dict.fromkeys(joint.tolist())}
-    worst = max(by_joint, key=by_joint.__getitem__)
-    largest = configuration_name(good[int(np.abs(gap).argmax())].job.configuration)
     nothing, repeats = np.abs(measured).mean(), repeat_floor(cells())[0]
-    mean = number(np.abs(gap).mean())
+    mean = number(gap.mean())
     return (
         f"{mean} points off (no effect: {number(nothing)}, repeats: {number(repeats)})",
         f"Changes by dither are off by {mean} points of the base torque in the mean of "
-        f"{len(sound)} cells (median {number(np.median(np.abs(gap)))}, most "
-        f"{number(np.abs(gap).max())}, joint {largest}), where no effect of dither would be off by "
-        f"{number(nothing)} and the thesis repeats itself to {number(repeats)}; {right.sum()} "
-        f"signs are right, {right[measured > 0].sum()} of {(measured > 0).sum()} printed rises "
-        f"come out, joint {worst} is worst ({number(by_joint[worst])}), "
+        f"{len(sound)} cells (median {number(float(np.median(gap)))}, most {number(gap.max())}, "
+        f"joint {configuration_name(good[int(gap.argmax())].job.configuration)}), where no effect "
+        f"of dither would be off by {number(nothing)} and the thesis repeats itself to "
+        f"{number(repeats)}; {right.sum()} signs are right, {right[measured > 0].sum()} of "
+        f"{(measured > 0).sum()} printed rises come out, "
         f"{number(100 * constant_share(good), 0)} % of the squared difference is the same at all "
         f"settings of a configuration, as that of a base torque that moved; "
         f"{len(sound) - len(good)} cells never moved.",
@@ -261,37 +248,36 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     rows = rows_of_table(item.id, found["sje"])
     base = thesis_base(rows[0].robot)
     columns = list(dict.fromkeys(r.column for r in rows))
-    shown: dict[Configuration, dict[str, list[str]]] = {}
-    bases = {}
+    by_configuration: dict[Configuration, dict[str, TorqueRow]] = {}
     for r in rows:
-        bases[r.job.configuration] = torque_text(r.base_nm, 3)
-        shown.setdefault(r.job.configuration, {})[r.column] = [
-            f"{signed(r.measured_nm, 3)} ({signed(r.measured_change_pct, 1)})"
-            + (" †" if r.outlier else ""),
-            f"{torque_text(r.simulated_nm, 3)} ({torque_text(r.simulated_change_pct, 1)})",
-            torque_text(r.difference, 1),
-        ]
+        by_configuration.setdefault(r.job.configuration, {})[r.column] = r
+    shown = []
+    for c, mine in by_configuration.items():
+        measured = signed(base.get(c.joint, c.load, c.direction), 3)
+        simulated = torque_text(next(iter(mine.values())).base_nm, 3)
+        line = [configuration_name(c), measured, simulated]
+        for column in columns:
+            if column not in mine:
+                line += ["", "", ""]
+                continue
+            r = mine[column]
+            line += [
+                f"{signed(r.measured_nm, 3)} ({signed(r.measured_change_pct, 1)})"
+                + (" †" if r.outlier else ""),
+                f"{torque_text(r.simulated.mean, 3)} ({torque_text(r.simulated_change_pct, 1)})",
+                torque_text(r.difference, 1),
+            ]
+        shown.append(line)
     header = ["joint, pose, direction", "base [N·m]: measured", "simulated"]
-    for c in columns:
-        header += [f"{c}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
+    for column in columns:
+        header += [f"{column}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
     return write_table(
         item,
         folder,
         columns=[*rows[0].printed, "simulated_tau_base_Nm", *ADDED],
-        rows=[
-            [
-                *r.printed.values(),
-                *(r.base_nm, r.simulated_nm, r.simulated_std_nm),
-                *(r.simulated_change_pct, r.difference),
-            ]
-            for r in rows
-        ],
+        rows=[[*r.printed.values(), r.base_nm, *r.added] for r in rows],
         header=header,
-        shown=[
-            [configuration_name(c), signed(base.get(c.joint, c.load, c.direction), 3), bases[c]]
-            + [text for k in columns for text in mine.get(k, ["", "", ""])]
-            for c, mine in shown.items()
-        ],
+        shown=shown,
         numbers=compare(rows),
     )
 
@@ -303,7 +289,6 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
 class Chosen:
     """A joint's line of Table 4.9 by the thesis's rules on simulated torques."""
 
-    joint: int
     frequency_hz: float
     scale: float
     final_nm: float
@@ -315,13 +300,14 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
 
     The best frequency at scale 1.0, the best scale there, the final amplitude by the tuner's rule.
     """
-    mine = {key: job for key, job in grid().items() if key[0].joint == joint}
 
     def mean(frequency: float, scale: float) -> float:
-        jobs = [job for (_, f, s), job in mine.items() if (f, s) == (frequency, scale)]
-        return float(
-            np.mean([change_pct(measured[j], measured[Job(j.configuration)]) for j in jobs])
-        )
+        changes = [
+            change_pct(measured[job], measured[Job(c)])
+            for (c, f, s), job in grid().items()
+            if (c.joint, f, s) == (joint, frequency, scale)
+        ]
+        return float(np.mean(changes))
 
     frequency = min(FREQUENCIES, key=lambda f: mean(f, 1.0))
     scale = min(SCALES, key=lambda s: mean(frequency, s))
@@ -332,9 +318,7 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
         frequency_hz=frequency,
         torque_rate=float(load_arm(TUNED).limits.torque_rate[joint - 1]),
     )
-    return Chosen(
-        joint=joint, frequency_hz=frequency, scale=scale, final_nm=amplitude, reason=reason
-    )
+    return Chosen(frequency_hz=frequency, scale=scale, final_nm=amplitude, reason=reason)
 
 
 def chosen_needs() -> Needs:
@@ -347,39 +331,32 @@ def write_chosen(item: Item, found: Found, folder: Path) -> Written:
     lines, shown = [], {}
     same = np.zeros(3, dtype=int)
     for printed in thesis_table("4.9"):
-        c: Chosen = found["choice"][printed["joint"]]
+        joint, c = printed["joint"], found["choice"][printed["joint"]]
         values = [("yes" if x else "no") if isinstance(x, bool) else x for x in printed.values()]
         base, final = printed["tau_base_Nm"], abs(printed["tau_final_Nm"])
         intermediate, gap = math.copysign(c.scale * abs(base), base), c.final_nm - final
         lines.append([*values, c.frequency_hz, c.scale, intermediate, c.final_nm, gap])
-        if c.joint in shown:  # a line of print per configuration
+        if joint in shown:  # a line of print per configuration
             continue
-        scale = 1.2 if c.joint == 3 else printed["scale"]  # joint 3's is a misprint
-        shown[c.joint] = [
-            str(c.joint),
-            f"{printed['frequency_Hz']:g}, {scale:g}, {final:.4f}",
-            f"{c.frequency_hz:g}, {c.scale:g}, {c.final_nm:.4f}",
-            signed(gap, 4),
-            c.reason,
-        ]
+        scale = 1.2 if joint == 3 else printed["scale"]  # joint 3's is a misprint
+        settings = (printed["frequency_Hz"], scale, final), (c.frequency_hz, c.scale, c.final_nm)
+        texts = [f"{f:g}, {s:g}, {a:.4f}" for f, s, a in settings]
+        shown[joint] = [str(joint), *texts, signed(gap, 4), c.reason]
         frequency = c.frequency_hz == printed["frequency_Hz"]
         same += [frequency, c.scale == scale, abs(gap) <= 0.05 * final]
     names = ("frequency_Hz", "scale", "tau_intermediate_Nm", "tau_final_Nm")
     brief = f"{same[0]} of {len(shown)} frequencies, {same[1]} scales, {same[2]} amplitudes"
+    sentence = f"By the thesis's rules the simulated torques choose {brief} as printed (amplitudes "
     return write_table(
         item,
         folder,
         columns=[
             *thesis_table("4.9")[0],
-            *(f"simulated_{name}" for name in names),
+            *(f"simulated_{x}" for x in names),
             "difference_final_Nm",
         ],
         rows=lines,
         header=["joint", "measured: f [Hz], scale, A [N·m]", "simulated", "difference of A", "why"],
         shown=shown.values(),
-        numbers=(
-            brief,
-            f"By the thesis's rules the simulated torques choose {brief} as printed (amplitudes "
-            "within 5 %).",
-        ),
+        numbers=(brief, sentence + "within 5 %)."),
     )

@@ -1,4 +1,4 @@
-"""What nobody fitted or simulated: models, measurements, paths and set-ups, for tests."""
+"""What nobody simulated: measurements, paths and phases, for tests."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks.thesis.ensemble.runs import Member, measured_sums
-from benchmarks.thesis.ensemble.set_ups import REASONS, draw
 from benchmarks.thesis.nested_models.phase import PhaseStudy
 from stiction_envs.experiments.gte.protocol import Run
 from stiction_envs.experiments.gte.rows import thesis_window_sums
@@ -60,23 +58,3 @@ def run_paths(self, cases, *, iterations=None, progress=None) -> list[Run]:
         run = made_up_run(error, iterations=iterations or 10, trajectory=case.trajectory)
         runs.append(dataclasses.replace(run, case=case))
     return runs
-
-
-SET_UP = draw(0).set_up
-"""The set-up of all members."""
-
-
-def run_set_up(number, *, seed=0, ranges=None, scatter=True) -> Member:
-    """Pretend to run a set-up: sums about the printed ones, with a factor of its own."""
-    rng = np.random.default_rng([seed, number])
-    before, after = (x.reshape(4, 6) for x in measured_sums())
-    lift = np.exp(0.3 * rng.normal(size=(4, 6)))
-    shifts = np.exp(0.05 * rng.normal(size=(4, 2, 4, 6)))
-    levels = np.array([before, after, 1.02 * before, 0.5 * before]) * lift
-    return Member(
-        number=number,
-        set_up=SET_UP,
-        refused=dict.fromkeys(REASONS, 1),
-        sums=np.moveaxis(levels[:, None] * shifts, 1, 2),
-        flags={"singular": 0, "saturated": 3, "near_limit": int(number == 1)},
-    )
