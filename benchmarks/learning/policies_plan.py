@@ -203,46 +203,29 @@ def tables(robot: str, experiment: str) -> dict[str, Table]:
 def unlearned(robot: str, experiment: str) -> list[Contestant]:
     """Return the agents that learn nothing."""
     found = tables(robot, experiment)
-    base = found[BASELINES[robot]]
-    out = [_of_class("none", NoDither), _of_class("random", RandomDither)]
-    if experiment == "gte":
-        out.append(replace(_of_class(BOUND, NoDither), friction=0.01))
-    out += [_of_table(name, ConstantTable, table) for name, table in found.items()]
-    if experiment == "gte":
-        out.append(_gated(robot, found[SEARCHED]))
-    out.append(_of_table("rule", TorqueRule, base))
-    if experiment == "gte":
-        out += [_compensated(robot, kind) for kind in ("feedforward", "push")]
-    return out
 
+    def plain(name: str, kind: Callable[[Any], Any] = NoDither, **more: Any) -> Contestant:
+        return Contestant(name=name, make=kind, made_of=digest(name), **more)
 
-def _of_class(name: str, kind: Callable[[Any], Any]) -> Contestant:
-    return Contestant(name=name, make=kind, made_of=digest(name))
+    def of_table(name: str, kind: Any, table: Table) -> Contestant:
+        made_of = digest(kind.__name__, table)
+        return Contestant(
+            name=name, make=lambda env: kind(env, within_bounds(env, table)), made_of=made_of
+        )
 
-
-def _of_table(name: str, kind: Any, table: Table) -> Contestant:
-    return Contestant(
-        name=name,
-        make=lambda env: kind(env, within_bounds(env, table)),
-        made_of=digest(kind.__name__, table),
-    )
-
-
-def _gated(robot: str, constant: Table) -> Contestant:
-    """Return what ``--policy gated`` plays, and else, under another name, a table that is gated.
-
-    Args:
-        robot: name of the arm.
-        constant: the table that is given the default gate if no gated one is shipped for the arm.
-    """
-    shipped = gated_file(robot)
+    constant = [of_table(name, ConstantTable, table) for name, table in found.items()]
+    rule = of_table("rule", TorqueRule, found[BASELINES[robot]])
+    out = [plain("none"), plain("random", RandomDither)]
+    if experiment == "sje":
+        return [*out, *constant, rule]
+    shipped = gated_file(robot)  # what ``--policy gated`` plays
     if shipped is None:
-        return _of_table("search, default gate", GatedTable, constant)
-    return Contestant(
-        name="gated",
-        make=partial(best_gated, robot),
-        made_of=digest("gated", table_of(shipped)),
-    )
+        gated = of_table("search, default gate", GatedTable, found[SEARCHED])
+    else:
+        make, made_of = partial(best_gated, robot), digest("gated", table_of(shipped))
+        gated = Contestant(name="gated", make=make, made_of=made_of)
+    compensated = [_compensated(robot, kind) for kind in ("feedforward", "push")]
+    return [*out, plain(BOUND, friction=0.01), *constant, gated, rule, *compensated]
 
 
 def _compensated(robot: str, kind: str) -> Contestant:
@@ -251,18 +234,12 @@ def _compensated(robot: str, kind: str) -> Contestant:
     if path.exists():
         found = read_compensation(path, kind, JOINTS)
     else:
-        core = environment(robot, "gte").make(1).core
-        found = core.experiment.compensation(kind)
+        found = environment(robot, "gte").make(1).core.experiment.compensation(kind)
     return Contestant(name=kind, make=NoDither, made_of=digest(kind, found), compensation=found)
 
 
 def learned(training: Training, policy: Path) -> Contestant:
-    """Return what a training gave.
-
-    Args:
-        training: which.
-        policy: its ``policy.zip``.
-    """
+    """Return what a training gave: its ``policy.zip``."""
     from tuning.policies.evaluation import read_agent
 
     task = replace(training.task, threads=0)

@@ -13,7 +13,6 @@ from benchmarks.learning.policies_statistics import (
     probability_of_improvement,
     ratio_with_interval,
     resampled,
-    worst_for_missing,
 )
 
 
@@ -29,10 +28,9 @@ def test_interquartile_mean_is_the_mean_of_the_middle_half_of_all(worst: float):
     assert interquartile_mean(scores) == pytest.approx(middle.mean())
 
 
-def test_missing_scores_are_bad_until_they_are_a_quarter():
-    scores = worst_for_missing(np.array([[1.0, 2.0, 3.0, np.nan]]))
-    assert interquartile_mean(scores) == 2.5
-    assert interquartile_mean(worst_for_missing(np.array([[1.0, 2.0, np.nan, np.nan]]))) == np.inf
+def test_scores_that_are_infinitely_bad_count_when_they_are_more_than_a_quarter():
+    assert interquartile_mean(np.array([[1.0, 2.0, 3.0, np.inf]])) == 2.5
+    assert interquartile_mean(np.array([[1.0, 2.0, np.inf, np.inf]])) == np.inf
 
 
 def test_runs_are_drawn_within_their_task():
