@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -9,10 +12,11 @@ from stiction_envs.control.torque_path import TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.base import Experiment
+from stiction_envs.experiments.base import Experiment, joint_number
 from stiction_envs.experiments.servos import Servos
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
 Array = NDArray[np.float64]
@@ -133,6 +137,37 @@ class Rig:
     def _gate_speed(self) -> Array | None:
         """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
         return self.plant.velocity if self.dither.gated else None
+
+
+def dither_arrays(
+    rows: Sequence[AmplitudeRow], n: int, gate_velocity: float = np.inf
+) -> dict[str, Any]:
+    """Return (n,) arguments of `Rig.set_dither` for rows of some joints; the others have none.
+
+    Args:
+        rows: at most one of a joint.
+        n: joints of the arm.
+        gate_velocity: where a row has none [rad/s].
+
+    Raises:
+        StictionError: a joint the arm lacks.
+    """
+    out = {
+        "amplitude": np.zeros(n),
+        "frequency": np.ones(n),
+        "offset": np.zeros(n),
+        "gate_velocity": np.full(n, gate_velocity),
+        "waveform": np.full(n, DEFAULT_WAVEFORM, dtype=object),
+    }
+    for row in rows:
+        j = joint_number(row.joint, n)
+        out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
+        out["waveform"][j] = row.waveform
+        if row.gate_rad_s > 0:
+            out["gate_velocity"][j] = row.gate_velocity
+        if row.amplitude_nm > 0:
+            out["frequency"][j] = row.frequency_hz
+    return out
 
 
 def minimum_jerk(x: Array) -> Array:

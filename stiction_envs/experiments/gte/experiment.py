@@ -22,24 +22,21 @@ from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
-from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.base import joint_number
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
-    TRAJECTORIES,
+    PATHS,
     Case,
     GTEProtocol,
     Run,
     load_gte_protocol,
-    named_path,
     start_angles,
 )
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
 from stiction_envs.experiments.gte.results import TrackingErrors
 from stiction_envs.experiments.gte.rig import GTERig, GTESetup
 from stiction_envs.experiments.gte.sampling import RunLog
-from stiction_envs.experiments.rig import count_blocks
+from stiction_envs.experiments.rig import count_blocks, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
@@ -134,9 +131,9 @@ class GeneratedTrajectoryExperiment(GTESetup):
             return self.paths[name]
         if (number := path_number(name)) is not None:
             return random_paths(self.sticking, self.start, self.tool, [number])[number].path
-        if name not in TRAJECTORIES:
-            raise unknown("trajectory", name, [*TRAJECTORIES, *self.paths, f"{RANDOM}-0, 1, …"])
-        return named_path(name)
+        if name not in PATHS:
+            raise unknown("trajectory", name, [*PATHS, *self.paths, f"{RANDOM}-0, 1, …"])
+        return PATHS[name]()
 
     def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:
         """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals.
@@ -338,26 +335,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
             StictionError: a joint the arm lacks.
         """
         n = self.n
-        out = {
-            "amplitude": np.zeros(n),
-            "frequency": np.ones(n),
-            "offset": np.zeros(n),
-            "gate_velocity": np.full(n, case.gate_velocity),
-            "phase": np.zeros(n),
-            "drawn": np.full(n, case.phases == "random"),
-            "waveform": np.full(n, DEFAULT_WAVEFORM, dtype=object),
-        }
-        for row in case.dither:
-            j = joint_number(row.joint, n)
-            out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
-            out["waveform"][j] = row.waveform
-            if row.gate_rad_s > 0:
-                out["gate_velocity"][j] = row.gate_velocity
-            if row.amplitude_nm > 0:
-                out["frequency"][j] = row.frequency_hz
-        if case.phases == "spread":
-            out["phase"] = 2 * np.pi * np.arange(n) / n
-        return out
+        out = dither_arrays(case.dither, n, case.gate_velocity)
+        out["drawn"] = np.full(n, case.phases == "random")
+        spread = 2 * np.pi * np.arange(n) / n
+        return out | {"phase": spread if case.phases == "spread" else np.zeros(n)}
 
 
 def _sha256(text: str) -> str:

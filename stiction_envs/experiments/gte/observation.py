@@ -19,10 +19,10 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import (
     AXES,
+    PATHS,
     TRAJECTORIES,
     Case,
     episode_settings,
-    named_path,
     pose_error,
 )
 from stiction_envs.experiments.gte.random_paths import RANDOM, random_path_settings
@@ -43,9 +43,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 OPTIONS = ("trajectory", "path", "stiffness", "iteration")
 """Names of the reset options."""
-CAPACITY = max(
-    random_path_settings().most_goals, *(len(named_path(name).position) for name in TRAJECTORIES)
-)
+CAPACITY = max(random_path_settings().most_goals, *(len(p().position) for p in PATHS.values()))
 """Most goals of a path."""
 _UNIT = episode_settings().unit
 GROUPS = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any
@@ -23,7 +23,8 @@ Stiffness = tuple[float, float, float]
 """Translational [N/m], rotational and nullspace [N·m/rad]."""
 _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
-TRAJECTORIES = ("triangle", "pentagon")
+PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
+TRAJECTORIES = tuple(PATHS)
 PHASES = ("random", "zero", "spread")
 """How the joints' dithers start: drawn for every joint and iteration (all 0 without scatter), all
 at 0, or evenly spread over a period."""
@@ -115,17 +116,6 @@ class GTERewardSettings:
 def gte_reward_settings() -> GTERewardSettings:
     """Return the defaults."""
     return load_settings(GTERewardSettings, _TOML, "reward")
-
-
-def named_path(name: str) -> Path:
-    """Return the triangle or the pentagon.
-
-    Raises:
-        StictionError: another name.
-    """
-    if name not in TRAJECTORIES:
-        raise unknown("trajectory", name, TRAJECTORIES)
-    return triangle() if name == "triangle" else pentagon()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,12 +25,7 @@ from stiction_envs.control.rotation import rotation_error
 from stiction_envs.control.trajectory import Path
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
-from stiction_envs.method_settings import (
-    Count,
-    Positive,
-    Share,
-    load_settings,
-)
+from stiction_envs.method_settings import Count, Positive, Share, load_settings
 from stiction_envs.precomputed import store
 
 Array = NDArray[np.float64]
@@ -114,7 +109,6 @@ def random_paths(
     start: Array,
     tool: Array,
     numbers: Iterable[int],
-    settings: RandomPathSettings | None = None,
 ) -> dict[int, RandomPath]:
     """Return the random paths of an arm by number; which others are asked for does not matter.
 
@@ -123,16 +117,15 @@ def random_paths(
         start: (n,) joint angles at which paths begin [rad].
         tool: (3,) the point that follows them, from the flange in the hand's frame [m].
         numbers: from 0.
-        settings: how they are drawn; None for the defaults.
 
     Raises:
         StictionError: a number below 0, or an arm that can follow none of the paths drawn for one.
     """
-    s = random_path_settings() if settings is None else settings
+    s = random_path_settings()
     wanted = sorted(set(numbers))
     if wanted and wanted[0] < 0:
         raise StictionError(f"random path {wanted[0]}: expected a whole number from 0")
-    of = fingerprint(sticking, start, tool, s)
+    of = fingerprint(sticking, start, tool)
     known = store.recall(KIND, of)
     found = {}
     for k in wanted:
@@ -146,12 +139,9 @@ def random_paths(
     return {k: found[k] for k in wanted}
 
 
-def fingerprint(
-    sticking: StickingModel, start: Array, tool: Array, settings: RandomPathSettings | None = None
-) -> str:
+def fingerprint(sticking: StickingModel, start: Array, tool: Array) -> str:
     """Return a hash of everything that the paths of an arm depend on; see `random_paths`."""
-    s = random_path_settings() if settings is None else settings
-    return store.digest(sticking.arm.fingerprint, start, tool, s)
+    return store.digest(sticking.arm.fingerprint, start, tool, random_path_settings())
 
 
 def _search(

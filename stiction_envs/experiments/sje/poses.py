@@ -78,17 +78,13 @@ def fingerprint(arm: Arm, settings: PoseSettings) -> str:
     return store.digest(arm.fingerprint, settings)
 
 
-def find_poses(arm: Arm, settings: PoseSettings | None = None) -> Poses:
+def find_poses(arm: Arm) -> Poses:
     """Return the load and no-load poses of an arm; the search has a fixed seed.
-
-    Args:
-        arm: the arm.
-        settings: constants of the search; None for those of ``settings.toml``.
 
     Raises:
         StictionError: no pose free of self-collision within the joint limits.
     """
-    s = settings or experiment_settings().poses
+    s = experiment_settings().poses
     key = fingerprint(arm, s)
     found = store.recall("poses", key)
     if not found:

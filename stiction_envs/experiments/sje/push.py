@@ -17,9 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.base import Experiment, joint_number
-from stiction_envs.experiments.rig import Rig
+from stiction_envs.experiments.rig import Rig, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.measured import AmplitudeRow
@@ -205,18 +204,5 @@ class Push(Rig):
         self._seen: deque[float] = deque(maxlen=max(2, watched))
 
     def _set_dither(self) -> None:
-        row = self.row
-        amplitude, frequency, offset = np.zeros((3, 1, self.n))
-        gate = np.full((1, self.n), np.inf)
-        if row is not None:
-            j = self.joint - 1
-            amplitude[0, j], frequency[0, j] = row.amplitude_nm, row.frequency_hz
-            offset[0, j], gate[0, j] = row.offset_nm, row.gate_velocity
-        self.set_dither(
-            _ME,
-            amplitude=amplitude,
-            frequency=frequency,
-            offset=offset,
-            gate_velocity=gate,
-            waveform=DEFAULT_WAVEFORM if row is None else row.waveform,
-        )
+        rows = [] if self.row is None else [self.row]
+        self.set_dither(_ME, **dither_arrays(rows, self.n))
