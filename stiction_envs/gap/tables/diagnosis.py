@@ -1,13 +1,13 @@
 """What a simulation gets wrong, found in tables of breakaway torques.
 
-diagnosis = diagnose_tables(base, cells, load_arm("panda"), load_friction("panda"))
-print(diagnosis.verdict)
-for cause in diagnosis.causes:
-    print(cause.name, cause.joints, cause.parameters, cause.evidence, cause.confused_with)
+    diagnosis = diagnose_tables(base, cells, load_arm("panda"), load_friction("panda"))
+    print(diagnosis.verdict)
+    for cause in diagnosis.causes:
+        print(cause.name, cause.joints, cause.parameters, cause.evidence, cause.confused_with)
 
-Hypotheses of the causes (`gap.tables.causes`) are taken on one by one, the one that predicts
-held-out blocks best first, as long as that gain is significant. Whatever would have predicted the
-held-out blocks as well is named in `confused_with`.
+Hypotheses of the causes (`gap.tables.causes`) are accepted one by one, as long as their gain on
+held-out blocks is significant, the largest gain first. Causes that would have predicted the
+held-out blocks as well are named in `confused_with`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.tables.causes import (
     Hypothesis,
@@ -32,7 +30,6 @@ from stiction_envs.gap.tables.causes.base import BASE_AGAIN
 from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
 from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis, parameters_of
 from stiction_envs.gap.tables.model import Fit, Model
-from stiction_envs.gap.tables.noise import losses
 from stiction_envs.gap.tables.readings import Cell, Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
@@ -42,18 +39,22 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 MOST_CAUSES = 12
-"""Hypotheses that are taken on at most."""
+"""Largest number of accepted hypotheses; assumed."""
 RIVAL = 0.6
-"""Share of the best gain from which a rival is simulated with the whole arm too [-]."""
+"""Least gain of a rival that is simulated with the whole arm too, over the best gain [-];
+assumed."""
 ALIKE = 0.1
-"""Share of a gain within which another is as good [-]: how well the lone joint follows the arm."""
+"""Difference of two equally good gains over the gain [-]; assumed: how well the lone joint follows
+the arm."""
 MOST_CORRUPTED = 0.05
-"""Share of corrupted readings above which the model is bad, not the readings [-]."""
+"""Largest share of corrupted readings; with more the model is wrong, not the readings [-];
+assumed."""
 MODEL_SD = 0.005
-"""What a level shift of the lone joint differs from the whole arm's, over friction [-]; measured by
-simulation: 0.003 to 0.008 for the Panda's joints 5 and 7."""
+"""Error of the lone joint's level shift, over friction [-]; measured by simulation: 0.003 to 0.008
+for the Panda's joints 5 and 7."""
 DOUBTFUL = 0.8
-"""Share of ``unexplained`` from which a joint is simulated more closely [-]."""
+"""Part of the setting ``unexplained`` above which a joint is simulated more closely [-];
+assumed."""
 
 
 def diagnose_tables(
@@ -62,8 +63,6 @@ def diagnose_tables(
     arm: Arm,
     friction: FrictionParameters | None = None,
     *,
-    interface: TorqueInterface | None = None,
-    protocol: Protocol | None = None,
     whole: WholeArm | None = None,
     threads: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -73,21 +72,19 @@ def diagnose_tables(
     """Say what a simulation gets wrong about measured breakaway torques.
 
     Args:
-        base: base torques of all joints; those of joints without dithered torques are not used.
-        cells: dithered torques of some or all joints; two days, or sets, are not told apart.
+        base: base torques of all joints; only joints with dithered torques are used.
+        cells: dithered torques of some or all joints; days or sets are not distinguished.
         arm: the arm that is simulated.
         friction: nominal parameters of one arm; None for the TOML of that name.
-        interface: nominal torque interface; None for the arm's.
-        protocol: of the measurement; None for the robot's.
-        whole: of an earlier diagnosis, in place of the four before: what it has simulated is not
-            simulated again. The result is the same.
+        whole: the arm of an earlier diagnosis, in place of ``friction`` and ``threads``: its
+            simulations are not repeated. The result is the same.
         threads: threads of the simulation, 0 for all processors.
-        progress: called with a line on what is being done.
+        progress: called with a line about the present step.
         settings: constants of the method that differ from ``[tables]`` of ``settings.toml``.
-        causes: that are tried; None for all that are registered.
+        causes: causes to try; None for all registered ones.
 
     Raises:
-        StictionError: tables of another arm, or settings that are none.
+        StictionError: tables of another arm, or unknown settings.
     """
     if base.n_joints != arm.n:
         raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
@@ -97,7 +94,7 @@ def diagnose_tables(
     if whole is None:
         if friction is None:
             friction = load_friction(arm.registered_name, arm.n)
-        whole = WholeArm(arm, friction, interface=interface, protocol=protocol, threads=threads)
+        whole = WholeArm(arm, friction, threads=threads)
     chosen = override(table_settings(), settings)
     say = progress or (lambda _: None)
     readings = Readings(base, cells)
@@ -130,22 +127,20 @@ def _cannot_tell(robot: str, joints: tuple[int, ...], reason: str) -> TableDiagn
     return TableDiagnosis(
         robot=robot,
         verdict="cannot tell",
-        causes=(),
         joints=joints,
         nominal=nothing,
         extended=nothing,
         noise_floor=nothing,
-        gain_percent=0.0,
         reason=reason,
     )
 
 
 def _select(model: Model, say: Callable[[str], None]) -> Model:
-    """Take hypotheses on while the best one's held-out gain is significant."""
+    """Accept hypotheses while the best one's held-out gain is significant."""
     refused: set[Hypothesis] = set()
     s = model.settings.verdict
     for _ in range(MOST_CAUSES):
-        null = {j: model.held_now((j,)) for j in model.readings.joints}
+        null = _losses(model)
         fits = _fits(model, null, refused, s.least_gain)
         if not fits or fits[0][0] < s.least_gain:
             break
@@ -164,10 +159,15 @@ def _select(model: Model, say: Callable[[str], None]) -> Model:
     return model
 
 
+def _losses(model: Model) -> dict[int, float]:
+    """Return the held-out loss of each joint with the present values [nats]."""
+    return {j: model.held((j,), refitted=False) for j in model.readings.joints}
+
+
 def _fits(
     model: Model, null: Mapping[int, float], refused: set[Hypothesis], enough: float
 ) -> list[tuple[float, Fit]]:
-    """Return held-out gains [nats] of what could be taken on, best first; −inf for too little."""
+    """Return held-out gains [nats] of further hypotheses, best first; −inf for too little."""
     out = []
     for h in model.hypotheses():
         if h in refused:
@@ -180,7 +180,7 @@ def _fits(
 def _arbitrate(
     model: Model, null: Mapping[int, float], fits: list[tuple[float, Fit]]
 ) -> tuple[float, Model]:
-    """Return the gain [nats] and model of the best hypothesis, rivals simulated too."""
+    """Return gain [nats] and model of the best hypothesis, after simulations of its rivals."""
     best_gain, best = fits[0]
     rivals = [best] + [
         f
@@ -193,15 +193,16 @@ def _arbitrate(
     for fit in rivals[:3]:
         h = fit.hypothesis
         trial = model.copy()
-        held = trial.take(h, fit.x).held
+        held = trial.accept(h, fit.x).held
         tried.append((sum(null[j] for j in h.joints) - held, trial))
     return max(tried, key=lambda pair: pair[0])
 
 
 def _lost(model: Model, some: tuple[Hypothesis, ...]) -> float:
     """Return the held-out gain that is lost without some hypotheses [nats]."""
-    joints = tuple(sorted({j for h in some for j in h.joints}))
-    return _without(model, some).held(joints) - model.held(joints)
+    joints = sorted({j for h in some for j in h.joints})
+    without, full = (m.held(joints, refitted=True) for m in (_without(model, some), model))
+    return without - full
 
 
 def _without(model: Model, some: tuple[Hypothesis, ...]) -> Model:
@@ -211,16 +212,14 @@ def _without(model: Model, some: tuple[Hypothesis, ...]) -> Model:
 
 
 def _corrupted(model: Model) -> list[int]:
-    """Return the readings that nothing explains, the worst first."""
+    """Return the readings that no cause explains, the worst first."""
     r, z, s = model.readings, model.left_over(), model.settings.verdict
     error = z * model.noise
     found = []
     for i in np.flatnonzero((np.abs(z) > s.corrupted_sd) & (np.abs(error) > s.corrupted)):
-        near = r.joint == r.joint[i]
-        alike = [w == r.all[i].where for w in (x.where for x in r.all)]
         rest = error[i]
-        for group in (np.array(alike), near & (r.block == r.block[i])):
-            others = group.copy()
+        block = (r.joint == r.joint[i]) & (r.block == r.block[i])
+        for others in (r.of([r.all[i].where]), block):
             others[i] = False
             if others.any():
                 # an error of the whole configuration or block is no bad reading
@@ -253,7 +252,6 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
                 parameters=parameters_of(fits, model.data),
                 units=cause.units,
                 gain_percent=full - _percent(before, _errors(without, bad)),
-                gain_nats=lost,
                 evidence=cause.evidence(some, values, model.comparison(without)),
                 confused_with=_confused(name, joints, some, lost, without),
             )
@@ -266,10 +264,8 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
                 joints=(int(r.joint[i]),),
                 parameters={},
                 gain_percent=full - _percent(before, _errors(model, others)),
-                gain_nats=float(losses(model.left_over(), r.base, model.settings.noise)[i]),
                 evidence=CorruptedCell().describe(i, model.comparison(model)),
                 confused_with={"base_drift": BASE_AGAIN} if r.base[i] else {},
-                cell=r.all[i].cell,
             )
         )
     verdict, reason = _verdict(model, bad, bool(causes))
@@ -287,7 +283,7 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
 
 
 def _errors(model: Model, bad: list[int]) -> dict[int, float]:
-    """Return the mean held-out |error| per joint over its friction [%], but for some readings."""
+    """Return the mean held-out |error| per joint over its friction [%], without bad readings."""
     error = np.abs(model.left_out_residual())
     good = np.ones(len(error), dtype=bool)
     good[bad] = False
@@ -306,8 +302,8 @@ def _confused(
     gain: float,
     without: Model,
 ) -> dict[str, str]:
-    """Return what would have predicted the held-out blocks as well, and what would tell."""
-    null = {j: without.held_now((j,)) for j in without.readings.joints}
+    """Return causes that predict the held-out blocks as well, and what distinguishes them."""
+    null = _losses(without)
     s = without.settings.verdict
     least = gain - max(s.alike_nats, ALIKE * gain)
     # small gains on several joints may add up
@@ -322,11 +318,11 @@ def _confused(
             continue
         if h.cause.quantity and g > RIVAL * gain and len(joints) == len(h.joints):
             trial = without.copy()
-            g = sum(null[j] for j in h.joints) - trial.take(h, fit.x).held
+            g = sum(null[j] for j in h.joints) - trial.accept(h, fit.x).held
         known[h.joints] = g
     out = {}
     for other, gains in best.items():
-        # a hypothesis about all joints is matched by one per joint
+        # one hypothesis per joint is compared with one about all joints
         each = [max(g, 0.0) for g in gains.values()]
         total = sum(each) if len(joints) > 1 else max(each)
         if total >= least:
@@ -335,7 +331,7 @@ def _confused(
 
 
 def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
-    """Return the verdict, and what is left over if anything is."""
+    """Return the verdict, and what remains unexplained."""
     poor = _unexplained(model, bad)
     if not poor:
         return ("explained" if any_cause else "no discrepancy"), ""
@@ -348,9 +344,9 @@ def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
 
 
 def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, float]:
-    """Return the joints of which too much is left over: its mean square over noise."""
+    """Return the mean square of the residual over noise, of joints where it is too large."""
     r, s = model.readings, model.settings.verdict
-    # the difference of lone joint and whole arm is no cause
+    # the difference of lone joint and whole arm is not a cause
     z = model.left_over() * model.noise / np.hypot(model.noise, MODEL_SD)
     good = np.ones(len(z), dtype=bool)
     good[bad] = False
@@ -358,7 +354,7 @@ def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, 
     for j in r.joints:
         mine = good & (r.joint == j)
         size = float(np.minimum(z[mine] ** 2, 9.0).mean())
-        # a block whose readings are all off has a cause that is not known here
+        # a common error of a block has a cause that is unknown here
         blocks = [z[mine & (r.block == b)] for b in np.unique(r.block[mine])]
         common = float(np.mean([b.mean() ** 2 * len(b) for b in blocks]))
         by_chance = float(chi2.ppf(0.999, len(blocks))) / len(blocks)

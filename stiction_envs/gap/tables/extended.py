@@ -22,10 +22,10 @@ def extended_friction(
     Args:
         arm: the arm.
         friction: nominal, of one arm.
-        causes: of a diagnosis with it.
+        causes: causes of a diagnosis with it.
 
     Returns:
-        Friction, the cause by which each changed quantity was changed, and what it leaves out.
+        Friction, the causes that changed each changed quantity, and the causes that it lacks.
     """
     poses = find_poses(arm)
     changed: dict[str, str] = {}

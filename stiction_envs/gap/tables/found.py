@@ -1,4 +1,4 @@
-"""What was found in torque tables: causes, their numbers, and the verdict."""
+"""What was found in torque tables: causes, their parameters, and the verdict."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ import numpy as np
 
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.tables.model import Fit
-from stiction_envs.gap.tables.readings import Cell, TableData
-
-VERDICTS = ("explained", "partly explained", "no discrepancy", "cannot tell")
+from stiction_envs.gap.tables.readings import TableData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,17 +22,13 @@ class FoundTableCause:
     joints: tuple[int, ...]
     parameters: dict[str, Estimate]
     gain_percent: float
-    """Share of the held-out error, mean over joints, that is back without this cause [%]."""
-    gain_nats: float
-    """Held-out log likelihood that is lost without it."""
+    """Share of the held-out error, mean over joints, that returns without this cause [%]."""
     evidence: str
     """One sentence that can be checked in the table."""
     confused_with: dict[str, str]
-    """Causes that these tables cannot tell from it, and the measurement that would."""
-    cell: Cell | None = None
-    """The reading, of a corrupted dithered torque."""
+    """Causes that these tables cannot distinguish from it, and the measurement that would."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Of the parameters."""
+    """Units of the parameters."""
 
     def to_json(self) -> dict[str, Any]:
         """Return an entry of `diagnosis.json`."""
@@ -54,28 +48,28 @@ class FoundTableCause:
 
 @dataclass(frozen=True, kw_only=True)
 class TableDiagnosis:
-    """What the tables say about the simulation."""
+    """What the tables show about the simulation."""
 
     robot: str
     verdict: str
-    """One of `VERDICTS`."""
-    causes: tuple[FoundTableCause, ...]
+    """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
+    causes: tuple[FoundTableCause, ...] = ()
     """Strongest first."""
     joints: tuple[int, ...]
-    """The joints that the tables hold dithered torques of."""
+    """The joints with dithered torques in the tables."""
     nominal: dict[int, float]
     """Mean |error| of the nominal simulation per joint, over the joint's friction [%]."""
     extended: dict[int, float]
     """The same with the causes, each block predicted from the others [%]."""
     noise_floor: dict[int, float]
-    """Standard deviation of a reading, over the joint's friction [%]; NaN: cannot tell."""
-    gain_percent: float
+    """Standard deviation of a reading, over the joint's friction [%]; NaN if unknown."""
+    gain_percent: float = 0.0
     """100 (1 − mean over joints of extended over nominal) [%]."""
-    reason: str = field(default="")
-    """Why nothing, or not all, could be told; empty otherwise."""
+    reason: str = ""
+    """Why the tables are not, or not fully, explained; empty otherwise."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the contents of a `diagnosis.json`; joints are text there, NaN is None."""
+        """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
 
         def by_joint(values: Mapping[int, float]) -> dict[str, float | None]:
             return {str(j): v if math.isfinite(v) else None for j, v in values.items()}
@@ -94,7 +88,7 @@ class TableDiagnosis:
 
 
 def parameters_of(fits: Sequence[Fit], data: TableData) -> dict[str, Estimate]:
-    """Return the parameters of a cause that one or more hypotheses state."""
+    """Return the parameters of a cause from the fits of its hypotheses."""
     out = {}
     for fit in fits:
         h, cause = fit.hypothesis, fit.hypothesis.cause

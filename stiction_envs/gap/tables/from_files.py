@@ -22,16 +22,15 @@ from stiction_envs.measured.tables import our_name
 from stiction_envs.robots import Arm
 
 UNUSED_NM = 1.0
-"""Base torque that stands where none was measured and none is used [N·m]: a table holds all."""
+"""Base torque of joints where none was measured and none is used [N·m]."""
 
 
 def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[Cell]]:
     """Read base torques and dithered torques of an arm from SJE tables.
 
     Args:
-        paths: files in the form of ``sje.csv``; a base torque that two of them hold must be the
-            same in both.
-        arm: rows of other robots are left out.
+        paths: files in the form of ``sje.csv``; a base torque in several files must be the same.
+        arm: the arm; rows of other robots are left out.
 
     Returns:
         Base torques, and the dithered torques that have one.
@@ -128,9 +127,9 @@ def diagnose_files(
         paths: the tables.
         arm: the arm.
         nominal: its friction.
-        nominal_name: what the report calls it.
-        sources: of the tables.
-        provenance: of the run.
+        nominal_name: its name in the report.
+        sources: the files of the tables.
+        provenance: provenance of the run.
         threads: threads, 0 for all processors.
         progress: called with a stage and 0.
         settings: constants of the method; None for those of ``settings.toml``.

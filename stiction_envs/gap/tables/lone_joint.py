@@ -1,17 +1,16 @@
-"""How the readings of a joint answer to changes, from fast simulations of the lone joint.
+"""How the readings of a joint change with its parameters, from fast simulations of a lone joint.
 
-The prediction is the whole arm's (`WholeArm`). What a change does to it comes from the lone joint:
+The prediction is the whole arm's (`WholeArm`) in the last simulated state x₀. The lone joint
+predicts changes from there:
 
     W(x) ≈ W(x₀) + lone(x) − lone(x₀)
 
-with x₀ the last state that the whole arm was simulated in, and corrected likewise wherever else it
-was simulated (space mapping: Bandler et al. 1994).
+Other simulated states correct it likewise (space mapping: Bandler et al. 1994).
 """
 
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,7 +23,13 @@ from stiction_envs.experiments.sje.protocol import Job, Protocol, load_protocol
 from stiction_envs.friction.lone_joint import LoneJoints, breakaway
 from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.parameters import FrictionParameters, bristle_damping
-from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, Quantity, State, WholeArm
+from stiction_envs.gap.tables.whole_arm import (
+    FRICTION_LEVEL,
+    Quantity,
+    State,
+    WholeArm,
+    without,
+)
 from stiction_envs.measured import BaseTable
 from stiction_envs.robots import Arm
 
@@ -32,20 +37,20 @@ Array = NDArray[np.float64]
 Column = tuple[float, float, float, float]
 """(stiction, link inertia, dither frequency, amplitude)."""
 KNOTS = 21
-"""Values of each quantity at which the lone joint is simulated."""
-STUCK = 3.0
-"""Ramps end at this multiple of the largest friction [-]."""
+"""Number of values of a quantity at which the lone joint is simulated; assumed."""
 LEVEL_KNOTS = 9
-"""The same of the friction level."""
+"""The same of the friction level; assumed."""
+STUCK = 3.0
+"""Torque at which ramps end, over the largest friction [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """All that a table was measured with, and the nominal model."""
+    """The conditions under which a table was measured, and the nominal model."""
 
     base: BaseTable
     friction: FrictionParameters
-    """Nominal, of one arm; its levels are those that reproduce the base table."""
+    """Nominal friction of one arm; its levels reproduce the base table."""
     level: Array
     """(n, 2) stiction in the load and the no-load pose [N·m]."""
     link: Array
@@ -54,8 +59,14 @@ class Bench:
     protocol: Protocol
 
     @classmethod
-    def of(cls, arm: Arm, base: BaseTable, friction: FrictionParameters) -> Bench:
-        """Return the bench of an arm with the poses of the experiment."""
+    def of(
+        cls,
+        arm: Arm,
+        base: BaseTable,
+        friction: FrictionParameters,
+        protocol: Protocol | None = None,
+    ) -> Bench:
+        """Return the bench of an arm in the poses of the experiment; None for its protocol."""
         poses = find_poses(arm)
         n = arm.n
         level = [friction.stiction_at(poses.load[:, k]).mean(axis=1) for k in range(2)]
@@ -66,12 +77,8 @@ class Bench:
             level=np.stack(level, axis=1),
             link=np.stack(link, axis=1),
             interface=TorqueInterface.of(arm),
-            protocol=load_protocol(arm.registered_name),
+            protocol=load_protocol(arm.registered_name) if protocol is None else protocol,
         )
-
-    def replace(self, **changes: object) -> Bench:
-        """Return a copy with some of it changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 
 class LoneJointTorques:
@@ -102,9 +109,10 @@ class LoneJointTorques:
         """Return (population, columns) breakaway torque without offset [N·m].
 
         Args:
-            columns: what is simulated with each.
-            population: parameters by name; what is not named is nominal.
-            hold: steps that a commanded torque is held; None for the torque interface's.
+            columns: what to simulate.
+            population: parameters by name; others are nominal.
+            hold: number of steps for which a commanded torque is held; None for the torque
+                interface's.
         """
         b, j = self.bench, self.joint - 1
         m = len(columns)
@@ -158,7 +166,7 @@ class LoneJointTorques:
 
 
 class LoneJoint:
-    """How the readings of a joint answer to each quantity, about one state."""
+    """How the readings of a joint change with each quantity, about one state."""
 
     def __init__(
         self,
@@ -167,19 +175,17 @@ class LoneJoint:
         whole: WholeArm,
         state: State,
         quantities: Sequence[Quantity],
-        level: Quantity = FRICTION_LEVEL,
     ) -> None:
         """Simulate the lone joint.
 
         Args:
-            jobs: of one joint.
-            bench: of the nominal arm.
+            jobs: jobs of one joint.
+            bench: bench of the nominal arm.
             whole: the nominal arm.
-            state: about which.
-            quantities: what is varied, besides the friction level.
-            level: the friction level.
+            state: state of the joint.
+            quantities: what to vary, besides the friction level.
         """
-        self.state, self.whole, self.level = state, whole, level
+        self.state, self.whole = state, whole
         joint = jobs[0].configuration.joint
         j, poses = joint - 1, [job.configuration.index[1] for job in jobs]
         keys: list[Column] = [
@@ -194,7 +200,7 @@ class LoneJoint:
         self.tables: dict[Quantity, Array] = {}
         for q in quantities:
             x = np.linspace(np.log(q.low), np.log(q.high), KNOTS)
-            # without those that chatter
+            # values with which the bristle chatters are left out
             self.knots[q] = np.array(
                 [v for v in x.tolist()
                  if q.of_interface
@@ -207,16 +213,17 @@ class LoneJoint:
         for q, knots in self.knots.items():
             self.tables[q] = tau[first : first + len(knots)]
             first += len(knots)
-        levels = np.log(np.geomspace(level.low, level.high, LEVEL_KNOTS))
+        levels = np.log(np.geomspace(FRICTION_LEVEL.low, FRICTION_LEVEL.high, LEVEL_KNOTS))
         scaled = [(f * key[0], *key[1:]) for f in np.exp(levels).tolist() for key in keys]
         flat = columns.readings(scaled, [_parameters(columns, here)])
-        self.knots[level], self.tables[level] = levels, flat.reshape(len(levels), -1)
+        self.knots[FRICTION_LEVEL] = levels
+        self.tables[FRICTION_LEVEL] = flat.reshape(len(levels), -1)
 
     def anchored(self, known: Mapping[State, Array]) -> LoneJoint:
-        """Return predictions corrected by what the whole arm does, at its states and between.
+        """Return predictions corrected at the simulated states of the whole arm, and between them.
 
         Args:
-            known: (rows,) readings [N·m] of the whole arm in some states, among them this one.
+            known: (rows,) readings [N·m] of the whole arm in some states, including this one.
         """
         new = copy.copy(self)
         new.tables = dict(self.tables)
@@ -224,7 +231,7 @@ class LoneJoint:
             here = self._log(q, self.state)
             found = {here: np.zeros(self.tables[q].shape[1])}
             for state, tau in known.items():
-                if state.without(q) == self.state.without(q):
+                if without(state, q) == without(self.state, q):
                     x = self._log(q, state)
                     change = self._at(q, x) - self._at(q, here)
                     found.setdefault(x, tau - known[self.state] - change)
@@ -253,8 +260,8 @@ class LoneJoint:
 
     def level_shift(self, x: Array) -> Array:
         """Return (m, rows) change of the readings [N·m] for log factors x (m, rows) on friction."""
-        levels, table = self.knots[self.level], self.tables[self.level]
-        here = self._at(self.level, self._log(self.level, self.state))
+        levels, table = self.knots[FRICTION_LEVEL], self.tables[FRICTION_LEVEL]
+        here = self._at(FRICTION_LEVEL, self._log(FRICTION_LEVEL, self.state))
         at = np.interp(x, levels, np.arange(len(levels)))
         i = np.minimum(at.astype(int), len(levels) - 2)
         t, column = at - i, np.arange(x.shape[1])
@@ -272,10 +279,10 @@ def _parameters(columns: LoneJointTorques, values: Mapping[Quantity, float]) -> 
 
 
 def _holds(p: Mapping[str, float], columns: LoneJointTorques, link: float, zeta: float) -> bool:
-    """Whether a step of 1 ms holds the bristle of a joint.
+    """Whether the bristle of a joint is stable with a step of 1 ms.
 
-    Section 3.5 of the sources asks for h·σ1/J < 2; less, as the arm's inertia is not the lone
-    joint's.
+    The limit of h·σ1/J is 2 (sources.md 3.5); 1.6 is assumed, because the arm's inertia is not the
+    lone joint's.
     """
     rotor, stiffness = (
         np.array([p.get(f, columns.nominal(f))]) for f in ("rotor_inertia", "bristle_stiffness")
@@ -285,7 +292,7 @@ def _holds(p: Mapping[str, float], columns: LoneJointTorques, link: float, zeta:
 
 
 def _between(table: Array, at: Array) -> Array:
-    """Return (m, rows) of a table (knots, rows) at fractional knots (m,)."""
+    """Return (m, rows) values of a table (knots, rows) at fractional knots (m,)."""
     i = np.minimum(at.astype(int), len(table) - 2)
     t = (at - i)[:, None]
     return np.asarray((1 - t) * table[i] + t * table[i + 1])

@@ -1,7 +1,7 @@
-"""Hypotheses about an arm, one unknown each, fitted to torque tables and tried on held-out blocks.
+"""Hypotheses about an arm, one unknown each, fitted to torque tables and judged on held-out blocks.
 
 A block is all readings of one dither frequency and scale, or all base torques. Single readings are
-never held out, since their neighbours predict them.
+not held out, since their neighbours predict them.
 """
 
 from __future__ import annotations
@@ -19,21 +19,29 @@ from stiction_envs.gap.tables.lone_joint import Bench, LoneJoint
 from stiction_envs.gap.tables.noise import levelled, losses, noise_of
 from stiction_envs.gap.tables.readings import Comparison, Readings, TableData
 from stiction_envs.gap.tables.settings import TableSettings
-from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, Quantity, State, WholeArm
+from stiction_envs.gap.tables.whole_arm import (
+    FRICTION_LEVEL,
+    NOMINAL,
+    Quantity,
+    State,
+    WholeArm,
+)
 from stiction_envs.measured import BaseTable
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 COARSE = 61
-"""Values of the unknown that are tried over its range."""
+"""Number of values of the unknown that are tried over its range; assumed."""
 FINE = 41
-"""The same about the best."""
+"""The same near the best; assumed."""
+MOVED = 0.08
+"""Change of a quantity's logarithm above which the whole arm is simulated again [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """What the tables say about a hypothesis, other hypotheses as they are."""
+    """The fit of a hypothesis to the tables, with other hypotheses unchanged."""
 
     hypothesis: Hypothesis
     x: float
@@ -41,16 +49,14 @@ class Fit:
     high: float
     """95 % interval of x: of the likelihood, or of the jackknife over blocks if that is wider."""
     on_bound: bool
-    loss: float
-    """Over its joints, all readings used [nats]."""
     held: float
-    """Over its joints, each block predicted from the others [nats]; inf if not tried."""
+    """Loss of its joints, each block predicted from the others [nats]; inf if not tried."""
     left_out: dict[int, float]
     """x without each block."""
 
 
 class Model:
-    """Nominal arm, the hypotheses taken on so far, and the readings."""
+    """The readings, the nominal arm, and the accepted hypotheses with their values."""
 
     def __init__(
         self,
@@ -63,19 +69,18 @@ class Model:
         """Simulate the nominal arm.
 
         Args:
-            readings: N of them.
+            readings: N readings.
             whole: the arm.
             base: base torques.
-            causes: that are tried.
+            causes: causes to try.
             settings: constants of the method.
         """
         self.readings, self.whole = readings, whole
         self.causes, self.settings = tuple(causes), settings
-        bench = Bench.of(whole.arm, base, whole.friction)
-        self.bench = bench.replace(interface=whole.interface, protocol=whole.protocol)
-        self.states = dict.fromkeys(readings.joints, whole.nominal)
+        self.bench = Bench.of(whole.arm, base, whole.friction, whole.protocol)
+        self.states = dict.fromkeys(readings.joints, NOMINAL)
         self.values: dict[Hypothesis, float] = {}
-        # what this diagnosis has looked at: another's simulations must not change its result
+        # the states of this diagnosis: simulations of another one must not change its result
         self._seen: dict[int, dict[State, None]] = {j: {} for j in readings.joints}
         self._lone: dict[tuple[int, State], LoneJoint] = {}
         self._anchored: dict[tuple[int, State, int], LoneJoint] = {}
@@ -91,7 +96,7 @@ class Model:
         self.set_noise()
 
     def simulate(self, states: Mapping[int, State]) -> None:
-        """Simulate the whole arm with some joints in some states, and look at it."""
+        """Simulate the whole arm with some joints in some states."""
         self.whole.simulate([(s, self.readings.jobs(j)) for j, s in states.items()])
         for j, s in states.items():
             self._seen[j][s] = None
@@ -109,23 +114,23 @@ class Model:
         return out
 
     def set_noise(self) -> None:
-        """Find the noise again, from the residual of the present state."""
+        """Estimate the noise again, from the residual with the present values."""
         self.noise = noise_of(self.readings, self.residual(), self.settings.noise)
 
     def copy(self) -> Model:
-        """Return a model that can be changed on its own; simulations are shared."""
-        new = object.__new__(Model)
-        changes = ("states", "values", "simulated")
-        new.__dict__ = {**self.__dict__, **{k: copy.copy(getattr(self, k)) for k in changes}}
+        """Return a model that can be changed separately; simulations are shared."""
+        new = copy.copy(self)
+        new.states, new.values = dict(self.states), dict(self.values)
+        new.simulated = self.simulated.copy()
         return new
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """What joints can be simulated with other values of."""
+        """The quantities that the causes vary."""
         return tuple(c.quantity for c in self.causes if c.quantity is not None)
 
     def lone(self, joint: int) -> LoneJoint:
-        """Return the lone joint about the present state."""
+        """Return the lone joint about the joint's present state."""
         state, seen, jobs = self.states[joint], self._seen[joint], self.readings.jobs(joint)
         key = joint, state, len(seen)
         if key not in self._anchored:
@@ -137,7 +142,7 @@ class Model:
         return self._anchored[key]
 
     def anchor(self, joints: Iterable[int]) -> None:
-        """Simulate joints with the whole arm at more values of what the lone joint predicts."""
+        """Simulate joints with the whole arm at more values of each quantity."""
         for q in (*self.quantities, FRICTION_LEVEL):
             for factor in q.anchors:
                 states = {}
@@ -149,7 +154,7 @@ class Model:
                 self.simulate(states)
 
     def hypotheses(self) -> Iterator[Hypothesis]:
-        """Yield all hypotheses that are not taken on yet."""
+        """Yield all hypotheses that are not accepted yet."""
         r = self.readings
         wheres = {j: tuple(sorted({x.where for x in r.all if x.where.joint == j}))
                   for j in r.joints}  # fmt: skip
@@ -182,12 +187,12 @@ class Model:
         h: Hypothesis | None = None,
         x: Array | None = None,
     ) -> Array:
-        """Return (m, rows) readings [N·m] with some values taken on, and h at each of x (m,).
+        """Return (m, rows) predicted readings [N·m], with a hypothesis at each of x (m,).
 
         Args:
             rows: all readings of some joints.
-            values: what is taken on.
-            h: a hypothesis whose value is varied, taken on or not.
+            values: values of hypotheses.
+            h: hypothesis to vary, among them or not; None for none.
             x: its values.
         """
         x = np.zeros(1) if x is None else x
@@ -214,24 +219,23 @@ class Model:
         joint = self.readings.joint[rows]
         return [(j, joint == j) for j in self.readings.joints if (joint == j).any()]
 
-    def predicted(self, values: Mapping[Hypothesis, float]) -> Array:
-        """Return (N,) readings [N·m] with some values taken on."""
+    def predicted(self, values: Mapping[Hypothesis, float] | None = None) -> Array:
+        """Return (N,) predicted readings [N·m]; None for the accepted values."""
+        values = self.values if values is None else values
         return np.asarray(self.predict(np.arange(len(self.readings.all)), values)[0])
 
     def comparison(self, without: Model) -> Comparison:
         """Return predictions of this model and of one without some of its causes."""
-        old = without.predicted(without.values)
-        return Comparison(data=self.data, with_it=self.predicted(self.values), without=old)
+        return Comparison(data=self.data, with_it=self.predicted(), without=without.predicted())
 
     def residual(self, values: Mapping[Hypothesis, float] | None = None) -> Array:
-        """Return (N,) measured less predicted over friction, with the values taken on [-]."""
-        predicted = self.predicted(self.values if values is None else values)
-        return np.asarray((self.readings.torque - predicted) / self.data.unit)
+        """Return (N,) measured less predicted over friction [-]; None for the accepted values."""
+        return np.asarray((self.readings.torque - self.predicted(values)) / self.data.unit)
 
     def scaled(
         self, rows: Index, values: Mapping[Hypothesis, float], h: Hypothesis | None, x: Array
     ) -> tuple[Array, Array]:
-        """Return residuals over noise (m, rows), and what the friction level does to them."""
+        """Return residuals (m, rows) and the readings' change per log level (rows,), over noise."""
         sd = self.noise[rows] * self.data.unit[rows]
         z = (self.readings.torque[rows] - self.predict(rows, values, h, x)) / sd
         step = np.array([[-0.1], [0.1]])
@@ -244,9 +248,9 @@ class Model:
     def _profile(
         self, rows: Index, z: Array, slope: Array, used: Mask
     ) -> tuple[Array, Array, Array]:
-        """Return losses of the used readings, of the levels alone, both (m,), and of each reading.
+        """Return the loss of the used readings and levels, of the levels, and of each reading.
 
-        The first contains the second; the last is (m, rows).
+        The first two are (m,), the last is (m, rows).
         """
         r = self.readings
         _, level = np.unique(r.level[rows], return_inverse=True)
@@ -256,34 +260,30 @@ class Model:
         return each @ used.astype(float) + cost, cost, each
 
     def left_over(self) -> Array:
-        """Return (N,) residuals over noise, friction levels and offsets adjusted."""
+        """Return (N,) residuals over noise after friction levels and offsets were adjusted."""
         r = self.readings
         rows, every = np.arange(len(r.all)), np.ones(len(r.all), dtype=bool)
         z, slope = self.scaled(rows, self.values, None, np.zeros(1))
         noise = self.settings.noise
         return levelled(z, slope, r.sign / self.noise, r.level, r.base, every, noise)[0][0]
 
-    def held_now(self, joints: tuple[int, ...]) -> float:
-        """Return the held-out loss of some joints, only friction levels held out [nats]."""
-        return self._held(joints, {})
-
-    def held(self, joints: tuple[int, ...]) -> float:
-        """Return the held-out loss of some joints, all values fitted without the block [nats]."""
-        return self._held(joints, self.left_out(joints))
-
-    def left_out(self, joints: tuple[int, ...]) -> dict[Hypothesis, dict[int, float]]:
-        """Return the values of what concerns some joints, without each block."""
+    def left_out(self, joints: Sequence[int]) -> dict[Hypothesis, dict[int, float]]:
+        """Return the values of the hypotheses about some joints, fitted without each block."""
         mine = [h for h in self.values if set(h.joints) & set(joints)]
         return {h: self.fit(h).left_out for h in mine}
 
-    def _held(
-        self, joints: tuple[int, ...], left_out: Mapping[Hypothesis, Mapping[int, float]]
-    ) -> float:
-        rows = self.readings.of_joints(joints)
-        total, none = 0.0, np.zeros(1)
+    def held(self, joints: Sequence[int], *, refitted: bool) -> float:
+        """Return the held-out loss of some joints [nats].
+
+        Args:
+            joints: the joints.
+            refitted: whether values are fitted without the held-out block, and not only levels.
+        """
+        left_out = self.left_out(joints) if refitted else {}
+        rows, none = self.readings.of_joints(joints), np.zeros(1)
         z, slope = self.scaled(rows, self.values, None, none)
-        # errors of the levels come from how well they were calibrated, not from held-out blocks
-        total += float(self._profile(rows, z, slope, np.ones(len(rows), dtype=bool))[1][0])
+        # the loss of the levels depends on their calibration, not on held-out blocks
+        total = float(self._profile(rows, z, slope, np.ones(len(rows), dtype=bool))[1][0])
         for block, used in self._folds(rows):
             if left_out:
                 z, slope = self.scaled(rows, self.without(block, left_out), None, none)
@@ -293,12 +293,12 @@ class Model:
     def without(
         self, block: int, left_out: Mapping[Hypothesis, Mapping[int, float]]
     ) -> dict[Hypothesis, float]:
-        """Return the values, those of some hypotheses fitted without a block."""
+        """Return the values, some of them fitted without a block."""
         return {h: left_out.get(h, {}).get(block, x) for h, x in self.values.items()}
 
     def left_out_residual(self) -> Array:
-        """Return (N,) measured less predicted over friction, each block from the others [-]."""
-        left_out = self.left_out(tuple(self.readings.joints))
+        """Return `residual` (N,) of each block predicted from the others [-]."""
+        left_out = self.left_out(self.readings.joints)
         out = np.empty(len(self.readings.all))
         for block in range(len(self.readings.blocks)):
             some = self.readings.block == block
@@ -310,17 +310,17 @@ class Model:
         yield from ((int(b), block != b) for b in np.unique(block))
 
     def fit(self, h: Hypothesis, *, enough: float = -np.inf) -> Fit:
-        """Fit a hypothesis with the others as they are, and try it on each block left out.
+        """Fit a hypothesis with the others unchanged, and predict each left-out block.
 
         Args:
-            h: taken on already or not.
-            enough: held-out trials are skipped if even with all readings used less is gained than
-                this against saying nothing [nats].
+            h: hypothesis, accepted or not.
+            enough: least gain of the fit to all readings over the neutral value [nats]; with less,
+                no block is left out.
         """
         rows = self.readings.of_joints(h.joints)
         low, high = self.span(h)
         coarse = np.linspace(low, high, COARSE)
-        # the neutral value is always among those tried
+        # the neutral value is always tried
         coarse = np.unique(np.append(coarse, np.clip(self.neutral(h), low, high)))
         every = np.ones(len(rows), dtype=bool)
         z, slope = self.scaled(rows, self.values, h, coarse)
@@ -328,8 +328,15 @@ class Model:
         best = int(total.argmin())
         nothing = int(np.abs(coarse - self.neutral(h)).argmin())
         if total[nothing] - total[best] < enough:
-            return Fit(hypothesis=h, x=float(coarse[best]), low=low, high=high, on_bound=False,
-                       loss=float(total[best]), held=np.inf, left_out={})  # fmt: skip
+            return Fit(
+                hypothesis=h,
+                x=float(coarse[best]),
+                low=low,
+                high=high,
+                on_bound=False,
+                held=np.inf,
+                left_out={},
+            )
         step = (high - low) / (COARSE - 1)
         near = coarse[best] + np.linspace(-2 * step, 2 * step, FINE)
         x = np.unique(np.concatenate([coarse, near[(near >= low) & (near <= high)]]))
@@ -343,7 +350,7 @@ class Model:
             left_out[block] = float(x[k])
             held += float(each[k, ~used].sum())
         inside = x[total < total[best] + 1.92]
-        # without the base torques nothing tells a level from a drift
+        # without the base torques a level looks like a drift
         values = np.array([v for b, v in left_out.items() if any(self.readings.blocks[b])])
         m = len(values)
         spread = np.sqrt((m - 1) / m * ((values - values.mean()) ** 2).sum())
@@ -354,7 +361,6 @@ class Model:
             low=max(low, min(float(inside[0]), float(x[best]) - reach)),
             high=min(high, max(float(inside[-1]), float(x[best]) + reach)),
             on_bound=bool(min(x[best] - low, high - x[best]) < step / 2),
-            loss=float(total[best]),
             held=held,
             left_out=left_out,
         )
@@ -365,8 +371,8 @@ class Model:
             for h in list(self.values):
                 self.values[h] = self.fit(h).x
 
-    def take(self, h: Hypothesis, x: float) -> Fit:
-        """Take a hypothesis on, simulate the whole arm with it, and adjust all values."""
+    def accept(self, h: Hypothesis, x: float) -> Fit:
+        """Accept a hypothesis, simulate the whole arm with it, and adjust all values."""
         self.values[h] = x
         for _ in range(3):
             moved = self._simulate()
@@ -376,15 +382,15 @@ class Model:
         return self.fit(h)
 
     def drop(self, some: tuple[Hypothesis, ...]) -> None:
-        """Take hypotheses back, and adjust the others."""
+        """Drop hypotheses, and adjust the others."""
         for h in some:
             del self.values[h]
         self._simulate()
         self.refit()
 
     def _simulate(self) -> bool:
-        """Simulate where the values have moved by more than 8 %; say whether any has."""
-        states = dict.fromkeys(self.states, self.whole.nominal)
+        """Simulate where values have moved by more than `MOVED`; return whether any has."""
+        states = dict.fromkeys(self.states, NOMINAL)
         for h, x in self.values.items():
             if h.cause.quantity is not None:
                 for j in h.joints:
@@ -393,7 +399,7 @@ class Model:
 
         def far(a: State, b: State) -> bool:
             pairs = [(self.whole.value(a, q), self.whole.value(b, q)) for q in self.quantities]
-            return any(p != q and abs(np.log(p / q)) > 0.08 for p, q in pairs)
+            return any(p != q and abs(np.log(p / q)) > MOVED for p, q in pairs)
 
         moved = {j for j in states if far(states[j], self.states[j])}
         if moved:

@@ -1,12 +1,11 @@
 """Noise of torque tables, and how likely a residual is.
 
-Friction level and offset are only known from the base torques, to their noise. So each pose of each
-joint has a level and an offset of its own, nuisances that every fit adjusts: a base torque that was
-read 1 % high must not be explained as an effect on all the dithered ones.
+Friction level and offset are known from the base torques only, within their noise. Each pose of
+each joint therefore has a level and an offset that every fit adjusts: a base torque that was read
+1 % high must not look like an effect on all dithered torques.
 
-Losses are minus log likelihoods: Student's t for dithered torques, so that a bad reading counts
-little however far out it is, and normal (Huber from 4 sd) for base torques, which have no
-neighbours that could outvote them.
+Losses are minus log likelihoods: Student's t for dithered torques, which limits the weight of a bad
+reading, and normal (Huber from 4 sd) for base torques, which have no neighbours to compare.
 """
 
 from __future__ import annotations
@@ -17,29 +16,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.tables.readings import Readings
-from stiction_envs.gap.tables.settings import ReadingNoiseSettings, table_settings
+from stiction_envs.gap.tables.settings import ReadingNoiseSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
+ROUNDS = 8
+"""Rounds of iteratively reweighted least squares for levels and offsets; assumed."""
+DRAWS = 30
+"""Draws of pure noise that show how much of it medians and differences leave; assumed."""
+LEAST_PAIRS = 8
+"""Least number of readings, and of neighbours in amplitude, that show the noise; assumed."""
+CLEARLY_LESS = 0.7
+"""Noise from neighbours over that from medians below which they do not differ by chance [-];
+assumed."""
 
 
-def noise_of(
-    readings: Readings, residual: Array, settings: ReadingNoiseSettings | None = None
-) -> Array:
+def noise_of(readings: Readings, residual: Array, settings: ReadingNoiseSettings) -> Array:
     """Return (N,) standard deviation of a reading, per joint, from what no effect can explain.
 
-    An effect moves all four configurations of a joint alike, or all blocks of a configuration.
-    What is left of the residual after medians of both are taken out is noise. Where an effect
-    differs much by configuration that is too much: then the differences between neighbours in
-    amplitude tell. NaN where no joint has enough blocks to tell.
+    An effect changes all four configurations of a joint alike, or all blocks of a configuration.
+    The residual after medians of both are subtracted is noise. An effect that differs strongly by
+    configuration remains in it; then the differences between neighbours in amplitude show the
+    noise. NaN where no joint has enough blocks.
 
     Args:
-        readings: N of them.
-        residual: (N,) over friction [-].
-        settings: constants of the method; None for those of ``settings.toml``.
+        readings: N readings.
+        residual: (N,) residual over friction [-].
+        settings: constants of the method.
     """
-    s = settings or table_settings().noise
     rng = np.random.default_rng(0)
     found: dict[int, float] = {}
     for joint in readings.joints:
@@ -47,7 +52,7 @@ def noise_of(
         some = [readings.all[i] for i in rows]
         wheres = sorted({r.where for r in some})
         at = np.array([wheres.index(r.where) for r in some]), readings.block[rows]
-        if len(set(at[1])) < 3 or len(rows) < 8:
+        if len(set(at[1])) < 3 or len(rows) < LEAST_PAIRS:
             continue
         order = sorted(
             range(len(rows)), key=lambda i: (some[i].where, some[i].frequency, some[i].amplitude)
@@ -60,30 +65,29 @@ def noise_of(
             ],
             dtype=np.int64,
         ).reshape(-1, 2)
-        # what is taken away of the noise itself, from noise of the same pattern
-        pure = [rng.normal(size=len(rows)) for _ in range(30)]
+        # medians and differences change noise too, by as much as pure noise of the same pattern
+        pure = [rng.normal(size=len(rows)) for _ in range(DRAWS)]
         scale = np.mean([_size(_polished(v, at)) for v in pure])
         found[joint] = float(_size(_polished(residual[rows], at)) / scale)
-        if len(pairs) >= 8:
+        if len(pairs) >= LEAST_PAIRS:
             scale = np.mean([_size(v[pairs[:, 1]] - v[pairs[:, 0]]) for v in pure])
             change = residual[rows][pairs[:, 1]] - residual[rows][pairs[:, 0]]
             value = float(_size(change) / scale)
-            # by less than this the two differ by chance
-            if value < 0.7 * found[joint]:
+            if value < CLEARLY_LESS * found[joint]:
                 found[joint] = value
     out = np.full(len(readings.all), np.nan)
     if found:
-        # single joints have too few readings to tell their noise well: a third is all joints'
+        # a single joint has few readings: a third of its variance is that of all joints
         pooled = float(np.median(list(found.values())))
         for joint in readings.joints:
             mixed = np.sqrt((2 * found.get(joint, pooled) ** 2 + pooled**2) / 3)
-            out[readings.of_joints([joint])] = max(float(mixed), s.least_sd)
-        out[readings.base] = np.maximum(out[readings.base], s.base_sd)
+            out[readings.of_joints([joint])] = max(float(mixed), settings.least_sd)
+        out[readings.base] = np.maximum(out[readings.base], settings.base_sd)
     return out
 
 
 def _polished(values: Array, at: tuple[Index, Index]) -> Array:
-    """Return what is left after row and column medians are taken out, but for zeros."""
+    """Return what remains after row and column medians are subtracted, without zeros."""
     v = values.copy()
     for _ in range(3):
         for index in at:
@@ -95,7 +99,7 @@ def _polished(values: Array, at: tuple[Index, Index]) -> Array:
 
 
 def _size(values: Array) -> float:
-    """Return the root mean square, tails clipped at four times the median."""
+    """Return the root mean square, with values clipped at four times the median."""
     if not len(values):
         return 0.0
     edge = 4.0 * np.median(np.abs(values))
@@ -106,7 +110,7 @@ def losses(z: Array, base: Mask, settings: ReadingNoiseSettings) -> Array:
     """Return minus log likelihood of residuals over noise, up to a constant [nats].
 
     Args:
-        z: (..., N).
+        z: (..., N) residuals over noise.
         base: (N,) which are base torques.
         settings: constants of the method.
     """
@@ -122,26 +126,24 @@ def levelled(
     level: Index,
     base: Mask,
     used: Mask,
-    settings: ReadingNoiseSettings | None = None,
-    rounds: int = 8,
+    settings: ReadingNoiseSettings,
 ) -> tuple[Array, Array]:
-    """Return residuals (m, N) after friction levels and offsets are adjusted, and that cost (m,).
+    """Return residuals (m, N) after friction levels and offsets are adjusted, and its loss (m,).
 
     Args:
         z: (m, N) residuals over noise.
         slope: (N,) change of a reading over noise per relative change of its friction level.
         shift: (N,) the same per offset over friction.
-        level: (N,) which level and offset a reading has, from 0.
+        level: (N,) number of the level and offset of a reading, from 0.
         base: (N,) which are base torques.
-        used: (N,) which readings the adjustment may look at.
-        settings: constants of the method; None for those of ``settings.toml``.
-        rounds: of iteratively reweighted least squares.
+        used: (N,) which readings the adjustment may use.
+        settings: constants of the method.
     """
-    s = settings or table_settings().noise
+    s = settings
     freedom, huber = s.freedom, s.huber
     which = (level[:, None] == np.arange(int(level.max()) + 1)).astype(float)  # (N, levels)
     left, cost = z, np.zeros(len(z))
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         a = np.abs(left)
         weight = np.where(base, huber / np.maximum(a, huber), (freedom + 1) / (freedom + a * a))
         weight = weight * used

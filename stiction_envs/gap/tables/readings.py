@@ -1,4 +1,4 @@
-"""Measured torques of all joints as arrays, and what a cause may look at."""
+"""Measured torques of all joints as arrays, and the data that causes may use."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Reading:
     frequency: float
     amplitude: float
     block: tuple[float, float]
-    """(frequency [Hz], scale [-]): what is left out together; (0, 0) are the base torques."""
+    """Readings that are left out together: (frequency [Hz], scale [-]); (0, 0): base torques."""
     torque: float
     """Measured, along the ramp: negative if the joint moved against it [N·m]."""
     cell: Cell | None
@@ -50,7 +50,7 @@ class Reading:
 
     @property
     def job(self) -> Job:
-        """The experiment that predicts it."""
+        """The simulated experiment that predicts it."""
         return Job(self.where, self.frequency, self.amplitude)
 
 
@@ -92,7 +92,7 @@ class Readings:
         self.blocks = sorted({r.block for r in self.all})
         self.block = np.array([self.blocks.index(r.block) for r in self.all], dtype=np.int64)
         self.level = 2 * np.searchsorted(self.joints, self.joint) + self.pose
-        """Which friction level a reading has."""
+        """(N,) number of the friction level of a reading."""
 
     def of(self, where: Sequence[Configuration]) -> Mask:
         """Return (N,) which readings are of some configurations."""
@@ -116,7 +116,7 @@ class Readings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TableData:
-    """What a cause may look at: the readings and the nominal arm."""
+    """The data that a cause may use: the readings and the nominal arm."""
 
     readings: Readings
     unit: Array
@@ -133,7 +133,7 @@ class TableData:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """Predictions with and without a cause, beside the readings."""
+    """Predictions of the readings with and without a cause."""
 
     data: TableData
     with_it: Array

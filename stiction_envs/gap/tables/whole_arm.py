@@ -1,4 +1,4 @@
-"""The experiment with the whole arm, in states that differ from the nominal arm."""
+"""The Single Joint Experiment with the whole arm, in states that differ from the nominal arm."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A number that a joint can be simulated with other values of."""
+    """A parameter of a joint that can be simulated with other values."""
 
     name: str
     fields: tuple[str, ...]
     """Friction parameters of the joint that it multiplies, or one field of the torque interface."""
     of_interface: bool = False
-    """Whether its values are those of the torque interface, one for all joints."""
+    """Whether it is a value of the torque interface, common to all joints, and not a factor."""
     low: float
+    """Least value [-], or in units of the interface."""
     high: float
-    """Range of its values."""
+    """Largest value."""
     anchors: tuple[float, ...] = ()
-    """Factors at which joints are simulated with the whole arm that the lone joint does not
-    explain."""
+    """Factors at which the whole arm is simulated too, where the lone joint is not enough [-]."""
 
 
 FRICTION_LEVEL = Quantity(
@@ -43,30 +43,25 @@ FRICTION_LEVEL = Quantity(
     high=2.0,
     anchors=(0.87, 1.15),
 )
+"""Range and anchors are assumed."""
+State = frozenset[tuple[Quantity, float]]
+"""The values of a joint that are not nominal."""
+NOMINAL: State = frozenset()
 
 
-@dataclass(frozen=True)
-class State:
-    """What a joint is simulated with where that is not nominal."""
-
-    values: frozenset[tuple[Quantity, float]] = frozenset()
-
-    def without(self, quantity: Quantity) -> State:
-        """Return the state with the nominal value of a quantity."""
-        return State(frozenset(x for x in self.values if x[0] != quantity))
+def without(state: State, quantity: Quantity) -> State:
+    """Return the state with the nominal value of a quantity."""
+    return frozenset(x for x in state if x[0] != quantity)
 
 
 class WholeArm:
-    """The nominal arm; what was simulated once is kept, for other tables of it too."""
-
-    nominal = State()
+    """The nominal arm; simulated readings are kept, for other tables of it too."""
 
     def __init__(
         self,
         arm: Arm,
         friction: FrictionParameters,
         *,
-        interface: TorqueInterface | None = None,
         protocol: Protocol | None = None,
         threads: int = 0,
     ) -> None:
@@ -75,34 +70,31 @@ class WholeArm:
         Args:
             arm: the arm.
             friction: nominal parameters of one arm.
-            interface: nominal torque interface; None for the arm's.
-            protocol: of the measurement; None for the robot's.
+            protocol: protocol of the measurement; None for the robot's.
             threads: threads, 0 for all processors.
         """
         self.arm, self.friction, self.threads = arm, friction, threads
-        self.interface = TorqueInterface.of(arm) if interface is None else interface
+        self.interface = TorqueInterface.of(arm)
         self.protocol = load_protocol(arm.registered_name) if protocol is None else protocol
         self.poses = find_poses(arm)
         self._known: dict[tuple[State, Job], float] = {}
 
     def value(self, state: State, quantity: Quantity) -> float:
-        """Return a factor, or a value of the torque interface; inf is a filter that is off."""
+        """Return a factor, or a value of the torque interface; inf for a filter that is off."""
         nominal = getattr(self.interface, quantity.fields[0]) if quantity.of_interface else 1.0
-        return dict(state.values).get(quantity, nominal or np.inf)
+        return dict(state).get(quantity, nominal or np.inf)
 
     def changed(self, state: State, quantity: Quantity, value: float) -> State:
         """Return the state with another value of a quantity."""
-        rest = state.without(quantity)
-        if value == self.value(rest, quantity):
-            return rest
-        return State(rest.values | {(quantity, value)})
+        rest = without(state, quantity)
+        return rest if value == self.value(rest, quantity) else rest | {(quantity, value)}
 
     def torques(self, state: State, jobs: Sequence[Job]) -> Array:
-        """Return (jobs,) readings [N·m] that were simulated."""
+        """Return (jobs,) simulated readings [N·m]."""
         return np.array([self._known[state, job] for job in jobs])
 
     def simulate(self, wanted: Sequence[tuple[State, Sequence[Job]]]) -> None:
-        """Simulate joints, each in one state; those with the same torque interface run at once.
+        """Simulate joints, each in one state; those with the same torque interface run together.
 
         Args:
             wanted: state and jobs of each joint.
@@ -110,7 +102,7 @@ class WholeArm:
         groups: dict[frozenset[tuple[str, float]], list[tuple[State, list[Job]]]] = {}
         for state, jobs in wanted:
             new = [x for x in dict.fromkeys(jobs) if (state, x) not in self._known]
-            shared = frozenset((q.fields[0], v) for q, v in state.values if q.of_interface)
+            shared = frozenset((q.fields[0], v) for q, v in state if q.of_interface)
             if new:
                 groups.setdefault(shared, []).append((state, new))
         for shared, some in groups.items():
@@ -121,7 +113,7 @@ class WholeArm:
     ) -> None:
         fields: dict[str, Array] = {}
         for state, jobs in wanted:
-            for quantity, value in state.values:
+            for quantity, value in state:
                 for field in () if quantity.of_interface else quantity.fields:
                     array = fields.setdefault(field, np.array(getattr(self.friction, field)))
                     array[jobs[0].configuration.joint - 1] *= value
@@ -134,7 +126,7 @@ class WholeArm:
             scatter=False,
             threads=self.threads,
         )
-        # the first ramp finds the arm as it was placed, all others as the move back leaves it
+        # the first ramp starts with the arm as it was placed, the others after the move back
         repeats = min(2, int(self.protocol.iterations))
         share = 1.0 / self.protocol.iterations if repeats == 2 else 1.0
         states = {job: state for state, jobs in wanted for job in jobs}

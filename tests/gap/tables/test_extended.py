@@ -29,7 +29,6 @@ def cause(name: str, joint: int = JOINT, **values: float) -> FoundTableCause:
             for k, v in values.items()
         },
         gain_percent=10.0,
-        gain_nats=20.0,
         evidence="made up",
         confused_with={},
     )

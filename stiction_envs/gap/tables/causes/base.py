@@ -1,12 +1,12 @@
-"""The face of a table cause: everything that the project knows of it, in one class.
+"""The interface of a table cause: all that the project knows of it, in one class.
 
 A table cause is something that a simulation gets wrong about breakaway torques. To add one, derive
 from `TableCause` (or `SimulatedCause`) and call `stiction_envs.gap.tables.causes.register` with an
-instance; nothing else names it. It states one unknown x at a time (`Hypothesis`), which acts as
+instance. Nothing else names it. It states hypotheses of one unknown x each (`Hypothesis`), which is
 
-* other values of a `quantity` that the joint is simulated with,
+* another value of a `quantity` of the simulation,
 * a torque that is `added` to the readings, or
-* a factor on friction, given as its logarithm by `level`.
+* a factor on friction, whose logarithm `level` returns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.poses import Poses
-from stiction_envs.experiments.sje.protocol import LOADS, Configuration
+from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.tables.readings import Comparison, TableData
@@ -37,22 +37,22 @@ BASE_AGAIN = "the base torque measured again"
 
 
 class TableCause(ABC):
-    """Something that a simulation gets wrong about breakaway torques; see the module's text."""
+    """Something that a simulation gets wrong about breakaway torques; see the module."""
 
     name: ClassVar[str]
     """In files and reports: small letters, digits and underscores."""
     parameter: ClassVar[str]
     """Name of its number in ``diagnosis.json``."""
     units: ClassVar[Mapping[str, str]] = {}
-    """Of its parameters, where they have any."""
+    """Units of its parameters that have one."""
     logarithmic: ClassVar[bool] = True
-    """Whether x is the logarithm of its number."""
+    """Whether x is the logarithm of its parameter."""
     quantity: ClassVar[Quantity | None] = None
-    """What the joint is simulated with other values of; None where no simulation is needed."""
+    """What the simulation varies; None for a cause that needs no simulation."""
     repeatable: ClassVar[bool] = False
-    """Whether one joint may have several of its statements, of different poses."""
+    """Whether one joint may have several of its hypotheses, about different poses."""
     tell_apart: ClassVar[Mapping[str, str]] = {}
-    """By other causes: the measurement that tells it from them. One of the two names it."""
+    """The measurement that distinguishes it from each other cause; one of the two names it."""
 
     def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
         """Yield its hypotheses, given the configurations that were measured of each joint."""
@@ -63,11 +63,11 @@ class TableCause(ABC):
         """Return the range of x."""
 
     def added(self, data: TableData, rows: Index) -> Array | None:
-        """Return (rows,) torque that it adds to readings per unit of x; None where it adds none."""
+        """Return (rows,) torque that it adds to readings per unit of x; None for none."""
         return None
 
     def level(self, data: TableData, rows: Index, x: Array) -> Array | None:
-        """Return (m, rows) logarithm of its factor on friction for x (m,); None for one."""
+        """Return (m, rows) logarithm of its factor on friction for x (m,); None for no factor."""
         return None
 
     @abstractmethod
@@ -76,49 +76,49 @@ class TableCause(ABC):
 
         Args:
             some: its hypotheses.
-            x: of each.
+            x: value of each.
             seen: predictions with and without them.
         """
 
     def more_parameters(
         self, estimate: Estimate, joint: int, data: TableData
     ) -> dict[str, Estimate]:
-        """Return its other numbers, which follow from the first."""
+        """Return its other parameters, which follow from the first."""
         return {}
 
     def indistinguishable_from(self, some: Sequence[Hypothesis]) -> tuple[str, ...]:
-        """Return names of causes that are the same, whatever was measured."""
+        """Return names of causes that no such table distinguishes from it."""
         return ()
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
     ) -> dict[str, Array | float]:
-        """Return the friction parameters of a joint (from 0) with it; none where it is no friction.
+        """Return the friction parameters that it changes, of a joint.
 
         Args:
-            friction: without it.
-            poses: of the experiment.
-            j: the joint.
-            values: its numbers by name.
+            friction: friction without it.
+            poses: poses of the experiment.
+            j: joint, from 0.
+            values: its parameters by name.
         """
         return {}
 
     def outside_model(self, values: Mapping[str, float]) -> str:
-        """Return why no model of the arm holds it, a clause; nothing where one does."""
+        """Return why a model of the arm cannot hold it, a clause; nothing if it can."""
         return ""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One statement, with one unknown x: a logarithm of a factor or cut-off, or N·m."""
+    """A cause in some configurations, with one unknown x: a logarithm, or a torque [N·m]."""
 
     cause: TableCause
     where: Wheres
-    """The configurations that it is about."""
+    """The configurations."""
 
     @property
     def name(self) -> str:
-        """Of the cause."""
+        """Name of the cause."""
         return self.cause.name
 
     @property
@@ -128,7 +128,7 @@ class Hypothesis:
 
     @property
     def scope(self) -> str:
-        """Its poses and directions in words."""
+        """Its pose and direction in words."""
         if len(self.where) == 1:
             return f"{self.where[0].load} {self.where[0].direction}"
         loads = sorted({w.load for w in self.where})
@@ -136,23 +136,23 @@ class Hypothesis:
 
 
 class SimulatedCause(TableCause):
-    """A cause that only a simulation can follow: a factor on a friction parameter of a joint."""
+    """A cause that needs a simulation: a factor on a friction parameter of a joint."""
 
     quantity: ClassVar[Quantity]
     parameter = "factor"
     absolute: ClassVar[str] = ""
-    """Name of the same number in units of the friction parameter."""
+    """Name of the parameter's value in its own unit; empty for none."""
 
     def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
         """Return the range of the quantity."""
         return float(np.log(self.quantity.low)), float(np.log(self.quantity.high))
 
     def changed_to(self, value: float) -> str:
-        """Return what the quantity is, in words."""
+        """Return the value of the quantity in words."""
         return f"{value:.2f} times the {self.quantity.fields[0].replace('_', ' ')}"
 
     def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
-        """Return where the cause matters most, in per cent of change as the tables print it."""
+        """Return the change of torque at the frequency of the largest effect [%]."""
         data, h = seen.data, some[0]
         r = data.readings
         rows, frequency = r.of_joints(h.joints), r.frequency
@@ -175,7 +175,7 @@ class SimulatedCause(TableCause):
     def more_parameters(
         self, estimate: Estimate, joint: int, data: TableData
     ) -> dict[str, Estimate]:
-        """Return the absolute number."""
+        """Return the value in the unit of the friction parameter."""
         if not self.absolute:
             return {}
         unit = data.nominal(self.quantity.fields[0], joint)
@@ -193,14 +193,5 @@ class SimulatedCause(TableCause):
 
 
 def only(values: Mapping[str, float], key: str) -> float:
-    """Return a parameter, whatever poses its name says it was found in."""
+    """Return a parameter, whatever pose its name contains."""
     return next(v for k, v in values.items() if k.split()[0] == key)
-
-
-def of_pose(values: Mapping[str, float], load: str) -> float:
-    """Return the factor on the friction of a pose; 1 where none was found."""
-    scopes = (f"factor {load}", "factor", "factor both poses")
-    return float(np.prod([values[k] for k in scopes if k in values]))
-
-
-__all__ = ["LOADS", "Comparison", "Hypothesis", "SimulatedCause", "TableCause", "TableData"]

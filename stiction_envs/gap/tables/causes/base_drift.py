@@ -9,15 +9,9 @@ import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.tables.causes.base import (
-    BASE_AGAIN,
-    Array,
-    Hypothesis,
-    Index,
-    TableData,
-    Wheres,
-)
+from stiction_envs.gap.tables.causes.base import BASE_AGAIN, Array, Hypothesis, Index, Wheres
 from stiction_envs.gap.tables.causes.friction_level import FrictionLevel
+from stiction_envs.gap.tables.readings import TableData
 
 
 class BaseDrift(FrictionLevel):
@@ -27,7 +21,7 @@ class BaseDrift(FrictionLevel):
     tell_apart: ClassVar[Mapping[str, str]] = {"corrupted_cell": BASE_AGAIN}
 
     def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
-        """Yield hypotheses of both poses, of each, and of each configuration."""
+        """Yield hypotheses about both poses, each pose, and each configuration."""
         yield from super().statements(wheres)
         yield from (Hypothesis(self, (w,)) for some in wheres.values() for w in some)
 
@@ -36,7 +30,7 @@ class BaseDrift(FrictionLevel):
         return x[:, None] * np.where(data.readings.base[rows], 0.0, 1.0)
 
     def indistinguishable_from(self, some: Sequence[Hypothesis]) -> tuple[str, ...]:
-        """Return a bad reading, where one base torque alone is off."""
+        """Return a bad reading, if the hypothesis is about one base torque."""
         return ("corrupted_cell",) if len(some) == 1 and len(some[0].where) == 1 else ()
 
     def in_friction(
@@ -46,5 +40,5 @@ class BaseDrift(FrictionLevel):
         return {}
 
     def outside_model(self, values: Mapping[str, float]) -> str:
-        """Return that it is of another day."""
+        """Return that the model is not of that day."""
         return "friction of another day"

@@ -6,19 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction_envs.gap.tables.causes.base import (
-    Comparison,
-    Hypothesis,
-    TableCause,
-    TableData,
-    Wheres,
-)
+from stiction_envs.gap.tables.causes.base import Hypothesis, TableCause, Wheres
+from stiction_envs.gap.tables.readings import Comparison, TableData
 
 
 class CorruptedCell(TableCause):
-    """A reading far off what the model, its neighbours and repeats say.
+    """A reading far from the model, its neighbours and its repeats.
 
-    It has no number to fit: `diagnosis` looks for it in what all other causes leave.
+    It has no parameter to fit: `diagnosis` finds it in what all other causes leave.
     """
 
     name, parameter = "corrupted_cell", ""
@@ -32,15 +27,15 @@ class CorruptedCell(TableCause):
         return 0.0, 0.0
 
     def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
-        """Return nothing: `describe` says it of a reading."""
+        """Return nothing: `describe` does it for a reading."""
         return ""
 
     def outside_model(self, values: Mapping[str, float]) -> str:
-        """Return that it is of no arm."""
+        """Return that it is not a property of the arm."""
         return "a bad reading"
 
     def describe(self, i: int, seen: Comparison) -> str:
-        """Return what is read, what is expected, and how well the others around it are met."""
+        """Return the reading, its prediction, and the error of the other readings of its kind."""
         r, x = seen.data.readings, seen.data.readings.all[i]
         off = 100 * (r.torque - seen.with_it) / seen.data.unit
         near = [k for k, y in enumerate(r.all) if y.where == x.where and k != i]

@@ -11,18 +11,14 @@ import numpy as np
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.estimates import Estimate
-from stiction_envs.gap.tables.causes.base import (
-    Array,
-    Hypothesis,
-    Index,
-    TableData,
-    Wheres,
-    only,
-)
+from stiction_envs.gap.tables.causes.base import Array, Hypothesis, Index, Wheres, only
 from stiction_envs.gap.tables.causes.torque_offset import TorqueOffset
+from stiction_envs.gap.tables.readings import TableData
 
 LEAST_STICTION = 1e-6
-"""Stiction of a direction that is left none [N·m]: the least that our friction allows."""
+"""Stiction of a direction without any [N·m]: the least that `FrictionParameters` allow."""
+LEAST, MOST = -0.9, 9.0
+"""Range of a direction's friction less the mean, over it [-]; assumed, keeps friction positive."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +28,8 @@ class DirectionAsymmetry(TorqueOffset):
     name, parameter, units = "direction_asymmetry", "asymmetry_nm", {"asymmetry_nm": "N·m"}
     tell_apart: ClassVar[Mapping[str, str]] = {}
     replaces_offset: bool = False
-    """Whether it takes the place of an offset as large: a nominal model that was calibrated to the
-    base torques has that offset, whichever of the two it was."""
+    """Whether it replaces an offset of the same size, which a nominal model has that was calibrated
+    to the base torques: they do not distinguish the two."""
 
     def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
         """Yield hypotheses with and without an offset that it replaces."""
@@ -42,18 +38,18 @@ class DirectionAsymmetry(TorqueOffset):
             yield Hypothesis(DirectionAsymmetry(replaces_offset=True), where)
 
     def added(self, data: TableData, rows: Index) -> Array | None:
-        """Return the offset that is taken away."""
+        """Return the offset that is replaced."""
         return -data.readings.sign[rows] if self.replaces_offset else None
 
     def level(self, data: TableData, rows: Index, x: Array) -> Array | None:
         """Return the logarithm of the factor on the friction of each direction."""
         relative = x[:, None] * data.readings.sign[rows] / data.unit[rows]
-        return np.log1p(np.clip(relative, -0.9, 9.0))
+        return np.log1p(np.clip(relative, LEAST, MOST))
 
     def more_parameters(
         self, estimate: Estimate, joint: int, data: TableData
     ) -> dict[str, Estimate]:
-        """Return the offset that is taken away."""
+        """Return the offset that is replaced."""
         if not self.replaces_offset:
             return {}
         low, high = estimate.ci95

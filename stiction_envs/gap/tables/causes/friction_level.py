@@ -12,15 +12,14 @@ from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.tables.causes.base import (
+    BASE_AGAIN,
     Array,
-    Comparison,
     Hypothesis,
     Index,
     TableCause,
-    TableData,
     Wheres,
-    of_pose,
 )
+from stiction_envs.gap.tables.readings import Comparison, TableData
 from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL
 from stiction_envs.reporting.markdown import joints
 
@@ -30,10 +29,10 @@ class FrictionLevel(TableCause):
 
     name, parameter = "friction_level", "factor"
     repeatable = True
-    tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": "the base torque measured again"}
+    tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": BASE_AGAIN}
 
     def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
-        """Yield hypotheses of both poses and of each."""
+        """Yield hypotheses about both poses and about each."""
         for some in wheres.values():
             yield Hypothesis(self, some)
             for load in LOADS:
@@ -48,14 +47,15 @@ class FrictionLevel(TableCause):
         return x[:, None] * np.ones(len(rows))
 
     def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
-        """Return how far the readings are off, and that they are so at every frequency."""
+        """Return the range of the dithered torques' error, and that of the base torques."""
         return "; ".join(_off(h, seen) for h in some)
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
     ) -> dict[str, Array | float]:
         """Return friction in both poses with it."""
-        factors = np.array([of_pose(values, load) for load in LOADS])
+        scopes = ([f"factor {load}", "factor", "factor both poses"] for load in LOADS)
+        factors = np.array([np.prod([values[k] for k in x if k in values]) for x in scopes])
         if factors[0] == factors[1]:
             names = ("stiction", "load_coefficient")
             return {k: getattr(friction, k)[j] * factors[0] for k in names}

@@ -9,22 +9,16 @@ import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.tables.causes.base import (
-    THIRD_POSE,
-    Array,
-    Index,
-    TableData,
-    Wheres,
-    only,
-)
+from stiction_envs.gap.tables.causes.base import THIRD_POSE, Array, Index, Wheres, only
 from stiction_envs.gap.tables.causes.torque_offset import TorqueOffset
+from stiction_envs.gap.tables.readings import TableData
 
 MOST = 0.5
-"""Largest error of the gravity model [-]: beyond it is another arm."""
+"""Largest error of the gravity model, over gravity [-]; assumed: with more it is another arm."""
 
 
 class GravityError(TorqueOffset):
-    """As an offset, in proportion to the load of the pose."""
+    """An offset in proportion to the load of the pose."""
 
     name, parameter, units = "gravity_error", "share_of_gravity", {"share_of_gravity": "1"}
     tell_apart: ClassVar[Mapping[str, str]] = {"direction_asymmetry": THIRD_POSE}

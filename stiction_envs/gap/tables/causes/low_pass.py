@@ -27,6 +27,7 @@ class LowPass(SimulatedCause):
         high=1000.0,
         anchors=(0.4, 2.5),
     )
+    """Range [Hz] and anchors [-] are assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {
         "rotor_inertia": OTHER_JOINTS,
         "presliding": OTHER_JOINTS,
@@ -42,6 +43,6 @@ class LowPass(SimulatedCause):
         return f"a cut-off of {value:.3g} Hz"
 
     def outside_model(self, values: Mapping[str, float]) -> str:
-        """Return that the filter is the interface's."""
+        """Return that the filter belongs to the interface."""
         cutoff = values["cutoff_hz"]
         return f"a low-pass of {cutoff:.4g} Hz on the commanded torque is the interface's"

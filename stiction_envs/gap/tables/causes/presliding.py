@@ -16,4 +16,5 @@ class Presliding(SimulatedCause):
     quantity = Quantity(
         name="presliding", fields=("bristle_stiffness",), low=0.1, high=10.0, anchors=(0.4, 2.5)
     )
+    """Range and anchors are assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": SAME_DAY, "friction_level": SAME_DAY}

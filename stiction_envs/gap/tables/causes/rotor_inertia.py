@@ -16,6 +16,7 @@ class RotorInertia(SimulatedCause):
     quantity = Quantity(
         name="rotor_inertia", fields=("rotor_inertia",), low=0.2, high=5.0, anchors=(0.5, 2.0)
     )
+    """Range and anchors are assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {
         "presliding": "dither well below the presliding resonance (half of √(σ0/J)/2π): there "
         "inertia plays no part",

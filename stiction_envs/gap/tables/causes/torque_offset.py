@@ -14,17 +14,16 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.tables.causes.base import (
     THIRD_POSE,
     Array,
-    Comparison,
     Hypothesis,
     Index,
     TableCause,
-    TableData,
     Wheres,
     only,
 )
+from stiction_envs.gap.tables.readings import Comparison, TableData
 
 MOST = 0.8
-"""Largest added torque and asymmetry over friction [-]."""
+"""Largest added torque and asymmetry over friction [-]; assumed."""
 STRONG = "a dither that takes away a third of the torque or more: an added torque stays as it was"
 
 
