@@ -123,6 +123,8 @@ class Compensation:
 
 def usual(kind: str, name: str) -> float:
     """Default ``speed`` [rad/s] or ``error`` [rad] of a kind."""
+    if kind not in KINDS:
+        raise unknown("compensation", kind, KINDS)
     default = GTE_DEFAULTS["compensation"][f"{kind}_speed" if name == "speed" else "push_error"]
     return float(default)
 
@@ -140,8 +142,7 @@ def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Com
         StictionError: a table that cannot be read, a joint twice, or bad numbers.
     """
     gain = np.zeros(n)
-    options: dict[str, Array] = {}
-    names = dict(zip(OPTIONAL, ("speed", "error"), strict=True))
+    speed, error = (np.full(n, usual(kind, name)) for name in ("speed", "error"))
     seen: set[int] = set()
     for line in read_lines(path, COLUMNS, OPTIONAL):
         joint = line.whole("joint", 1, n)
@@ -151,16 +152,14 @@ def read_compensation(path: Path, kind: str, n: int, factor: float = 1.0) -> Com
         gain[joint - 1] = factor * line.number("gain_nm")
         if gain[joint - 1] < 0:
             raise line.error(f"gain_nm is {line.number('gain_nm'):g}: expected >= 0")
-        for column, name in names.items():
-            if not line.fields.get(column):
-                continue
-            value = line.number(column)
-            if value <= 0:
-                raise line.error(f"{column} is {value:g}: expected > 0")
-            options.setdefault(name, np.full(n, usual(kind, name)))[joint - 1] = value
+        for column, values in zip(OPTIONAL, (speed, error), strict=True):
+            if line.fields.get(column):
+                values[joint - 1] = line.number(column)
+                if values[joint - 1] <= 0:
+                    raise line.error(f"{column} is {values[joint - 1]:g}: expected > 0")
     if not gain.any():
         raise StictionError(f"{path}: compensates no joint: expected a gain_nm above 0")
-    return Compensation(kind=kind, gain=tuple(gain), **{k: tuple(v) for k, v in options.items()})
+    return Compensation(kind=kind, gain=tuple(gain), speed=tuple(speed), error=tuple(error))
 
 
 class Compensator:

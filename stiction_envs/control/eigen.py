@@ -36,16 +36,16 @@ def eigen(matrix: Array) -> tuple[Array, Array]:
                 a[k * n + j, i] = matrix[i, k, j]
                 v[k * n + j, i] = 1.0 if k == j else 0.0
     for _ in range(_SWEEPS):
-        busy = 0
+        not_negligible = 0
         for p in range(n - 1):
             for q in range(p + 1, n):
-                busy += _annul(a, p * n + p, q * n + q, p * n + q, cosine, sine)
+                not_negligible += _annul(a, p * n + p, q * n + q, p * n + q, cosine, sine)
                 for k in range(n):
                     if k not in (p, q):  # above the diagonal only
                         first = min(k, p) * n + max(k, p)
                         _turn(a, first, min(k, q) * n + max(k, q), cosine, sine)
                     _turn(v, p * n + k, q * n + k, cosine, sine)
-        if busy == 0:
+        if not_negligible == 0:
             break
     values, vectors = np.empty((m, n)), np.empty((m, n, n))
     for i in range(m):
@@ -62,21 +62,21 @@ def _annul(a: Array, pp: int, qq: int, pq: int, cosine: Array, sine: Array) -> i
 
     ``cosine`` and ``sine`` (M,) of the turns are written; 1 and 0 where nothing is to do.
     """
-    busy = 0
+    not_negligible = 0
     for i in range(len(cosine)):
         x, y, z = a[pp, i], a[qq, i], a[pq, i]
-        apart, twice = y - x, 2.0 * z
+        difference, twice = y - x, 2.0 * z
         large = z * z > _NEGLIGIBLE * abs(x * y)
         # the smaller of the two angles; 0/0 is not taken
-        length = abs(apart) + np.sqrt(apart * apart + twice * twice)
-        tangent = np.copysign(twice, apart * twice) / length
+        length = abs(difference) + np.sqrt(difference * difference + twice * twice)
+        tangent = np.copysign(twice, difference * twice) / length
         tangent = tangent if large else 0.0
         c = 1.0 / np.sqrt(1.0 + tangent * tangent)
         cosine[i], sine[i] = c, tangent * c
         a[pp, i], a[qq, i] = x - tangent * z, y + tangent * z
         a[pq, i] = 0.0 if large else z
-        busy += 1 if large else 0
-    return busy
+        not_negligible += 1 if large else 0
+    return not_negligible
 
 
 @compiled

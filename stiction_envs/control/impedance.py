@@ -87,7 +87,7 @@ class CartesianImpedance:
         self._error_matrix = error_matrix(self._quaternion)
         self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
         self._null_damping = np.zeros((nsim, n))
-        self._null_active = self._all_known = False
+        self._null_active = False
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
         self._root, self._inverse_root, self._modes, self._inertia = np.zeros((4, nsim, 6, 6))
         self._projector = np.zeros((nsim, n, n))
@@ -106,23 +106,14 @@ class CartesianImpedance:
 
     # ---- reference and stiffness ---------------------------------------------------------------
 
-    def reset(
-        self,
-        ids: Ids,
-        position: ArrayLike,
-        quaternion: ArrayLike,
-        q: ArrayLike,
-        *,
-        torque: ArrayLike = 0.0,
-    ) -> None:
-        """Start arms anew: reference and nullspace at their poses, all filters settled.
+    def reset(self, ids: Ids, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
+        """Start arms anew: reference and nullspace at their poses, filters settled, no torque.
 
         Args:
             ids: (M,) simulations, None for all.
             position: (M, 3) of the end effector in the base frame [m].
             quaternion: (M, 4) of the end effector, w, x, y, z.
             q: (M, n) joint angles [rad].
-            torque: (M, n) last command, from which the rate limit continues [N·m].
 
         The last stiffness that was set is kept.
         """
@@ -132,13 +123,12 @@ class CartesianImpedance:
         for filtered in (self._stiffness, self._null_stiffness):
             filtered.put(rows, filtered.target[rows], now=True)
         self._refresh(rows)
-        self._sent[rows] = torque
-        self._wanted[rows] = self._command[rows] = self._sent[rows]
+        self._wanted[rows] = self._sent[rows] = self._command[rows] = 0.0
         self._q[rows] = q
 
-    def set_reference(self, position: ArrayLike, quaternion: ArrayLike, ids: Ids = None) -> None:
-        """Move the reference to (M, 3) [m] and (M, 4) w, x, y, z, in the base frame."""
-        self._put_pose(_rows_of(ids), position, quaternion, now=False)
+    def set_reference(self, position: ArrayLike, quaternion: ArrayLike) -> None:
+        """Move all references to (N, 3) [m] and (N, 4) w, x, y, z, in the base frame."""
+        self._put_pose(slice(None), position, quaternion, now=False)
 
     def set_stiffness(
         self,
@@ -173,12 +163,12 @@ class CartesianImpedance:
         now: bool = False,
     ) -> None:
         new, axes = self._stiffness.target[rows].copy(), np.arange(6)
-        if translational is not None:
-            k = axes[:3]
-            new[:, k, k] = _fill("translational stiffness", translational, (len(new), 3))
-        if rotational is not None:
-            k = axes[3:]
-            new[:, k, k] = _fill("rotational stiffness", rotational, (len(new), 3))
+        for name, value, k in (
+            ("translational", translational, axes[:3]),
+            ("rotational", rotational, axes[3:]),
+        ):
+            if value is not None:
+                new[:, k, k] = _fill(f"{name} stiffness", value, (len(new), 3))
         null = self._null_stiffness.target[rows].copy()
         if nullspace is not None:
             null = _fill("nullspace stiffness", nullspace, null.shape)
@@ -248,9 +238,7 @@ class CartesianImpedance:
             what = "mass is singular: expected positive definite"
             other = "Jacobian or mass: expected finite numbers"
             raise StictionError(f"row {bad}: {what if finite else other}")
-        if not self._all_known:
-            self._known[rows] = True
-            self._all_known = bool(self._known.all())
+        self._known[rows] = True
         self._damp(rows)
 
     def _damp(self, rows: Index) -> None:
@@ -315,7 +303,7 @@ class CartesianImpedance:
         Raises:
             StictionError: a simulation without a model.
         """
-        if not self._all_known:
+        if not self._known.all():
             missing = int(np.argmin(self._known))
             raise StictionError(f"torque of simulation {missing}: update_model has to be called")
         return (

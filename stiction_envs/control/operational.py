@@ -210,19 +210,19 @@ def damp_by_mass(
                 whitened[i, k, m] = total
     eigenvalues, vectors = eigen(whitened)
     half, turned, w = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    alike = True
+    equal_ratios = True
     for k in range(6):
-        alike &= ratio[k] == ratio[0]
+        equal_ratios &= ratio[k] == ratio[0]
     for i in range(len(rows)):
         row = rows[i]
         _product(vectors[i], inverse_root[row], half)  # Q
         for k in range(6):
             scale = np.sqrt(np.sqrt(max(eigenvalues[i, k], 0.0)))
-            if alike:
+            if equal_ratios:
                 scale *= np.sqrt(2.0 * ratio[0])
             for m in range(6):
                 half[k, m] *= scale
-        if not alike:
+        if not equal_ratios:
             _product(modes[row].T, vectors[i].T, w)
             _product(w, half, turned)
             for k in range(6):

@@ -52,7 +52,7 @@ def write_error_matrix(reference: Array, out: Array) -> None:
         out[i, 3, 0], out[i, 3, 1], out[i, 3, 2], out[i, 3, 3] = -z, -y, x, w
 
 
-def rotation_vector(q: Array, out: Array | None = None) -> Array:
+def rotation_vector(q: Array) -> Array:
     """Angle · axis [rad], (..., 3), of quaternions q (..., 4); angle in [0, π].
 
     The same for q and −q: the sign is flipped where w < 0. Lengths other than 1 do not matter.
@@ -63,8 +63,7 @@ def rotation_vector(q: Array, out: Array | None = None) -> Array:
     factor = np.arctan2(length, np.abs(w))
     factor *= 2.0
     factor /= np.maximum(length, _TINY)  # 0 where there is no rotation
-    factor = np.copysign(factor, w)
-    return np.multiply(vector, factor[..., None], out=out)
+    return vector * np.copysign(factor, w)[..., None]
 
 
 def rotation_error(q: Array, reference: Array) -> Array:
@@ -137,11 +136,11 @@ def _slerp(a: Array, b: Array, fraction: Array) -> Array:
 def slerp_one(p: Array, q: Array, s: float, out: Array) -> None:
     """`slerp` from p to q (4,) for other compiled functions; ``out`` (4,) is written."""
     side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
-    apart, along = 0.0, 0.0
+    difference, total = 0.0, 0.0
     for k in range(4):
-        apart += (p[k] - side * q[k]) ** 2
-        along += (p[k] + side * q[k]) ** 2
-    arc = 2.0 * np.arctan2(np.sqrt(apart), np.sqrt(along))  # in [0, π/2]
+        difference += (p[k] - side * q[k]) ** 2
+        total += (p[k] + side * q[k]) ** 2
+    arc = 2.0 * np.arctan2(np.sqrt(difference), np.sqrt(total))  # in [0, π/2]
     # sinc instead of sin: the weights tend to 1 − s and s where the arc vanishes
     near = (1.0 - s) * (_sinc((1.0 - s) * arc) / _sinc(arc))
     far = s * (_sinc(s * arc) / _sinc(arc))

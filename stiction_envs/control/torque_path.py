@@ -18,7 +18,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (libfranka: 1 kHz)
+CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (sources.md 1.8)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -75,8 +75,8 @@ class MotionLimits:
             try:
                 msgspec.convert(value.item() if isinstance(value, np.generic) else value, kind)
             except msgspec.ValidationError as error:
-                said = str(error).replace("Expected", "expected")
-                raise StictionError(f"motion {name} is {value!r}: {said}") from None
+                problem = str(error).replace("Expected", "expected")
+                raise StictionError(f"motion {name} is {value!r}: {problem}") from None
 
 
 class Segment:
@@ -226,7 +226,10 @@ class GoalSequencer:
         self._count[rows], self._index[rows] = count, 0
         self._accepted[rows] = self._reached[rows] = np.nan
         self.segment.slow_down(rows, pace)
-        self._begin(rows, position, quaternion, np.broadcast_to(np.asarray(t, float), len(rows)))
+        first, first_q = self._goal[rows, 0], self._goal_q[rows, 0]
+        self.segment.start(position, quaternion, first, first_q, rows)
+        self._accepted[rows, 0] = self._begun[rows] = t
+        self._due[rows] = np.asarray(t, float) + self.segment._duration[rows]
 
     def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
         """Start the arms that have reached their goal towards the next.
@@ -260,12 +263,6 @@ class GoalSequencer:
             self.segment._trapezoid,
         )
         return accepted
-
-    def _begin(self, rows: Index, position: Array, quaternion: Array, t: Array) -> None:
-        at = self._index[rows]
-        self.segment.start(position, quaternion, self._goal[rows, at], self._goal_q[rows, at], rows)
-        self._accepted[rows, at] = self._begun[rows] = t
-        self._due[rows] = t + self.segment._duration[rows]
 
     def reference(self, t: ArrayLike) -> Reference:
         """Return the reference of all arms at time t, one number or (N,) [s]."""

@@ -111,8 +111,8 @@ def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
                 duration[i],
             )
         for k in range(3):
-            on_way = start[i, k] + share[0] * (goal[i, k] - start[i, k])
-            position[i, k] = goal[i, k] if share[0] == 1.0 else on_way
+            between = start[i, k] + share[0] * (goal[i, k] - start[i, k])
+            position[i, k] = goal[i, k] if share[0] == 1.0 else between
             velocity[i, k] = speed[0, i] * direction[i, k]
         slerp_one(start_q[i], goal_q[i], share[1], quaternion[i])
     return position, quaternion, velocity, speed[1]
@@ -131,12 +131,12 @@ def _profile_at(
     duration: float,
 ) -> tuple[float, float]:
     """Return the share of the distance covered after time t [s], and the speed."""
-    own = max(t, 0.0) * pace
-    rising = min(own, rise)
-    own -= rise
-    level = min(max(own, 0.0), flat)
-    own -= flat
-    falling = min(max(own, 0.0), fall)
+    local_time = max(t, 0.0) * pace
+    rising = min(local_time, rise)
+    local_time -= rise
+    level = min(max(local_time, 0.0), flat)
+    local_time -= flat
+    falling = min(max(local_time, 0.0), fall)
     peak = acceleration * rise
     covered = 0.5 * acceleration * rising * rising + peak * level
     covered += (peak - 0.5 * deceleration * falling) * falling
@@ -160,7 +160,7 @@ def accept(
     profile: Profile,
     trapezoid: Trapezoid,
 ) -> NDArray[np.bool_]:
-    """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its own order."""
+    """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its order."""
     near_position, near_rotation, patience = tolerances
     goal, goal_q, count, index = goals
     accepted, reached, begun, due = times

@@ -120,11 +120,7 @@ class Dither:
             free.remove(row.joint)
             j = row.joint - 1
             a[j], f[j] = row.amplitude_nm, row.frequency_hz
-            c[j], names[j], gate[j] = (
-                row.offset_nm,
-                row.waveform,
-                getattr(row, "gate_velocity", np.inf),
-            )
+            c[j], names[j], gate[j] = row.offset_nm, row.waveform, row.gate_velocity
         a = np.tile(a, (N, 1))
         options.setdefault("gate_velocity", gate)
         return cls(amplitude=a, frequency=f, offset=c, waveform=names, **options)

@@ -22,7 +22,7 @@ Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
 Friction = str | Path | FrictionParameters
 """Parameters of one arm, or the TOML that holds them."""
-TIMESTEP = 1e-3  # physics step of a model where none is given [s] (sources.md 3.5)
+TIMESTEP = 1e-3  # physics step of a model where none is given [s] (assumed)
 
 
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:

@@ -17,10 +17,7 @@ from stiction_envs.reporting import markdown
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.html import to_html
 
-FILTERS = (
-    *("number", "signed", "percent", "short", "span"),
-    *("listed", "joints", "plural", "sentence"),
-)
+FILTERS = ("number", "short", "listed", "joints", "plural", "sentence")
 """Functions of `markdown` that templates know by name."""
 
 

@@ -182,7 +182,7 @@ def load_arm(
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
     load = _payload(payload)
-    lean = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
+    roll_pitch = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
     ends = check_chain(robot, chain)
     known = known_arm(robot) if ends is None else None
     if known is None:
@@ -191,15 +191,15 @@ def load_arm(
         fields = _shipped(known) if known.shipped else read_user_arm(known.model)
 
     root = ET.fromstring(fields["xml"])
-    if any(lean):
-        mjcf.tilt_base(root, fields["link_names"][0], (lean[0], lean[1]))
+    if any(roll_pitch):
+        mjcf.tilt_base(root, fields["link_names"][0], (roll_pitch[0], roll_pitch[1]))
     if load is not None and load[0] > 0:
         mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
-    if any(lean) or load is not None:
+    if any(roll_pitch) or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False
     registered = known is not None
-    return Arm(**fields, registered=registered, payload=load, tilt=(lean[0], lean[1]))
+    return Arm(**fields, registered=registered, payload=load, tilt=(roll_pitch[0], roll_pitch[1]))
 
 
 def _numbers(value: Sequence[float], n: int, what: str, meaning: str) -> tuple[float, ...]:

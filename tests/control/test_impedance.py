@@ -245,7 +245,7 @@ def test_command_changes_by_one_newton_metre_per_cycle():
             | (np.abs(goal) >= load_arm("panda").limits.torque).any(axis=1),
         )
         previous = tau
-    control.reset([3], look.position[3], look.quaternion[3], look.q[3], torque=goal[3])
+    control.reset([3], look.position[3], look.quaternion[3], look.q[3])
     assert not control.flags.saturated[3]
 
 

@@ -59,7 +59,7 @@ def response(u: np.ndarray, y: np.ndarray, hz: float) -> tuple[float, float]:
         (200, 0.386, -35.8),
     ],
 )
-def test_lowpass_is_the_table_of_physics_1_8(hz, gain, phase):
+def test_lowpass_is_the_table_of_sources_1_8(hz, gain, phase):
     u = sine(hz)
     g, p = response(u, through(u, lowpass_hz=100.0), hz)
     assert g == pytest.approx(gain, abs=6e-4)
@@ -83,7 +83,7 @@ def test_lowpass_is_scipys_to_the_bit():
 LIMITED = {"torque_rate": np.array([1000.0, 1000.0])}
 
 
-def test_rate_limit_saturates_the_sine_of_physics_1_8():
+def test_rate_limit_saturates_the_sine_of_sources_1_8():
     """2πfA: 3.2 N·m at 80 Hz is 1608 N·m/s and is cut; the output is a triangle of 1 N·m/ms."""
     u = sine(80, 3.2)
     y = through(u, **LIMITED)
@@ -139,7 +139,7 @@ def test_limits_of_columns_that_change_joints():
 @pytest.mark.parametrize("lowpass", [0.0, 100.0])
 @pytest.mark.parametrize("amplitude", [0.5, 1.9, 6.0])
 def test_any_split_gives_the_same_bits(lowpass, amplitude):
-    """One run of 40 steps is two of 20 is 40 of one, saturated or not."""
+    """One run of 40 steps is two of 20, 40 of one, and 40 cycles of a feedback law."""
     rng = np.random.default_rng(1)
     u = amplitude * np.sin(rng.uniform(0, 9, (3, 1, 2)) + 0.5 * np.arange(40)[None, :, None])
     kwargs = LIMITED | {"lowpass_hz": lowpass, "torque_limit": np.array([4.0, 2.0])}
@@ -150,7 +150,10 @@ def test_any_split_gives_the_same_bits(lowpass, amplitude):
         outs.append(
             np.concatenate([path.run(u[:, k : k + size], ids) for k in range(0, 40, size)], 1)
         )
-    for out in outs[1:]:
+    path, cycles = TorquePath(interface(**kwargs), 3, 2), np.empty_like(u)
+    for k in range(40):
+        pass_torque(u[:, k], *path.arguments, cycles[:, k])
+    for out in (*outs[1:], cycles):
         assert out.tobytes() == outs[0].tobytes()
 
 
@@ -224,27 +227,11 @@ def test_cutoff_must_be_finite(cutoff):
 
 
 def test_interfaces_of_the_arms():
-    panda, iiwa = (TorqueInterface.of(load_arm(r)) for r in ("panda", "iiwa7"))
-    assert panda.controller_rate_hz == 1000
-    assert panda.lowpass_hz == 100.0
-    np.testing.assert_array_equal(panda.torque_rate, 1000.0)
-    np.testing.assert_array_equal(panda.torque_limit, [87, 87, 87, 87, 12, 12, 12])
-    assert iiwa.controller_rate_hz == 200
-    assert (
-        TorqueInterface.of(load_arm("panda"), controller_rate_hz=500, lowpass_hz=0).hold_steps == 2
-    )
-
-
-def test_cycles_and_blocks_are_the_same_bits():
-    """A feedback law passes one command at a time, the experiment blocks: one path."""
     arm = load_arm("panda")
-    rng = np.random.default_rng(0)
-    command = np.cumsum(rng.normal(0, 0.8, (3, 60, 7)), axis=1)
-    interface = TorqueInterface.of(arm)
-    block, single = TorquePath(interface, 3, 7), TorquePath(interface, 3, 7)
-    want = block.run(command, np.arange(3))
-    got = np.empty_like(want)
-    for k in range(60):
-        pass_torque(command[:, k], *single.arguments, got[:, k])
-    np.testing.assert_array_equal(got, want)
-    assert np.abs(np.diff(command, axis=1)).max() > 1.0, "the rate limit was not reached"
+    panda, iiwa = TorqueInterface.of(arm), TorqueInterface.of(load_arm("iiwa7"))
+    assert (panda.controller_rate_hz, panda.lowpass_hz) == (1000, 100.0)
+    assert panda.torque_rate is arm.limits.torque_rate
+    assert panda.torque_limit is arm.limits.torque
+    assert iiwa.controller_rate_hz == 200
+    slower = TorqueInterface.of(arm, controller_rate_hz=500, lowpass_hz=0)
+    assert (slower.hold_steps, slower.lowpass_gain) == (2, 1.0)

@@ -27,12 +27,9 @@ def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
     """Starts and goals from a millimetre to two metres, from a hundredth of a turn to half one."""
     rng = np.random.default_rng(seed)
     start = rng.normal(size=(n, 3))
-    direction = rng.normal(size=(n, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    q = rng.normal(size=(n, 4))
-    q /= np.linalg.norm(q, axis=1)[:, None]
-    axis = rng.normal(size=(n, 3))
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    direction, q, axis = (rng.normal(size=(n, k)) for k in (3, 4, 3))
+    for vectors in (direction, q, axis):
+        vectors /= np.linalg.norm(vectors, axis=1)[:, None]
     turn = rotation.from_rotation_vector(axis * rng.uniform(0.01, 3.1, (n, 1)))
     goal = start + direction * np.geomspace(1e-3, 2.0, n)[:, None]
     return start, q, goal, rotation.multiply(turn, q)
@@ -50,6 +47,14 @@ def one(distance: float, angle: float = 0.0, **limits: object) -> Segment:
     turn = rotation.from_rotation_vector([[0.0, 0.0, angle]])
     out.start(np.zeros((1, 3)), HERE[None], [[distance, 0.0, 0.0]], turn)
     return out
+
+
+def rests(reference: tuple[np.ndarray, ...], position: np.ndarray, quaternion: np.ndarray) -> None:
+    """At a pose bit for bit, all speeds 0."""
+    np.testing.assert_array_equal(reference[0], position)
+    np.testing.assert_array_equal(reference[1], quaternion)
+    assert not reference[2].any()
+    assert not reference[3].any()
 
 
 @pytest.mark.parametrize("synchronised", [True, False])
@@ -81,18 +86,10 @@ def test_rests_exactly_at_start_and_goal():
     """Before 0 the pose is the start, from the duration on the goal, bit for bit; speeds are 0."""
     s, (start, q, goal, goal_q) = segment()
     for t in (-1.0, 0.0):
-        p, o, v, w = s.sample(t)
-        np.testing.assert_array_equal(p, start)
-        np.testing.assert_array_equal(o, q)
-        assert not v.any()
-        assert not w.any()
+        rests(s.sample(t), start, q)
     nearer = np.where(np.sum(q * goal_q, axis=1)[:, None] < 0, -goal_q, goal_q)
     for t in (s.duration, s.duration + 10):
-        p, o, v, w = s.sample(t)
-        np.testing.assert_array_equal(p, goal)
-        np.testing.assert_array_equal(o, nearer)
-        assert not v.any()
-        assert not w.any()
+        rests(s.sample(t), goal, nearer)
     p, o, _, _ = s.sample(s.duration - 1e-9)
     np.testing.assert_allclose(p, goal, atol=1e-8)
     np.testing.assert_allclose(o, nearer, atol=1e-8)
@@ -151,15 +148,10 @@ def test_no_way_at_all_takes_no_time():
     s = one(0.0)
     assert s.duration[0] == 0
     for t in (-1.0, 0.0, 1.0):
-        p, q, v, w = s.sample(t)
-        np.testing.assert_array_equal(p, np.zeros((1, 3)))
-        np.testing.assert_array_equal(q, HERE[None])
-        assert not v.any()
-        assert not w.any()
+        rests(s.sample(t), np.zeros((1, 3)), HERE[None])
     half = one(0.0, np.pi)
-    np.testing.assert_allclose(
-        angle_between(half.sample(half.duration)[1], HERE[None]), np.pi, atol=1e-12
-    )
+    turned = angle_between(half.sample(half.duration)[1], HERE[None])
+    np.testing.assert_allclose(turned, np.pi, atol=1e-12)
 
 
 def test_bits_do_not_depend_on_the_batch():
@@ -316,13 +308,10 @@ def test_goals_are_relative_to_the_start_in_the_axes_of_the_base(tmp_path):
     start, q = ends(4)[:2]
     p_goal, q_goal = path.goals(start, q)
     np.testing.assert_allclose(p_goal[2], start[2] + [[0.1, 0, 0], [0, 0.2, 0]])
-    np.testing.assert_allclose(
-        rotation.rotation_error(q_goal[:, 0], q), np.tile([0, 0, 1.5], (4, 1)), atol=1e-12
-    )
-    turn = rotation.from_rpy([0.1, 0.2, 0.3])
-    np.testing.assert_allclose(
-        angle_between(q_goal[:, 1], rotation.multiply(turn, q)), 0.0, atol=1e-12
-    )
+    turned = rotation.rotation_error(q_goal[:, 0], q)
+    np.testing.assert_allclose(turned, np.tile([0, 0, 1.5], (4, 1)), atol=1e-12)
+    expected = rotation.multiply(rotation.from_rpy([0.1, 0.2, 0.3]), q)
+    np.testing.assert_allclose(angle_between(q_goal[:, 1], expected), 0.0, atol=1e-12)
 
 
 def test_files_with_and_without_orientation(tmp_path):

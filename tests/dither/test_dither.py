@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,7 @@ from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import BANDWIDTH, WAVEFORMS
 from stiction_envs.dither.waveforms import SWEEP_CYCLES as CYCLES
 from stiction_envs.errors import StictionError
+from stiction_envs.measured import AmplitudeRow
 
 F = 8.0  # Hz: 8 s hold 64 cycles, the period of chirp and random
 PERIOD = CYCLES / F
@@ -333,17 +332,13 @@ def test_retune_to_the_same_changes_no_bit():
 # ---- tables ----
 
 
-def row(joint: int, f: float, a: float, waveform: str = "sine", offset: float = 0.0) -> object:
-    return SimpleNamespace(
-        joint=joint, frequency_hz=f, amplitude_nm=a, waveform=waveform, offset_nm=offset
-    )
-
-
 def test_from_table():
-    d = Dither.from_table([row(7, 15, 0.8), row(2, 30, 1.2, "square", -0.1)], 3, 7)
+    rows = [AmplitudeRow(7, 15, 0.8), AmplitudeRow(2, 30, 1.2, "square", -0.1, 0.05)]
+    d = Dither.from_table(rows, 3, 7)
     np.testing.assert_array_equal(d.amplitude, np.tile([0, 1.2, 0, 0, 0, 0, 0.8], (3, 1)))
     np.testing.assert_array_equal(d.frequency[1], [0, 30, 0, 0, 0, 0, 15])
     np.testing.assert_array_equal(d.offset[2], [0, -0.1, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(d.gate_velocity[0], [np.inf, 0.05, *[np.inf] * 5])
     assert [tuple(WAVEFORMS)[c] for c in d.waveform[0]] == ["sine", "square"] + ["sine"] * 5
     assert not Dither.from_table([], 2, 7).torque(0.1).any()
 
@@ -401,9 +396,9 @@ def test_bad_calls():
     with pytest.raises(StictionError, match="set_rows"):
         d.set_rows([0], one(bandwidth=0.3))
     with pytest.raises(StictionError, match="joint of an amplitude table 8"):
-        Dither.from_table([row(8, 1, 1)], 1, 7)
+        Dither.from_table([AmplitudeRow(8, 1, 1)], 1, 7)
     with pytest.raises(StictionError, match="repeated joint"):
-        Dither.from_table([row(1, 1, 1), row(1, 1, 1)], 1, 7)
+        Dither.from_table([AmplitudeRow(1, 1, 1)] * 2, 1, 7)
 
 
 # ---- aliasing ----

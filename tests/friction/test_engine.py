@@ -26,30 +26,40 @@ def command(torque: np.ndarray, joint: int = A) -> np.ndarray:
     return out
 
 
+def run(model: StickingModel, torque: np.ndarray, joint: int = A) -> np.ndarray:
+    """Angle (K,) of one joint under a torque (K,)."""
+    return Plant(model, 1, threads=1).run(command(torque, joint))[0, :, joint]
+
+
 def shake(rate: float = 0.3, amplitude: float = 0.2, hz: float = 15.0, time: float = 2.5):
     """A ramp with dither on it [N·m], through presliding, breakaway and sliding."""
     t = np.arange(round(time / DT)) * DT
     return rate * t + amplitude * np.sin(2 * np.pi * hz * t)
 
 
-def slide(
-    model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float = 1.0
+def drag(
+    model: StickingModel, joint: int, path: np.ndarray, start: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drag one joint at constant speed with a servo; return angle and torque per step."""
+    """Drag one joint along a path (K,) [rad] with a servo; return angle and torque per step."""
     plant = Plant(model, 1, threads=1)
     q0 = np.zeros((1, 2))
     q0[0, B] = start
     plant.reset(np.arange(1), q0)
     kp, kv = 400.0, 60.0
-    gains = np.full((1, 2), 400.0)
-    plant.set_servo(np.arange(1), gains, np.full((1, 2), kv), q0)
-    k = round(time / DT)
-    setpoint = np.tile(q0[:, None], (1, k, 1))
-    setpoint[0, :, joint] += v * DT * np.arange(k)
-    q = plant.run(np.zeros((1, k, 2)), setpoint=setpoint)[0, :, joint]
+    plant.set_servo(np.arange(1), np.full((1, 2), kp), np.full((1, 2), kv), q0)
+    setpoint = np.tile(q0[:, None], (1, len(path), 1))
+    setpoint[0, :, joint] += path
+    q = plant.run(np.zeros((1, len(path), 2)), setpoint=setpoint)[0, :, joint]
     before = np.concatenate([[q0[0, joint]], q[:-1]])
-    speed = np.diff(np.concatenate([[before[0]], before])) / DT
+    speed = np.diff(before, prepend=before[0]) / DT
     return before, kp * (setpoint[0, :, joint] - before) - kv * speed
+
+
+def slide(
+    model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """`drag` at constant speed [rad/s] for some time [s]."""
+    return drag(model, joint, v * DT * np.arange(round(time / DT)), start)
 
 
 # ---- the same integration ------------------------------------------------------------------
@@ -118,8 +128,7 @@ def test_dithered_ramp_against_the_fine_reference(case):
     assert away > 1500
     early, errors = slice(0, 1500), []
     for timestep in (1e-3, 2.5e-4):
-        plant = Plant(sticking(**changes, viscous=0.1, timestep=timestep), 1, threads=1)
-        q = plant.run(command(torque))[0, :, A]
+        q = run(sticking(**changes, viscous=0.1, timestep=timestep), torque)
         assert int(np.argmax(q > 0.15)) == pytest.approx(away, rel=2e-3)
         errors.append(np.abs(q[early] - ref[early]).max() / np.abs(ref[early]).max())
     assert errors[0] < 0.1
@@ -130,7 +139,7 @@ def test_submillisecond_step_is_the_reference_too():
     """A plant of 0.05 ms steps, its command held 1 ms, is the reference at 0.05 ms."""
     model = sticking(timestep=DT / FINE)
     torque = shake(time=2.0)
-    q = Plant(model, 1, threads=1).run(command(torque))[0, :, A]
+    q = run(model, torque)
     ref, _ = simulate_joint(
         law_of(model, A), np.repeat(torque, FINE), dt=DT / FINE, inertia=J_A + 0.05
     )
@@ -161,17 +170,10 @@ def test_steady_sliding_torque(v, sign, lame):
 def test_both_directions_in_one_run():
     """The level follows the direction of motion within one control step."""
     model = sticking(**LAME)
-    plant = Plant(model, 1, threads=1)
-    kp, kv, v = 400.0, 60.0, 0.2
-    ids, zero = np.arange(1), np.zeros((1, 2))
-    plant.set_servo(ids, np.full((1, 2), kp), np.full((1, 2), kv), zero)
-    ramp = v * DT * np.concatenate([np.arange(1000), np.arange(1000, -1000, -1)])
-    setpoint = np.zeros((1, len(ramp), 2))
-    setpoint[0, :, A] = ramp
-    q = plant.run(np.zeros((1, len(ramp), 2)), setpoint=setpoint)[0, :, A]
-    before = np.concatenate([[0.0], q[:-1]])
-    speed = np.gradient(before, DT)
-    torque = kp * (ramp - before) - kv * speed
+    v = 0.2
+    _, torque = drag(
+        model, A, v * DT * np.concatenate([np.arange(1000), np.arange(1000, -1000, -1)])
+    )
     assert torque[900:1000].mean() == pytest.approx(law_of(model, A, side=0).steady(v), rel=2e-3)
     assert torque[-100:].mean() == pytest.approx(-law_of(model, A, side=1).steady(v), rel=2e-3)
 
@@ -212,16 +214,16 @@ def test_gravity_load_lifts_friction_as_it_moves(low, high):
 def test_presliding_stiffness_is_sigma0(sigma0):
     model = sticking(bristle_stiffness=sigma0)
     load = 0.006  # 1 % of F_s: the bristle is a spring there
-    q = Plant(model, 1, threads=1).run(command(load * np.clip(shake(1, 0, 1), 0, 1)))[0, :, A]
+    q = run(model, load * np.clip(shake(1, 0, 1), 0, 1))
     assert load / q[-1] == pytest.approx(sigma0, rel=0.01)
 
 
 def test_standing_load_stands():
     """90 % of F_s for 20 s: the joint gives way by −ln(0.1) F_s/σ0 and then rests."""
     model = sticking()
-    q = Plant(model, 1, threads=1).run(command(0.54 * np.clip(shake(0.2, 0, 1, 30), 0, 1)))
-    assert q[0, -1, A] == pytest.approx(-np.log(0.1) * 0.6 / 1000.0, rel=0.06)
-    assert np.ptp(q[0, -15_000:, A]) < 1e-9
+    q = run(model, 0.54 * np.clip(shake(0.2, 0, 1, 30), 0, 1))
+    assert q[-1] == pytest.approx(-np.log(0.1) * 0.6 / 1000.0, rel=0.06)
+    assert np.ptp(q[-15_000:]) < 1e-9
 
 
 @pytest.mark.parametrize(("sign", "stiction"), [(1, 0.6), (-1, 0.9)])
@@ -230,8 +232,7 @@ def test_asymmetric_joint_stands_and_goes_by_its_own_level(sign, stiction):
     rise = np.clip(shake(0.2, 0, 1, 20), 0, 1)
     moved = []
     for factor in (0.9, 1.1):
-        plant = Plant(sticking(**LAME), 1, threads=1)
-        moved.append(plant.run(command(sign * factor * stiction * rise))[0, :, A] * sign)
+        moved.append(run(sticking(**LAME), sign * factor * stiction * rise) * sign)
     assert np.ptp(moved[0][-10_000:]) < 1e-9
     assert moved[0][-1] < 4 * stiction / 1000.0
     assert moved[1][-1] > 0.1
@@ -260,7 +261,7 @@ def test_hysteresis_loop_closes():
     """A sine load inside the band draws the same loop every period, and the loop costs work."""
     period = 500
     u = 0.3 * np.sin(2 * np.pi * np.arange(40 * period) / period)
-    q = Plant(sticking(), 1, threads=1).run(command(u))[0, :, A]
+    q = run(sticking(), u)
     last, before = q[-period:], q[-2 * period : -period]
     width = np.ptp(last)
     assert np.abs(last - before).max() < 1e-5 * width

@@ -44,7 +44,7 @@ def joints(**changes: Any) -> LoneJoints:
 
 
 def reference(c: LoneJoints, hold: int, threshold: float, longest: float) -> np.ndarray:
-    """Return the same torques from `friction.law.simulate_joint` at 0.05 ms."""
+    """Return the same torques from `simulate_joint` at 0.05 ms."""
     h = 5e-5
     t = np.arange(int(longest / h)) * h
     held = np.floor(t / (hold * 1e-3) + 1e-9) * hold * 1e-3
@@ -80,7 +80,7 @@ def reference(c: LoneJoints, hold: int, threshold: float, longest: float) -> np.
     ("stiffness", "link", "hold"), [(np.inf, 0.05, 1), (1e4, 1.0, 1), (np.inf, 0.05, 5)]
 )
 def test_the_lone_joint_agrees_with_the_reference(stiffness, link, hold):
-    """Against `friction.law.simulate_joint` at 0.05 ms, with and without dither."""
+    """Against `simulate_joint` at 0.05 ms, with and without dither."""
     c = joints(
         amplitude=np.array([0.0, 0.6]),
         joint_stiffness=stiffness,

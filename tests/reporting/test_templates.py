@@ -13,7 +13,7 @@ from stiction_envs.reporting.templates import render, write_md_and_html, write_p
 def template(tmp_path):
     path = tmp_path / "page.md.j2"
     path.write_text(
-        "# {{ title }}\n\n{% if False %}\nno\n{% endif %}\n\n{{ x|signed(2) }} < 1 & "
+        "# {{ title }}\n\n{% if False %}\nno\n{% endif %}\n\n{{ x|number(2) }} < 1 & "
         "{{ js|joints }}  \n\n{{ rows }}\n\n\n"
     )
     return path
@@ -36,5 +36,5 @@ def test_a_note_stands_under_the_heading_of_both_pages(template, tmp_path):
     names = write_md_and_html(tmp_path, template, "Page", note="Mind the gap.", **values, title="T")
     assert names == ("report.md", "report.html")
     text = (tmp_path / "report.md").read_text("utf-8")
-    assert text.startswith("# T\n\n> Mind the gap.\n\n+1.00 < 1")
+    assert text.startswith("# T\n\n> Mind the gap.\n\n1.00 < 1")
     assert "<blockquote>\n<p>Mind the gap.</p>" in (tmp_path / "report.html").read_text("utf-8")

@@ -63,48 +63,34 @@ def test_model_file_is_the_one_that_was_written_by_hand():
     )
     sources = {k: 'assumed: "q" \\ x' for k in QUANTITIES}
     text = dump_friction(friction, sources=sources, meta={"title": "a"}, provenance={"x": "y"})
-    third = repr(1 / 3)
-    assert tomllib.loads(text + dump(nominal)) == {
-        "meta": {"title": "a"},
-        "provenance": {"x": "y"},
-        **{
-            k: {
-                "value": _by_direction(getattr(friction, k)).tolist(),
-                "unit": q.unit,
-                "source": 'assumed: "q" \\ x',
-                "assumed": True,
-            }
-            for k, q in QUANTITIES.items()
-        },
-        **tomllib.loads(
-            f"""
-[arm]
-robot = "pa\\"nda"
-payload = [1.0, 0.1, 0.2, 0.3]
-tilt = [0.0, 0.0]
-distance = [0.1]
-friction = {{ {", ".join(f"{k} = {getattr(friction, k).tolist()!r}" for k in QUANTITIES)} }}
-
-[[cause]]
-name = "payload"
-joint = 0
-shape = []
-coefficients = [1.5, {", ".join([third] * 9)}]
-level = 1
-carried = false
-
-[[cause]]
-name = "backlash"
-joint = 3
-shape = [0.1]
-coefficients = [1e-300]
-level = 2
-carried = false
-"""
-        ),
+    found = tomllib.loads(text + dump(nominal))
+    assert found["meta"] == {"title": "a"}
+    assert found["provenance"] == {"x": "y"}
+    for name, quantity in QUANTITIES.items():
+        value = getattr(friction, name)
+        both = value.ndim == 2 and np.array_equal(value[:, 0], value[:, 1])
+        assert found[name] == {
+            "value": (value[:, 0] if both else value).tolist(),
+            "unit": quantity.unit,
+            "source": sources[name],
+            "assumed": True,
+        }
+    assert found["arm"] == {
+        "robot": 'pa"nda',
+        "payload": [1.0, 0.1, 0.2, 0.3],
+        "tilt": [0.0, 0.0],
+        "distance": [0.1],
+        "friction": {k: getattr(friction, k).tolist() for k in QUANTITIES},
     }
-
-
-def _by_direction(value: np.ndarray) -> np.ndarray:
-    same = value.ndim == 2 and np.array_equal(value[:, 0], value[:, 1])
-    return value[:, 0] if same else value
+    payload, backlash = found["cause"]
+    assert tuple(payload.items()) == (
+        ("name", "payload"),
+        ("joint", 0),
+        ("shape", []),
+        ("coefficients", [1.5, *([1 / 3] * 9)]),
+        ("level", 1),
+        ("carried", False),
+    )
+    assert backlash["coefficients"] == [1e-300]
+    assert (backlash["shape"], backlash["level"]) == ([0.1], 2)
+    assert set(found) == {"meta", "provenance", "arm", "cause", *QUANTITIES}

@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import Arm
+
 # As in MuJoCo Menagerie: defaults, actuators, a hand with two coupled fingers, a keyframe. Masses
 # partly from geometry, one frame, one body without a name.
 MJCF = """
@@ -98,6 +106,32 @@ URDF = f"""
     <origin xyz="0 0 0.25"/></joint>
 </robot>
 """
+
+
+def write_arms(folder: Path) -> Path:
+    """Write ``three.xml``, ``two.urdf`` and their mesh into a folder; return it."""
+    (folder / "assets").mkdir()
+    (folder / "assets" / "tetra.obj").write_text(TETRA)
+    (folder / "three.xml").write_text(MJCF)
+    (folder / "two.urdf").write_text(URDF)
+    return folder
+
+
+def flange(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Pose (4, 4) of the end effector at angles (n,) [rad]."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    pose = np.eye(4)
+    pose[:3, 3] = data.site(arm.end_effector).xpos
+    pose[:3, :3] = data.site(arm.end_effector).xmat.reshape(3, 3)
+    return pose
+
+
+def one_clear_line(error: StictionError, where: str) -> None:
+    assert "\n" not in str(error)
+    assert where in str(error)
 
 
 def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:

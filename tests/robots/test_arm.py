@@ -13,6 +13,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import BUILTIN, Arm, load_arm
+from tests.robots.arms import flange, one_clear_line
 
 # sources.md 1.1: a, d, alpha of the modified Denavit-Hartenberg table, m and rad.
 PANDA_DH = [
@@ -49,17 +50,6 @@ def _dh(q: np.ndarray, table: list[tuple[float, float, float]]) -> np.ndarray:
     return pose
 
 
-def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
-    model = arm.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    pose = np.eye(4)
-    pose[:3, 3] = data.site(arm.end_effector).xpos
-    pose[:3, :3] = data.site(arm.end_effector).xmat.reshape(3, 3)
-    return pose
-
-
 def _contacts(model: mujoco.MjModel, q: np.ndarray) -> int:
     data = mujoco.MjData(model)
     data.qpos[:] = q
@@ -74,22 +64,22 @@ def _samples(arm: Arm, count: int) -> np.ndarray:
 def test_panda_flange_follows_the_dh_table():
     arm = load_arm("panda")
     for q in _samples(arm, 100):
-        np.testing.assert_allclose(_flange(arm, q), _dh(q, PANDA_DH), atol=1e-12)
+        np.testing.assert_allclose(flange(arm, q), _dh(q, PANDA_DH), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["iiwa7", "iiwa14"])
 def test_iiwa_flange_follows_the_dh_table(name):
     """The link frames differ (LBRF), joint axes and flange do not."""
-    d1, d3, d5, flange = IIWA_D[name]
+    d1, d3, d5, wrist = IIWA_D[name]
     d = (d1, 0, d3, 0, d5, 0, 0)
     table = [(0, length, alpha) for length, alpha in zip(d, IIWA_ALPHA, strict=True)]
     arm = load_arm(name)
     for q in _samples(arm, 100):
-        expected = _dh(IIWA_SIGN * q, [*table, (0, flange, 0)])
-        np.testing.assert_allclose(_flange(arm, q), expected, atol=1e-12)
-    assert _flange(arm, np.array([0, 0.5, 0, 0, 0, 0, 0]))[0, 3] > 0.3
-    height = _flange(arm, np.zeros(7))[:3, 3]
-    np.testing.assert_allclose(height, [0, 0, d1 + d3 + d5 + flange], atol=1e-12)
+        expected = _dh(IIWA_SIGN * q, [*table, (0, wrist, 0)])
+        np.testing.assert_allclose(flange(arm, q), expected, atol=1e-12)
+    assert flange(arm, np.array([0, 0.5, 0, 0, 0, 0, 0]))[0, 3] > 0.3
+    height = flange(arm, np.zeros(7))[:3, 3]
+    np.testing.assert_allclose(height, [0, 0, d1 + d3 + d5 + wrist], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", BUILTIN)
@@ -238,17 +228,12 @@ def test_spec_is_fresh_and_editable():
     assert arm.model().nu == 0
 
 
-def _one_clear_line(error: StictionError, where: str) -> None:
-    assert "\n" not in str(error)
-    assert where in str(error)
-
-
 @pytest.mark.parametrize("name", ["ur5", "", "panda.stl", "Panda"])
 def test_unknown_robot(name):
     with pytest.raises(StictionError, match="unknown robot") as caught:
         load_arm(name)
     for allowed in (*BUILTIN, ".xml", ".mjcf", ".urdf"):
-        _one_clear_line(caught.value, allowed)
+        one_clear_line(caught.value, allowed)
 
 
 def test_missing_file(tmp_path: Path):
@@ -274,4 +259,4 @@ def test_missing_file(tmp_path: Path):
 def test_bad_payload_or_tilt(options, message):
     with pytest.raises(StictionError, match=message) as caught:
         load_arm("panda", **options)
-    _one_clear_line(caught.value, next(iter(options)))
+    one_clear_line(caught.value, next(iter(options)))

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from stiction_envs.robots import BUILTIN, Arm, load_arm
-from tests.robots.arms import MJCF, TETRA, URDF
+from tests.robots.arms import write_arms
 
 STATES = 1000
 TOLERANCE = 1e-9
@@ -91,13 +91,9 @@ def test_pinocchio_agrees_with_mujoco(name, tilt, payload):
     assert max(worst.values()) < TOLERANCE, worst
 
 
-@pytest.mark.parametrize(("suffix", "text"), [("xml", MJCF), ("urdf", URDF)])
-def test_pinocchio_agrees_on_users_arms(tmp_path: Path, suffix: str, text: str):
-    (tmp_path / "assets").mkdir()
-    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
-    path = tmp_path / f"own.{suffix}"
-    path.write_text(text)
-    worst = _disagreement(load_arm(path, payload=PAYLOAD, tilt=TILT), 200)
+@pytest.mark.parametrize("name", ["three.xml", "two.urdf"])
+def test_pinocchio_agrees_on_users_arms(tmp_path: Path, name: str):
+    worst = _disagreement(load_arm(write_arms(tmp_path) / name, payload=PAYLOAD, tilt=TILT), 200)
     assert max(worst.values()) < TOLERANCE, worst
 
 

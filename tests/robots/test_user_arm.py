@@ -13,32 +13,14 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.friction.plain_mjcf import plain_mjcf
-from stiction_envs.robots import Arm, load_arm
-from tests.robots.arms import MJCF, TETRA, URDF, chain
+from stiction_envs.robots import load_arm
+from tests.robots.arms import chain, flange, one_clear_line, write_arms
 
 
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
     """Folder with the users' arms of ``arms``."""
-    (tmp_path / "assets").mkdir()
-    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
-    (tmp_path / "three.xml").write_text(MJCF)
-    (tmp_path / "two.urdf").write_text(URDF)
-    return tmp_path
-
-
-def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """Position of the end effector, (3,), m."""
-    model = arm.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    return data.site(arm.end_effector).xpos
-
-
-def _one_clear_line(error: StictionError, where: str) -> None:
-    assert "\n" not in str(error)
-    assert where in str(error)
+    return write_arms(tmp_path)
 
 
 def test_own_mjcf_becomes_a_rigid_arm(own: Path):
@@ -117,13 +99,10 @@ def test_own_urdf(own: Path):
     assert not arm.model().dof_damping.any()
     # The missing .dae is left out, the mesh that is there is not.
     assert arm.model().nmesh == 1
-    np.testing.assert_allclose(
-        _flange(arm, np.zeros(2)), [0, -0.25 * np.sin(0.3), 0.5 + 0.25 * np.cos(0.3)]
-    )
-    height = _flange(load_arm(own / "two.urdf", tilt=(0, np.pi / 2)), np.zeros(2))
-    np.testing.assert_allclose(
-        height, [0.5 + 0.25 * np.cos(0.3), -0.25 * np.sin(0.3), 0], atol=1e-9
-    )
+    aside, up = -0.25 * np.sin(0.3), 0.5 + 0.25 * np.cos(0.3)
+    np.testing.assert_allclose(flange(arm, np.zeros(2))[:3, 3], [0, aside, up])
+    lying = load_arm(own / "two.urdf", tilt=(0, np.pi / 2))
+    np.testing.assert_allclose(flange(lying, np.zeros(2))[:3, 3], [up, aside, 0], atol=1e-9)
 
 
 def test_toml_beside_an_own_file(own: Path):
@@ -183,7 +162,7 @@ def test_refused_files(tmp_path: Path, case: str):
     path.write_text(text)
     with pytest.raises(StictionError, match=message) as caught:
         load_arm(path)
-    _one_clear_line(caught.value, case)
+    one_clear_line(caught.value, case)
 
 
 def test_accepted_neighbours_of_the_refused(tmp_path: Path):
@@ -207,7 +186,7 @@ def test_bad_toml_beside_an_own_file(own: Path, text: str, message: str):
     (own / "two.toml").write_text(text)
     with pytest.raises(StictionError, match=message) as caught:
         load_arm(own / "two.urdf")
-    _one_clear_line(caught.value, "two.toml")
+    one_clear_line(caught.value, "two.toml")
 
 
 @pytest.mark.parametrize("robot", ["panda", "two.urdf"])
@@ -225,6 +204,14 @@ def test_limits_and_rest_survive_being_written(own: Path, robot: str):
         np.testing.assert_array_equal(again.rest, arm.rest)
 
 
+def two(folder: Path, toml: str) -> Path:
+    """Write an arm of two joints with a TOML beside it; return its path."""
+    path = folder / "two.xml"
+    path.write_text(chain(2), encoding="utf-8")
+    path.with_suffix(".toml").write_text(toml, encoding="utf-8")
+    return path
+
+
 BOUNDED = {
     "limits.position": "rad",
     "limits.velocity": "rad/s",
@@ -240,9 +227,7 @@ BOUNDED = {
 @pytest.mark.parametrize("key", BOUNDED)
 def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
     """What, where, what is expected; only a torque rate may be endless."""
-    path = tmp_path / "two.xml"
-    path.write_text(chain(2), encoding="utf-8")
-    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = {value}\n", encoding="utf-8")
+    path = two(tmp_path, f"[{key}]\nvalue = {value}\n")
     if (key, value) == ("limits.torque_rate", float("inf")):
         assert np.isinf(load_arm(path).limits.torque_rate).all()
         return
@@ -254,16 +239,13 @@ def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
 @pytest.mark.parametrize("value", [0, -5, 1e-308])
 @pytest.mark.parametrize("key", ["limits.velocity", "limits.torque", "limits.torque_rate"])
 def test_a_limit_has_to_be_positive(key, value, tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(chain(2), encoding="utf-8")
-    path.with_suffix(".toml").write_text(f"[{key}]\nvalue = [9, {value}]\n", encoding="utf-8")
+    path = two(tmp_path, f"[{key}]\nvalue = [9, {value}]\n")
     with pytest.raises(StictionError, match=rf"{key}: {value:g} N?.*: expected 1e-09 to "):
         load_arm(path)
 
 
 def test_a_range_in_the_model_file_itself_is_held_to_the_same(tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(chain(2), encoding="utf-8")
+    path = two(tmp_path, "")
     text = load_arm(path).carrying_xml()
     odd = re.sub(r'(name="stiction_torque_limits"[^>]*data=")[^"]*', r"\g<1>1e308 1", text)
     assert odd != text
