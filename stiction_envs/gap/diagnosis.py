@@ -388,11 +388,9 @@ def _what_to_record(named: list[NamedCause], not_identifiable: dict[str, str]) -
 
 
 def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:
-    """Return the torque that a diagnosis adds to its baseline.
+    """Return a diagnosis's baseline with its causes.
 
-    Args:
-        diagnosis: the result.
-        coefficients: (P,) coefficients in place of those fitted to all data.
+    ``coefficients`` (P,) replace those that were fitted to all data.
     """
     before = diagnosis.baseline
     data, arm = diagnosis.data, diagnosis.data.arm

@@ -17,13 +17,13 @@ from stiction_envs.gap.settings import EstimateSettings
 
 Array = NDArray[np.float64]
 FAR = 5.0
-"""Number of robust standard deviations at which resamples are clipped [-]."""
+"""Number of robust standard deviations at which resamples are clipped [-]; assumed."""
 RESIZED = 2
-"""Number of rounds in which nonlinear parameters are adapted to sizes."""
+"""Number of rounds in which nonlinear parameters are adapted to sizes [-]; assumed."""
 RESIZED_REACH = 0.15
-"""Size of the later changes of a parameter's logarithm [-]."""
+"""Size of the later changes of a parameter's logarithm [-]; assumed."""
 TANGENT = 0.1
-"""Step in the logarithm of a nonlinear parameter for its tangent [-]."""
+"""Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,54 +65,50 @@ def _refined(
 ) -> list[Candidate]:
     """Refine nonlinear parameters one after the other, within ``near`` or the grid's neighbours."""
     out = list(terms)
-    data = library.data
     c = library.split(out, library.grams.fit(library.model_columns(out)))
     for i, term in enumerate(out):
-        if not term.shape or term.joint == ARM or not library.causes[term.cause].refinable:
-            continue
-        j = term.joint
-        cause, rest = library.causes[term.cause], term.shape[1:]
-        if near is None:
-            ends = np.log(cause.between(term.shape, library.tried(term)))
-        else:
-            ends = np.log(term.shape[0]) + np.array([-near, near])
-        local = [k for k, t in enumerate(out) if library.affected_joints(t) == [j] and k != i]
-        arm = [
-            k for k, t in enumerate(out) if j in library.affected_joints(t) and k not in (i, *local)
-        ]
-        left = data.residual[:, j].copy()
-        for k in arm:
-            left -= library.columns(out[k], j) @ c[k]
-        fixed = [library.columns(out[k], j) for k in local]
-        bounds = [library.bounds(out[k]) for k in [*local, i]]
-        low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
-        weight = library.weight[:, j] * (data.block >= 0)
-
-        def loss(
-            log: float,
-            term: Candidate = term,
-            rest: tuple[float, ...] = rest,
-            fixed: list[Array] = fixed,
-            left: Array = left,
-            weight: Array = weight,
-            low: Array = low,
-            high: Array = high,
-        ) -> float:
-            own = library.columns(
-                Candidate(term.cause, term.joint, (float(np.exp(log)), *rest)), term.joint
-            )
-            x = np.concatenate([*fixed, own], axis=1)
-            xx, xr = x.T @ (x * weight[:, None]), x.T @ (left * weight)
-            best = solve(xx, xr, low, high)
-            return float(best @ xx @ best - 2 * xr @ best)
-
-        found = minimize_scalar(
-            loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.005, "maxiter": 20}
-        )
-        if found.fun < loss(float(np.log(term.shape[0]))):
-            out[i] = Candidate(term.cause, j, (float(np.exp(found.x)), *rest))
+        if term.shape and term.joint != ARM and library.causes[term.cause].refinable:
+            out[i] = _refined_term(library, out, c, i, near)
     library.refine(t for t in out if t not in terms)
     return out
+
+
+def _refined_term(
+    library: RegressorLibrary, terms: list[Candidate], c: list[Array], i: int, near: float | None
+) -> Candidate:
+    """Refine the first nonlinear parameter of a term; linear ones on its joint are fitted anew."""
+    data, term = library.data, terms[i]
+    cause, j, rest = library.causes[term.cause], term.joint, term.shape[1:]
+    if near is None:
+        ends = np.log(cause.between(term.shape, library.tried(term)))
+    else:
+        ends = np.log(term.shape[0]) + np.array([-near, near])
+    left, fixed, bounds = data.residual[:, j].copy(), [], []
+    for k, other in enumerate(terms):
+        if k == i or j not in library.affected_joints(other):
+            continue
+        if library.affected_joints(other) == [j]:
+            fixed.append(library.columns(other, j))
+            bounds.append(library.bounds(other))
+        else:
+            left -= library.columns(other, j) @ c[k]
+    bounds.append(library.bounds(term))
+    low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
+    weight = library.weight[:, j] * (data.block >= 0)
+
+    def moved(log: float) -> Candidate:
+        return Candidate(term.cause, j, (float(np.exp(log)), *rest))
+
+    def loss(log: float) -> float:
+        x = np.concatenate([*fixed, library.columns(moved(log), j)], axis=1)
+        xx, xr = x.T @ (x * weight[:, None]), x.T @ (left * weight)
+        best = solve(xx, xr, low, high)
+        return float(best @ xx @ best - 2 * xr @ best)
+
+    found = minimize_scalar(
+        loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.005, "maxiter": 20}
+    )
+    return moved(found.x) if found.fun < loss(float(np.log(term.shape[0]))) else term
 
 
 def estimates(
@@ -123,7 +119,7 @@ def estimates(
     draws: Draws | None,
 ) -> dict[int, dict[str, Estimate]]:
     """Return the parameters of one cause with intervals of the block bootstrap."""
-    s = library.data.settings.estimates
+    own = library.data.settings
     out: dict[int, dict[str, Estimate]] = {}
     for i, (term, best) in enumerate(zip(terms, library.split(terms, c), strict=True)):
         if term not in mine:
@@ -133,13 +129,13 @@ def estimates(
         drawn = draws[i] if draws is not None else [(best, term.shape)]
         samples = [cause.values(x, shape) for x, shape in drawn]
         neutral = {p.name: p.neutral for p in cause.parameters}
-        tried = library.tried(term)
-        edge = library.data.settings.candidates.edge
-        bound = cause.on_bound(best, library.data, term.joint)
-        bound = bound or cause.at_edge(term.shape, tried, edge)
         ends, is_open = _profiled(library, terms, term, c)
         reached = [cause.values(best, (x, *term.shape[1:])) for x in ends]
-        bound = bound or is_open
+        bound = (
+            is_open
+            or cause.on_bound(best, library.data, term.joint)
+            or cause.at_edge(term.shape, library.tried(term), own.candidates.edge)
+        )
         out[term.joint + 1] = {
             key: Estimate(
                 value=value,
@@ -149,7 +145,7 @@ def estimates(
                     np.array([x[key] for x in samples]),
                     np.array(value),
                     neutral.get(key, 0.0),
-                    s,
+                    own.estimates,
                     [np.array(x[key]) for x in reached],
                 ),
                 on_bound=bound,

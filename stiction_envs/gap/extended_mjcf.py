@@ -17,7 +17,7 @@ from stiction_envs.robots import Arm, mjcf
 
 Array = NDArray[np.float64]
 TIMESTEP = 1e-3
-"""Time step of the model [s]."""
+"""Time step of the model [s]; assumed."""
 
 
 _COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.

@@ -40,6 +40,10 @@ limit."""
 FASTEST_DECAY = 0.5
 """Largest bristle damping over inertia/timestep [-]: up to four joints in line may stick, and
 Euler is stable while their sum is below 2."""
+BRISTLE_DAMPING_RATIO = 0.4
+"""ζ of a bristle without a nominal or diagnosed one [-]; assumed."""
+JOINT_DAMPING_RATIO = 0.15
+"""ζ of a joint's spring without a nominal one [-]; assumed."""
 POSES = 200
 """Number of poses of the logs at which the joints' inertia is computed [-]; assumed."""
 
@@ -166,12 +170,15 @@ def _friction(
     draft: ModelDraft, data: Data, base: FrictionParameters | None, arm: Arm
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
+
+    def limited(text: str) -> None:
+        draft.not_in_mjcf.append(text)
+        draft.not_in_tables.append(text)
+
     coulomb = np.maximum(draft.coulomb, LEAST_FRICTION)
     stiction = np.maximum(draft.stiction, coulomb)
     for j in np.flatnonzero((draft.coulomb < 0).any(axis=1) | (draft.viscous < 0).any(axis=1)):
-        text = f"friction of joint {j + 1} came out negative: zero stands"
-        draft.not_in_mjcf.append(text)
-        draft.not_in_tables.append(text)
+        limited(f"friction of joint {j + 1} came out negative: the model has zero")
     ratio = np.clip(coulomb / stiction, 1e-3, 1.0)
     rotor, elastic = np.maximum(draft.rotor, 0.0), np.isfinite(draft.spring)
     inertia = mass_matrix(arm, _poses(data)) + np.diag(np.where(elastic, 0.0, rotor))
@@ -183,30 +190,26 @@ def _friction(
     soft = np.maximum(coulomb.mean(axis=1) / distance, LEAST_BRISTLE)
     bristle = np.where(np.isnan(draft.bristle), soft, draft.bristle)
     for j in np.flatnonzero(~np.isnan(draft.bristle) & (bristle > most)):
-        text = f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still"
-        draft.not_in_mjcf.append(text)
-        draft.not_in_tables.append(text)
-    values = {k: getattr(base, k) for k in QUANTITIES} if base is not None else {}
-    zero, one = np.zeros(data.n), np.ones(data.n)
-    defaults = {
-        "load_low": zero,
-        "load_high": zero + np.inf,
-        "bristle_damping_ratio": 0.4 * one,
-        "joint_damping_ratio": 0.15 * one,
-        "warm_up_viscous": zero,
-        "gravity_error": zero,
+        limited(f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still")
+    one = np.ones(data.n)
+    values = {
+        "load_low": 0.0 * one,
+        "load_high": np.inf * one,
+        "bristle_damping_ratio": BRISTLE_DAMPING_RATIO * one,
+        "joint_damping_ratio": JOINT_DAMPING_RATIO * one,
+        "load_coefficient": 0.0 * one,
+        "warm_up_viscous": 0.0 * one,
+        "gravity_error": 0.0 * one,
     }
-    values = {**defaults, **values}
+    values |= {k: getattr(base, k) for k in QUANTITIES} if base is not None else {}
     # ours is a ratio to the critical damping of the inertia at the arm's rest pose; elsewhere the
     # bristle may carry many times as much
     at_rest = np.where(elastic, rotor, rotor + link_inertia(arm, arm.rest[None])[0])
     critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * at_rest)
     most_damped = np.minimum(MOST_DAMPED, FASTEST_DECAY * carried / (TIMESTEP * critical))
     for j in np.flatnonzero(draft.damping > most_damped * critical):
-        text = f"bristle damping of joint {j + 1}: "
-        text += f"{most_damped[j] * critical[j]:.4g} N·m·s/rad is the most that a step can hold"
-        draft.not_in_mjcf.append(text)
-        draft.not_in_tables.append(text)
+        text = f"{most_damped[j] * critical[j]:.4g} N·m·s/rad is the most that a step can hold"
+        limited(f"bristle damping of joint {j + 1}: {text}")
     damping = np.where(
         np.isnan(draft.damping), values["bristle_damping_ratio"], draft.damping / critical
     )
@@ -216,7 +219,7 @@ def _friction(
         "stribeck_velocity": draft.stribeck,
         "viscous": np.maximum(draft.viscous, 0.0),
         # ours scales stiction, which contains Coulomb friction; the cause scales Coulomb friction
-        "load_coefficient": values.get("load_coefficient", zero) + draft.load / ratio.mean(axis=1),
+        "load_coefficient": values["load_coefficient"] + draft.load / ratio.mean(axis=1),
         "bristle_stiffness": np.clip(bristle, 1e-3, most),
         "bristle_damping_ratio": np.clip(damping, 0.0, most_damped),
         "rotor_inertia": rotor,

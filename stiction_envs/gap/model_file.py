@@ -50,16 +50,9 @@ class Nominal:
     """1 where logged torques of that robot drive the joints, -1 if opposite, 0 where unknown."""
 
     def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
-        """Raise if the arm is not that of the parts, or a body with them is impossible.
+        """Raise a StictionError if the arm is not that of the parts, or a body is impossible.
 
         Its known payload and tilt may differ: what was found stays.
-
-        Args:
-            arm: the arm.
-            where: where the parts were read from, for the message.
-
-        Raises:
-            StictionError: another arm, a joint that it lacks, an impossible body.
         """
         if self.robot is None:
             return
@@ -138,7 +131,7 @@ def nominal_of(
     tilt: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
 ) -> tuple[Arm, Nominal]:
-    """Return the rigid arm with its known payload and tilt, and the nominal model.
+    """Return the rigid arm with its known payload and tilt, and the nominal model of `resolve`.
 
     Args:
         robot: name, model file or arm; an arm has its payload and tilt.
@@ -147,9 +140,6 @@ def nominal_of(
             None for that of the nominal model. What was found is added to it.
         tilt: known roll and pitch of the base [rad]; None as for ``payload``.
         chain: as of `load_arm`.
-
-    Raises:
-        StictionError: as `load_arm` and `resolve`.
     """
     if not isinstance(robot, Arm):
         before = nominal if isinstance(nominal, Nominal) else Nominal()
@@ -230,22 +220,17 @@ def read(path: Path) -> Nominal:
     if friction:
         check_possible(friction, where)
     for part in parts:
-        # their units are those of the causes
-        found = np.array([*part.shape, *part.coefficients])
-        if not (np.abs(found) <= largest()).all():
-            raise StictionError(
-                f"nominal {path}: cause {part.cause} on joint {part.joint}: "
-                f"{found[~(np.abs(found) <= largest())][0]:g}: expected up to {largest():g}"
-            )
+        at = f"nominal {path}: cause {part.cause} on joint {part.joint}"
+        for x in (*part.shape, *part.coefficients):
+            if not abs(x) <= largest():  # in any unit
+                raise StictionError(f"{at}: {x:g}: expected up to {largest():g}")
         try:
             arm_wide = cause_named(part.cause).arm_wide
         except StictionError as error:
             raise StictionError(f"nominal {path}: {error}") from None
         if part.joint < 0 or (part.joint == 0) != arm_wide:
             expected = "0, the whole arm" if arm_wide else "1 or more"
-            raise StictionError(
-                f"nominal {path}: cause {part.cause} on joint {part.joint}: expected {expected}"
-            )
+            raise StictionError(f"{at}: expected {expected}")
     if sign not in (-1, 0, 1):
         raise StictionError(f"{where} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
     if payload is not None and len(payload) != 4:

@@ -21,13 +21,8 @@ def noise_left(
     """Return (n,) noise floor [N·m], and how that of low-passed torques was found.
 
     It is the floor before any cause is known. For torques that were low-passed before logging it is
-    the larger of this floor and `slow_noise` of what the extended model leaves.
-
-    Args:
-        library: of the data.
-        terms: of the extended model.
-        c: (P,) their coefficients.
-        signals: of the logs.
+    the larger of this floor and `slow_noise` of what the extended model leaves, with coefficients
+    ``c`` (P,) of its terms.
     """
     data = library.data
     noise = np.array(data.noise)

@@ -16,10 +16,11 @@ from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.friction_state import presliding_distances
 
 Array = NDArray[np.float64]
 DELAY_ROUNDS = 3
-"""Number of times that a delay is fitted again to the model that contains it."""
+"""Number of times that a delay is fitted again to the model that contains it [-]; assumed."""
 
 
 def given_arm_causes(
@@ -28,13 +29,13 @@ def given_arm_causes(
     """Return data and causes given the causes of the whole arm; None without such causes."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
-    late = _late(library, terms)
-    if not carried and late is None:
+    delay = _delay(library, terms)
+    if not carried and delay is None:
         return None
-    if late is not None:
+    if delay is not None:
+        late, shift = delay
         c = library.split(terms, library.grams.fit(library.model_columns(terms)))
         lengths = c[list(terms).index(late)].tolist()
-        shift = _shift(library, late)
         causes = {
             **causes,
             shift.name: shift.acting_on(data.nominal + _without_delays(library, terms), lengths),
@@ -66,7 +67,7 @@ def _presliding_given_delay(data: Data, shift: ActuatorDelay, shape: Shape, leng
         return torque + length * shift.shifted(data, torque, shape)
 
     logged = np.stack([late(x) for x in data.nominal.T], axis=1)
-    return data.with_presliding_of(data.tau - logged, late)
+    return data.with_presliding(presliding_distances(data.recording, data.tau - logged, late))
 
 
 def same_arm_causes(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -> bool:
@@ -77,16 +78,14 @@ def same_arm_causes(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -
 def refine_delay(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
     """Apply a delay to the torque of the model that contains it, where this fits better."""
     out, grams = list(terms), library.grams
-    late = _late(library, out)
-    if late is None:
-        return out
-    at = out.index(late)
     for _ in range(DELAY_ROUNDS):
-        cause = _shift(library, late)
-        if not cause.acts_on_all:
+        delay = _delay(library, out)
+        if delay is None or not delay[1].acts_on_all:
             break
+        late, cause = delay
+        at = out.index(late)
         torque = library.data.nominal + _without_delays(library, out)
-        tried = [Candidate(late.cause, late.joint, x) for x in cause.nearby(out[at].shape)]
+        tried = [Candidate(late.cause, late.joint, x) for x in cause.nearby(late.shape)]
         before = float(grams.errors(library.model_columns(out)).sum())
         library.causes[late.cause] = cause.acting_on(torque)
         library.refine(tried)
@@ -100,15 +99,14 @@ def refine_delay(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[
     return out
 
 
-def _late(library: RegressorLibrary, terms: Sequence[Candidate]) -> Candidate | None:
-    """Return the term that shifts all torques, or None."""
-    return next((t for t in terms if isinstance(library.causes[t.cause], ActuatorDelay)), None)
-
-
-def _shift(library: RegressorLibrary, term: Candidate) -> ActuatorDelay:
-    cause = library.causes[term.cause]
-    assert isinstance(cause, ActuatorDelay)
-    return cause
+def _delay(
+    library: RegressorLibrary, terms: Sequence[Candidate]
+) -> tuple[Candidate, ActuatorDelay] | None:
+    """Return the term that shifts all torques, and its cause; None without one."""
+    for term in terms:
+        if isinstance(cause := library.causes[term.cause], ActuatorDelay):
+            return term, cause
+    return None
 
 
 def _without_delays(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:

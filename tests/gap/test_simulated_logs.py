@@ -1,21 +1,161 @@
-"""Causes as textbooks write them, in logs that somebody else's simulation could have made."""
+"""Causes as textbooks write them, in logs as somebody else would simulate them.
+
+Nothing in these logs comes from the package but the arms' MJCF: angles, speeds and accelerations
+are analytic, the torque is ``mj_inverse`` of the nominal arm, the effect is the textbook's formula,
+the noise is white.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose_logs
 from stiction_envs.hidden.hidden_motions import MOTIONS
 from stiction_envs.measured.logs.reader import JointLog
-from tests.gap.simulated_logs import MIDDLE, believed, dahl, inverse, plain_log
+from stiction_envs.robots import load_arm
+
+Array = NDArray[np.float64]
+CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
+MIDDLE = np.array([0.0, 0.5, 0.0, -1.2, 0.0, 1.0, 0.0])
+"""A pose in the middle of the Panda's ranges, and of the iiwas'."""
+
+
+def fourier(seed: int, t: Array, centre: Array) -> tuple[np.random.Generator, tuple[Array, ...]]:
+    """A generator; angles, speeds and accelerations (T, 7) of five harmonics of 0.1 Hz."""
+    rng = np.random.default_rng(seed)
+    k = 2 * np.pi * 0.1 * np.arange(1, 6)
+    a, b = rng.normal(size=(2, 5, 7)) / np.sqrt(np.arange(1, 6))[:, None]
+    s, c = np.sin(np.outer(t, k)), np.cos(np.outer(t, k))
+    q = s @ (a / k[:, None]) - c @ (b / k[:, None])
+    size = 0.8 / np.abs(q).max(axis=0)
+    v, acc = c @ a + s @ b, c @ (b * k[:, None]) - s @ (a * k[:, None])
+    return rng, (centre + q * size, v * size, acc * size)
+
+
+def inverse(
+    robot: str,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    *,
+    payload: tuple[float, Array] | None = None,
+    tilt: tuple[float, float] = (0.0, 0.0),
+    link: tuple[int, float, Array] | None = None,
+) -> Array:
+    """(T, n) torque of the arm, of a sphere at its flange, on a base that leans.
+
+    A link (from 1) may have another mass [kg] and centre [m], each as a difference; its density
+    changes evenly.
+    """
+    spec = load_arm(robot).spec()
+    if link is not None:
+        body = list(spec.joints)[link[0] - 1].parent
+        share = 1 + link[1] / body.mass
+        body.fullinertia, body.inertia = body.fullinertia * share, body.inertia * share
+        body.mass, body.ipos = body.mass * share, body.ipos + link[2]
+    lean, towards = tilt
+    side = np.sin(lean) * np.array([np.cos(towards), np.sin(towards)])
+    spec.option.gravity = 9.81 * np.array([*side, -np.cos(lean)])
+    if payload is not None:
+        site = next(x for x in spec.sites if x.name == "flange")
+        load = site.parent.add_body(name="load", pos=site.pos, quat=site.quat)
+        load.mass, load.ipos = payload
+        load.inertia = [0.4 * payload[0] * 0.03**2] * 3
+        load.explicitinertial = True
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model = spec.compile()
+    model.dof_armature[:] = model.dof_damping[:] = model.dof_frictionloss[:] = 0.0
+    data = mujoco.MjData(model)
+    out = np.empty_like(q)
+    for i in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[i], dq[i], ddq[i]
+        mujoco.mj_inverse(model, data)
+        out[i] = data.qfrc_inverse
+    return out
+
+
+def dahl(q: Array, level: float, stiffness: float) -> Array:
+    """(T,) torque of a bristle that starts unloaded."""
+    out = np.zeros(len(q))
+    for i, way in enumerate(np.diff(q)):
+        keep = np.exp(-abs(way) * stiffness / level)
+        out[i + 1] = out[i] * keep + np.sign(way) * level * (1 - keep)
+    return out
+
+
+EFFECTS = {
+    "coulomb_friction": lambda q, v, a, n, t: np.sign(v),
+    "viscous_friction": lambda q, v, a, n, t: v,
+    "stribeck_friction": lambda q, v, a, n, t: np.sign(v) * (1 + np.exp(-((v / 0.1) ** 2))),
+    "stribeck_alone": lambda q, v, a, n, t: np.sign(v) * np.exp(-((v / 0.1) ** 2)),
+    "direction_asymmetry": lambda q, v, a, n, t: np.where(v > 0, 1.4, -0.6),
+    "load_dependent_friction": lambda q, v, a, n, t: np.sign(v) * (0.5 + 0.1 * np.abs(n)),
+    "load_alone": lambda q, v, a, n, t: np.sign(v) * 0.1 * np.abs(n),
+    "presliding_hysteresis": lambda q, v, a, n, t: dahl(q, 1.0, 1 / 0.02),
+    "position_dependent_friction": lambda q, v, a, n, t: np.sin(20 * q + 0.4),
+    "warm_up_drift": lambda q, v, a, n, t: np.sign(v) * (1 - 0.02 * t),
+    "torque_offset": lambda q, v, a, n, t: np.ones_like(q),
+    "torque_scale": lambda q, v, a, n, t: 0.1 * n,
+    "link_inertia": lambda q, v, a, n, t: 0.4 * a,
+    "smooth_waves": lambda q, v, a, n, t: np.cos(q + 0.3) - 0.5 * np.sin(2 * q),
+    "smooth_hump": lambda q, v, a, n, t: np.exp(-0.5 * ((q - q.mean()) / 0.35) ** 2),
+    "external_spring": lambda q, v, a, n, t: 3 * (q - 0.2),
+}
+"""Torque [N·m] on a joint of angle, speed, acceleration, rigid torque and time, (T,) each."""
+
+
+def plain_log(
+    cause: str | None,
+    *,
+    robot: str = "panda",
+    joints: tuple[int, ...] = (4,),
+    size: float = 1.0,
+    noise: float = 0.05,
+    rate: float = 500.0,
+    seconds: float = 20.0,
+    seed: int = 0,
+    angle_noise: float = 0.0,
+) -> JointLog:
+    """One log with one cause of about 1 N·m times ``size``, or none.
+
+    ``joints`` are those from 1 where it acts, or the link; noise of torque [N·m] and angle [rad].
+    """
+    t = np.arange(0, seconds, 1 / rate)
+    middle = CENTRE if robot == "panda" else MIDDLE
+    rng, (q, v, a) = fourier(seed, t, middle)
+    link = (joints[0], 0.5, np.array([0.005, -0.005, 0.003]))
+    tau = inverse(
+        robot,
+        *(fourier(seed, t + 0.01, middle)[1] if cause == "actuator_delay" else (q, v, a)),
+        payload=(1.0, np.array([0.02, 0.0, 0.05])) if cause == "payload" else None,
+        tilt=(0.05, 0.7) if cause == "base_tilt" else (0.0, 0.0),
+        link=link if cause == "link_parameters" else None,
+    )
+    rigid = tau.copy()
+    for j in (x - 1 for x in joints if cause in EFFECTS):
+        tau[:, j] += size * EFFECTS[cause](q[:, j], v[:, j], a[:, j], rigid[:, j], t)
+    if cause == "joint_elasticity":
+        bent = q.copy()
+        for j in (x - 1 for x in joints):
+            bent[:, j] -= rigid[:, j] / 2000.0
+        speed = np.gradient(bent - q, 1 / rate, axis=0)
+        tau = inverse(robot, bent, v + speed, a + np.gradient(speed, 1 / rate, axis=0))
+    q = q + angle_noise * rng.normal(size=q.shape)
+    tau = tau + noise * rng.normal(size=q.shape)
+    return JointLog(source=f"plain_{cause}.csv", t=t, q=q, dq=None, tau=tau)
 
 
 def solved(cause: str | None, robot: str = "panda", **options) -> Diagnosis:
-    believed_arm = believed(cause, robot)
-    return diagnose_logs([plain_log(cause, robot=robot, **options)], believed_arm)
+    """Diagnose a log; an arm with a hand of 0.7 kg where that is what is wrong."""
+    hand = (0.7, -0.01, 0.0, 0.03) if cause == "phantom_payload" else None
+    log = plain_log(cause, robot=robot, **options)
+    return diagnose_logs([log], load_arm(robot, payload=hand))
 
 
 def value(named: NamedCause, joint: int, key: str) -> float:

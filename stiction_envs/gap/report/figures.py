@@ -23,12 +23,13 @@ Array = NDArray[np.float64]
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
 LINES: tuple[tuple[str, Any], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
 DOTS = 1500
-"""Samples drawn per panel."""
+"""Samples drawn per panel [-]; assumed."""
 BINS = 36
+"""Bins of a panel's mean and quartiles [-]; assumed."""
 JOINTS = 3
-"""Joints drawn per cause, the clearest first."""
+"""Joints drawn per cause, the clearest first [-]; assumed."""
 LONG = 4000
-"""Samples drawn of a trace."""
+"""Samples drawn of a trace [-]; assumed."""
 
 
 def _thin(count: int, most: int) -> NDArray[np.int64]:
@@ -90,13 +91,7 @@ def _figure(width: float, height: float, *, top: float, bottom: float) -> Figure
 
 
 def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
-    """Draw a cause: residual without it and its torque above, residual with it below.
-
-    Args:
-        d: the diagnosis.
-        cause: one of its causes.
-        path: PNG to write.
-    """
+    """Draw a cause into a PNG: residual without it and its torque above, residual with it below."""
     data, view = d.data, d.library.causes[cause.name].view
     effect = _torques(d, cause.name)
     clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
@@ -158,13 +153,7 @@ def _torques(d: Diagnosis, cause: str) -> Array:
 
 
 def draw_joint(d: Diagnosis, joint: int, path: Path) -> Picture:
-    """Draw a joint's torque and its residual against everything.
-
-    Args:
-        d: the diagnosis.
-        joint: from 0.
-        path: PNG to write.
-    """
+    """Draw a joint's torque, and its residual against everything, into a PNG; ``joint`` from 0."""
     data = d.data
     before = data.residual[:, joint]
     after = before - d.torque(joint)

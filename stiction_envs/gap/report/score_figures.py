@@ -20,7 +20,8 @@ from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]
 JOINTS = 3
-"""Joints whose residual is drawn over time: those that are worse, else those that gain most."""
+"""Joints whose residual is drawn over time [-]: those that are worse, else those that gain most.
+Assumed."""
 
 
 def draw_summary(
@@ -32,16 +33,9 @@ def draw_summary(
     caption: str,
     joints: Sequence[int] = (),
 ) -> Picture:
-    """Draw the held-out error of each joint: nominal, extended, noise floor.
+    """Draw the held-out error of each joint into a PNG: nominal, extended, noise floor, (n,) each.
 
-    Args:
-        nominal: (n,) error of the nominal model.
-        extended: (n,) of the extended one.
-        noise: (n,) noise floor.
-        path: PNG to write.
-        label: of the axis, with the unit.
-        caption: of the picture.
-        joints: (n,) numbers of the joints; () counts them from 1.
+    ``label`` is the axis's, with the unit; ``joints`` are their numbers, () counts them from 1.
     """
     figure = Figure(figsize=(max(3.2, 1.6 + 0.95 * len(noise)), 3.4), layout="constrained")
     axes = figure.subplots()

@@ -134,6 +134,6 @@ def _taller(path: Array, distance: float, zeta: float, level: Array) -> Array:
 
 
 LOWEST = 1e-3
-"""Least level of a bristle over that of plain dry friction [-]."""
+"""Least level of a bristle over that of plain dry friction [-]; assumed."""
 SETTLED = 1.0 - 1e-4
-"""ζ above which a bristle has reached its level [-]."""
+"""ζ above which a bristle has reached its level [-]; assumed."""

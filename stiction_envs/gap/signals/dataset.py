@@ -5,7 +5,6 @@ A change makes a new `Data`; derived values stay with the old one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,11 +15,7 @@ from numpy.typing import NDArray
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.bristle import grown
-from stiction_envs.gap.signals.friction_state import (
-    FrictionState,
-    friction_torque,
-    presliding_distances,
-)
+from stiction_envs.gap.signals.friction_state import FrictionState, friction_torque
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join, rate
@@ -146,19 +141,13 @@ class Data:
     def carrying(self, torque: Array, gravity: tuple[float, ...] = ()) -> Data:
         """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
 
-        Args:
-            torque: the transmitted torque.
-            gravity: x, y, z of gravity for bodies from now on [m/s²]; () for the arm's gravity.
+        ``gravity`` is that of bodies from now on, x, y, z [m/s²]; () for the arm's gravity.
         """
         carried = torque if self.carried is None else self.carried + torque
         return replace(self, rigid=self.rigid + torque, carried=carried, gravity_found=gravity)
 
     def on(self, arm: Arm) -> Data:
-        """Return data of another rigid arm with the same motion and the same torque.
-
-        Args:
-            arm: with other bodies or another gravity.
-        """
+        """Return data of an arm with other bodies or gravity: the same motion and torque."""
         recording = replace(self.recording, arm=arm, pinocchio=arm.pinocchio())
         return replace(self, recording=recording)
 
@@ -188,13 +177,6 @@ class Data:
     def with_presliding(self, distance: Array) -> Data:
         """Return data whose dry friction builds up within distances (n,) [rad]."""
         return replace(self, friction=replace(self.friction, presliding_distance=distance))
-
-    def with_presliding_of(self, residual: Array, logged: Callable[[Array], Array]) -> Data:
-        """Return data with presliding distances fitted to a residual (T, n) [N·m].
-
-        ``logged`` turns a torque (T,) into the logged torque.
-        """
-        return self.with_presliding(presliding_distances(self.recording, residual, logged))
 
     @cached_property
     def directions(self) -> Array:
@@ -252,14 +234,9 @@ def assemble(
     torque: str = "motor",
     settings: GapSettings | None = None,
 ) -> Data:
-    """Compare signals with the nominal model.
+    """Compare signals with the nominal rigid arm and its friction, None for no friction.
 
-    Args:
-        arm: nominal rigid arm.
-        signals: signals of its logs.
-        friction: nominal friction; None for a rigid body without friction.
-        torque: side of the gear on which torque was measured, "motor" or "link".
-        settings: constants of the method; None for those of ``settings.toml``.
+    ``torque`` is the side of the gear on which torque was measured, "motor" or "link".
     """
     recording = join(arm, signals, torque=torque, settings=settings)
     if friction is None:

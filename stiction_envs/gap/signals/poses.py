@@ -23,9 +23,7 @@ LEAST_PAIRS = 10
 def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
     """Return (T,) the number of the segment of each row; each pose is a segment of its own.
 
-    Args:
-        parts: segments, poses among them.
-        dt: time between samples of those with motion [s].
+    ``dt`` is the time between samples of segments with motion [s].
     """
     out: list[NDArray[np.int64]] = []
     start = 0

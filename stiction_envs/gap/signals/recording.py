@@ -125,20 +125,11 @@ class Recording:
 
 
 def join(
-    arm: Arm,
-    signals: Signals,
-    *,
-    torque: str = "motor",
-    settings: GapSettings | None = None,
+    arm: Arm, signals: Signals, *, torque: str, settings: GapSettings | None = None
 ) -> Recording:
-    """Put the segments of all logs into one piece.
+    """Put the segments of all logs of an arm into one piece.
 
-    Args:
-        arm: nominal rigid arm.
-        signals: signals of its logs.
-        torque: side of the gear on which torque was measured, "motor" or "link".
-        settings: constants of the method; None for those of ``settings.toml``. Logs are blocks
-            where there are at least as many of them as blocks.
+    ``torque`` is the side of the gear on which torque was measured, "motor" or "link".
     """
     own = settings or gap_settings()
     parts = signals.segments

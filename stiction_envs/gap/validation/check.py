@@ -51,17 +51,18 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 CHANCE = 0.01
-"""Chance that scatter between blocks names a cause as not transferring [-]; as in `selection`."""
+"""Chance that scatter between blocks names a cause as not transferring [-]; assumed, as in
+`selection`."""
 LEAST_TORQUE = 0.5
-"""Least torque of a cause, root mean square, over the noise floor of a joint [-]."""
+"""Least torque of a cause, root mean square, over the noise floor of a joint [-]; assumed."""
 WORSE = 0.05
 """A joint is worse if its error exceeds the nominal one by this part of it [-]; assumed."""
 HARM = 0.1
-"""Part of a joint's squared error that a cause must add to it [-]: 5 % of the error, as worse."""
+"""Part of a joint's squared error that a cause must add to it [-]: 5 % of the error, as `WORSE`."""
 BLOCKS = 12
-"""Blocks of time into which each log is cut to see the scatter."""
+"""Blocks of time into which each log is cut to see the scatter [-]; assumed."""
 SHORTEST_BLOCK = 0.5
-"""Of them [s]: neighbours share noise and friction state."""
+"""Least length of a block [s]; assumed: neighbours share noise and friction state."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,13 +146,8 @@ def check_logs(
 ) -> CheckLogs:
     """Return logs to check with, corrected and prepared.
 
-    Args:
-        logs: as they were read.
-        diagnosed: those of the diagnosis, as they were read.
-        arm: the nominal arm.
-        settings: constants of the method.
-        cutoff_hz: bandwidth of the filter; None chooses it from the check logs, whose motion may be
-            faster than the diagnosed.
+    ``cutoff_hz`` None chooses the filter's bandwidth from the check logs, whose motion may be
+    faster than that of the diagnosed ones.
 
     Raises:
         StictionError: logs of another robot, without a joint that moves in both, too short, poses,

@@ -33,24 +33,29 @@ from stiction_envs.plant import steer
 
 Array = NDArray[np.float64]
 EVERY = 3
-"""Every so many blocks one is simulated and not fitted."""
+"""One block of so many is simulated and not fitted [-]; assumed."""
 SECONDS = 0.5
-"""Length of a window [s]."""
+"""Length of a window [s]; assumed."""
 REPLAY = 0.2
-"""Start of a window in which the replay counts [s]: its errors grow with the square of time."""
+"""Start of a window in which the replay counts [s]; assumed: its errors grow with the square of
+time."""
 MOST_WINDOWS = 64
+"""Windows that are simulated, evenly picked [-]; assumed."""
 LEAST_WINDOWS = 2
+"""Windows without which there is no result [-]; assumed."""
 BANDWIDTH = 40.0
-"""Of the tracking servo [rad/s]: faster than the motion of logs, slower than its noise."""
+"""Bandwidth of the tracking servo [rad/s]; assumed: faster than the motion of logs, slower than
+its noise."""
 TRANSIENT = 0.15
-"""Start of a window that does not count for tracking [s]: the servo's transient."""
+"""Start of a window that does not count for tracking [s]; assumed: the servo's transient."""
 FASTEST = 200.0
-"""Speed above which the simulation counts as unstable [rad/s]: forty times what arms do; a wrist
-without its friction reaches 50 in 0.2 s."""
+"""Speed above which the simulation counts as unstable [rad/s]; assumed: forty times what arms do. A
+wrist without its friction reaches 50 in 0.2 s."""
 MARGIN = 0.02
-"""Cut off before a simulation is unstable [s]: the error grows for some steps before."""
+"""Time that is cut off before a simulation is unstable [s]; assumed: the error grows for some steps
+before."""
 SHORTEST = 0.5
-"""Part of what counts of a window that must be left of one that ends early [-]."""
+"""Part of what counts of a window that must be left of one that ends early [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,14 +116,9 @@ def _gain(before: Array, after: Array) -> Array:
 
 
 def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValidation | str:
-    """Simulate windows of held-out blocks with both models.
+    """Simulate windows of held-out blocks with both models; return why there is no result.
 
-    Args:
-        diagnosis: the result.
-        threads: threads, 0 for all processors.
-
-    Returns:
-        The result, or why there is none.
+    ``threads`` 0 is all processors.
     """
     base, nominal = diagnosis.base or diagnosis.data, diagnosis.baseline
     blocks = diagnosis.library.grams.blocks

@@ -21,13 +21,14 @@ from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
 MOST_ROWS = 20_000
-"""Rows of all logs together; more are thinned out evenly."""
+"""Rows of all logs together [-]; assumed: more are thinned out evenly."""
 POOR = 0.1
-"""R² under which the line says nothing [-]; the thesis reports 1e-6 to 0.04."""
+"""R² below which the line shows nothing [-]; assumed: the thesis reports 1e-6 to 0.04."""
 NOISY = 2.0
-"""Standard deviation of the raw friction torque over the filtered one that counts as noise [-]."""
+"""Least ratio of the raw friction torque's standard deviation to the filtered one's that counts as
+noise [-]; assumed."""
 LAG = 3e-3
-"""Delay of a logged speed that counts [s]."""
+"""Least delay of a logged speed that is reported [s]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)

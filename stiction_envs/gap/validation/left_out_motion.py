@@ -32,14 +32,15 @@ from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
 Array = NDArray[np.float64]
 SINGLE_BLOCK = 0.05
 """Part of the information on coefficients that must lie outside any one block for them to be
-predicted on a motion that is left out [-]."""
+predicted on a motion that is left out [-]; assumed."""
 KNOWN = 0.5
 """Part of a cause's torque on a motion, root mean square, that the others must know for it to be
-judged there [-]."""
+judged there [-]; assumed."""
 INFORMED = 1e-6
-"""Part of all motions' information below which there is none but rounding [-]."""
+"""Part of all motions' information below which there is only rounding [-]; assumed."""
 STIFF = 1e3
-"""Weight of the prior on what other motions do not show, over all motions' information [-]."""
+"""Weight of the prior on what other motions do not show, over all motions' information [-];
+assumed."""
 TRANSFERS, HARMS, UNCLEAR, ONE_MOTION = (
     *("transfers", "does not transfer", "cannot tell"),
     "one motion shows it",

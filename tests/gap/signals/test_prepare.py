@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +10,8 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals import prepare as module
 from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass, prepare
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog
 
-MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 N = 3
 
 
@@ -49,6 +47,9 @@ def noisy(
     return log_of(
         t, q + q_noise * rng.normal(size=q.shape), tau + tau_noise * rng.normal(size=q.shape)
     )
+
+
+OTHER = JointLog(source="other", t=np.arange(2.0), q=np.ones((2, 6)), dq=None, tau=np.ones((2, 6)))
 
 
 def only(signals: Signals) -> Segment:
@@ -334,20 +335,13 @@ def test_signals_are_the_same_every_time_and_read_only() -> None:
         ({"cutoff_hz": 0.0}, "cutoff 0.0 Hz: expected numbers above 0"),
         ({"cutoff_hz": float("nan")}, "cutoff nan Hz"),
         ({"most_samples": 0}, "0 samples"),
+        ({"logs": []}, "one or more"),
+        ({"logs": [OTHER, noisy(1e-5, 0.05, seconds=2)]}, "made up: 3 joints, but other has 6"),
     ],
 )
-def test_bad_arguments(bad: dict[str, float], says: str) -> None:
+def test_bad_arguments(bad: dict, says: str) -> None:
     with pytest.raises(StictionError, match=says):
-        prepare([noisy(1e-5, 0.05, seconds=2)], **bad)  # type: ignore[arg-type]
-
-
-def test_bad_logs() -> None:
-    with pytest.raises(StictionError, match="one or more"):
-        prepare([])
-    t = np.arange(2000) / 1000
-    other = JointLog(source="other", t=t, q=np.ones((2000, 6)), dq=None, tau=np.ones((2000, 6)))
-    with pytest.raises(StictionError, match="other: 6 joints, but made up has 3"):
-        prepare([noisy(1e-5, 0.05, seconds=2), other])
+        prepare(**{"logs": [noisy(1e-5, 0.05, seconds=2)], **bad})
 
 
 def test_a_minute_of_seven_joints_takes_a_second() -> None:
@@ -358,31 +352,6 @@ def test_a_minute_of_seven_joints_takes_a_second() -> None:
     start = time.process_time()
     prepare([log])
     assert time.process_time() - start < 5  # 0.4 s here
-
-
-# ---- real robots ----
-
-
-@pytest.mark.parametrize(
-    ("name", "n", "low", "high"),
-    [
-        ("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz", 7, 2, 10),
-        ("iiwa14_joint_friction/joint2.csv.gz", 7, 10, 20),
-        ("staubli_tx40/tx40.csv.gz", 6, 10, 100),
-    ],
-)
-def test_real_logs(name: str, n: int, low: float, high: float) -> None:
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured log {name} is not here")
-    signals = prepare(read_logs([path], n))
-    assert low <= signals.cutoff_hz <= high
-    assert np.all(signals.noise_tau > 0)
-    for segment in signals.segments:
-        assert np.isfinite(segment.ddq).all()
-        # Speeds and accelerations agree with the angles they come from.
-        dq = np.gradient(segment.q, signals.dt, axis=0)
-        assert np.std(dq - segment.dq) < 0.02 * np.std(segment.dq)
 
 
 @pytest.mark.parametrize("shape", [(3000, 4), (3000, 7, 1), (60, 5)])

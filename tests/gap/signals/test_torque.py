@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +13,9 @@ from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
 from stiction_envs.gap.signals.torque_sign import correct_sign, signs
-from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import RATE, hidden, panda, sliding
 
-MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 ARM = panda()
 
 
@@ -221,32 +218,3 @@ def test_soft_bristles_are_no_delay() -> None:
     """Friction that builds up over 0.03 rad lags by a way: 0.3 s when slow, 0.04 s when fast."""
     (log,), _ = correct_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], distance=0.03)], ARM, prepare)
     assert kinds(log) == []
-
-
-# ---- real robots ----
-
-
-def real(name: str, robot: str) -> tuple[JointLog, Arm]:
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured log {name} is not here")
-    arm = load_arm(robot)
-    (log,) = read_logs([path], arm.n, limits=arm.limits)
-    return log, arm
-
-
-@pytest.mark.parametrize(
-    ("joint", "found"), [(2, ["sign", "lag"]), (7, ["sign", "lag"]), (3, []), (1, ["sign"])]
-)
-def test_what_the_iiwas_readme_says_of_its_torques(joint: int, found: list[str]) -> None:
-    """Opposite sign, and channels that are not aligned in time; joint 3's sweep shows neither."""
-    log, arm = real(f"iiwa14_joint_friction/joint{joint}.csv.gz", "iiwa14")
-    (corrected,), _ = correct_torques([log], arm, lambda x: prepare(x, most_samples=40_000))
-    assert [k for k in kinds(corrected) if k != "run"] == found
-    assert len(corrected.segments) == len(log.segments)
-
-
-def test_the_pandas_torques_are_in_order() -> None:
-    log, arm = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz", "panda")
-    (same,), _ = correct_torques([log], arm, prepare)
-    assert same is log
