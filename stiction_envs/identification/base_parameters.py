@@ -1,6 +1,6 @@
-"""Least squares of torques on base parameters of links and friction, with honest errors.
+"""Least squares of torques on base parameters of links and friction, with their errors.
 
-Rows are samples of joints, divided by each joint's noise; residuals beyond three of it weigh less
+Rows are samples of joints, divided by each joint's noise. Residuals beyond three of it weigh less
 (P. Huber, "Robust estimation of a location parameter", 1964). Neighbouring rows share noise, so
 standard errors come from sums of scores over overlapping windows (W. Newey, K. West, "A simple,
 positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix", 1987).
@@ -8,9 +8,10 @@ positive semi-definite, heteroskedasticity and autocorrelation consistent covari
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.bristle import bristles
@@ -26,28 +27,30 @@ from stiction_envs.robots.regressor import (
 
 Array = NDArray[np.float64]
 ROWS_PER_PERIOD = 5.0
-"""Rows that are kept per period of the filter's cutoff [-]; the others say nothing new."""
+"""Rows kept per period of the filter's cutoff [-]; assumed: more add nothing."""
 HUBER = 3.0
-"""Residuals beyond this many robust standard deviations weigh less [-]."""
+"""Residuals beyond this many robust standard deviations weigh less [-]; assumed."""
 REWEIGHED = 6
-"""Rounds of weights."""
+"""Rounds of weights; assumed."""
 LEAST_NOISE = 1e-6
-"""Of a joint's torque [N·m]: perfect data do not divide by zero."""
+"""Least noise of a joint's torque [N·m]; assumed: perfect data do not divide by zero."""
 USUAL_FRICTION = 0.1
-"""Friction at the speed limit over the torque limit that is usual [-]; it decides only for joints
+"""Usual friction at the speed limit over the torque limit [-]; assumed. It matters only for joints
 that hardly moved."""
 ROTOR_TIME = 0.3
-"""Time in which a joint usually comes to its speed limit [s]."""
+"""Time in which a joint usually comes to its speed limit [s]; assumed."""
 STATES_PER_JOINT = 40
-"""Random states, over all of the range, from which the base parameters are found."""
+"""Random states, over all of the range, from which the base parameters are found; assumed."""
 SINGULAR = 1e-13
-"""Eigenvalues of the scaled normal equations over the largest below which they are rounding [-]."""
+"""Eigenvalues of the scaled normal equations are rounding below this part of the largest [-];
+assumed."""
 UNKNOWN = 1e-4
-"""Part of a parameter in directions of such eigenvalues from which it is not known [-]."""
+"""A parameter is not known from this part of it on in directions of such eigenvalues [-]; assumed.
+"""
 CORRELATED = 0.05
-"""Autocorrelation under which rows count as independent [-]."""
+"""Rows are independent below this autocorrelation [-]; assumed."""
 MOST_LAG = 0.1
-"""Longest window of correlated rows, as part of all rows [-]."""
+"""Longest window of correlated rows, as part of all rows [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,8 +63,6 @@ class Design:
     """(T, n) measured [N·m]."""
     block: NDArray[np.int64]
     """(T,) block to hold out; −1 in a guard."""
-    names: tuple[str, ...]
-    """(P,) of the parameters."""
     nominal: Array
     """(P,) of the nominal model; friction zero."""
     usual: Array
@@ -81,33 +82,21 @@ class Design:
 
     def take(self, rows: NDArray[np.bool_]) -> Design:
         """Return some rows."""
-        return Design(
-            columns=self.columns[rows],
-            torque=self.torque[rows],
-            block=self.block[rows],
-            names=self.names,
-            nominal=self.nominal,
-            usual=self.usual,
-            shared=self.shared,
+        return replace(
+            self, columns=self.columns[rows], torque=self.torque[rows], block=self.block[rows]
         )
 
 
-def friction_names(n: int, rotor: bool) -> tuple[str, ...]:
-    """Return the names of friction parameters as in the columns: ``Fc1``, …, ``offset7``."""
-    kinds = ("rotor", "Fc", "Fv", "offset") if rotor else ("Fc", "Fv", "offset")
-    return tuple(f"{kind}{j}" for kind in kinds for j in range(1, n + 1))
-
-
-def _own_columns(dq: Array, ddq: Array, direction: Array, rotor: bool) -> Array:
-    """Return (T, n, k n) columns of rotors (if any), Coulomb, viscous and offset."""
+def _columns(model: pin.Model, q: Array, dq: Array, ddq: Array, dry: Array, rotor: bool) -> Array:
+    """Return (T, n, P) columns as in `Design`, ``dry`` (T, n) being dry friction over its level."""
     kinds = [ddq] if rotor else []
-    kinds += [direction, dq, np.ones_like(dq)]
+    kinds += [dry, dq, np.ones_like(dq)]
     rows, n = dq.shape
-    out = np.zeros((rows, n, len(kinds), n))
+    own = np.zeros((rows, n, len(kinds), n))
     j = np.arange(n)
     for k, column in enumerate(kinds):
-        out[:, j, k, j] = column
-    return out.reshape(rows, n, -1)
+        own[:, j, k, j] = column
+    return np.concatenate([torque_regressor(model, q, dq, ddq), own.reshape(rows, n, -1)], axis=2)
 
 
 def _usual(data: Data, rotor: bool) -> Array:
@@ -131,7 +120,7 @@ def design(
         rotor: whether rotors' inertia is seen, that is, torque was measured in front of the gear.
         distance: (n,) presliding distance of dry friction [rad]; None for that of the data.
     """
-    n, step, shared = data.n, 1, 1.0
+    step, shared = 1, 1.0
     if np.isfinite(data.dt) and np.isfinite(data.cutoff):
         step = max(1, int(1.0 / (ROWS_PER_PERIOD * data.cutoff * data.dt)))
         shared = max(1.0, 1.0 / (2 * data.cutoff * data.dt * step))
@@ -140,18 +129,16 @@ def design(
         bristles(data.reversal_path, data.runs(), yields[:, None], data.settings.motion)[..., 0]
     )
     rows = slice(None, None, step)
-    q, dq, ddq = data.q[rows], data.dq[rows], data.ddq[rows]
-    links = torque_regressor(data.pinocchio, q, dq, ddq)
-    own = _own_columns(dq, ddq, direction[rows], rotor)
-    names = (*inertial_names(n), *friction_names(n, rotor))
     phi = inertial_parameters(data.pinocchio).ravel()
+    usual = _usual(data, rotor)
     return Design(
-        columns=np.concatenate([links, own], axis=2),
+        columns=_columns(
+            data.pinocchio, data.q[rows], data.dq[rows], data.ddq[rows], direction[rows], rotor
+        ),
         torque=data.tau[rows],
         block=data.block[rows],
-        names=names,
-        nominal=np.concatenate([phi, np.zeros(len(names) - len(phi))]),
-        usual=_usual(data, rotor),
+        nominal=np.concatenate([phi, np.zeros(len(usual))]),
+        usual=usual,
         shared=shared,
     )
 
@@ -159,7 +146,7 @@ def design(
 def presliding(data: Data, base: BaseSet, rotor: bool) -> Array:
     """Return (n,) presliding distance by which each joint's torque is fitted best [rad].
 
-    Chosen with free base parameters: with the nominal links their errors would choose.
+    Chosen with free base parameters: with the nominal links, errors of these would decide.
     """
     scores = []
     for distance in PRESLIDING_DISTANCES:
@@ -170,7 +157,7 @@ def presliding(data: Data, base: BaseSet, rotor: bool) -> Array:
 
 
 def structural_base(data: Data, rotor: bool) -> tuple[BaseSet, Array]:
-    """Return the base parameters that some motion shows, and (r,) the torque of one unit of each.
+    """Return the base parameters that some motion excites, and (r,) the torque of one unit of each.
 
     The torque is over its joint's limit, root-mean-square over states all over the range.
     """
@@ -181,9 +168,9 @@ def structural_base(data: Data, rotor: bool) -> tuple[BaseSet, Array]:
     q = rng.uniform(low, high, (rows, n))
     dq = rng.uniform(-1, 1, (rows, n)) * limits.velocity
     ddq = rng.uniform(-1, 1, (rows, n)) * limits.velocity / ROTOR_TIME
-    links = torque_regressor(data.pinocchio, q, dq, ddq)
-    whole = np.concatenate([links, _own_columns(dq, ddq, np.sign(dq), rotor)], axis=2)
-    names = (*inertial_names(n), *friction_names(n, rotor))
+    whole = _columns(data.pinocchio, q, dq, ddq, np.sign(dq), rotor)
+    kinds = ("rotor", "Fc", "Fv", "offset") if rotor else ("Fc", "Fv", "offset")
+    names = (*inertial_names(n), *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1)))
     base = base_set(whole.reshape(-1, len(names)), names)
     kept = whole[:, :, base.kept] / limits.torque[:, None]
     return base, np.sqrt(np.square(kept).mean(axis=0).max(axis=0))

@@ -7,9 +7,9 @@ Y. Chen, "Clarabel: an interior-point solver for conic programs with quadratic o
     min ½ ‖R p − z‖² + ½ Σ_i ‖C_i⁻¹ (J_i − J⁰_i) C_i⁻ᵀ‖²/s²  with J_i positive definite, f ≥ 0
 
 with the pseudo-inertias J_i of the links, their nominal values J⁰_i, and friction f. The second
-term keeps what torques do not show near the nominal, in a measure that no choice of frame changes
-(T. Lee, P. Wensing, F. Park, "Geometric robot dynamic identification: a convex programming
-approach", IEEE T-RO 2020). Friction is kept under its usual size in the same way.
+term keeps what torques do not determine near the nominal, in a measure without a frame (T. Lee,
+P. Wensing, F. Park, "Geometric robot dynamic identification: a convex programming approach", IEEE
+T-RO 2020). Friction is kept under its usual size in the same way.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ for _k, (_a, _b) in enumerate(_PAIRS):
 _TWICE = np.array([1.0 if a == b else 2.0 for a, b in _PAIRS])
 """How often an entry of the lower triangle is in the matrix."""
 ROUND_BODY = 0.05
-"""Part of a round body of the link's own mass and size in the unit of its deviations [-]: a thin
-nominal body could not become thicker without it."""
+"""Part of a round body of the link's own mass and size in the unit of its deviations [-]; assumed.
+Without it a thin nominal body could not become thicker."""
 LEAST_EIGENVALUE = 1e-6
-"""Of pseudo-inertias in units of the nominal link's [-]: a body must have an extent."""
+"""Of pseudo-inertias in units of the nominal link's [-]; assumed: a body must have an extent."""
 LEAST_FRICTION = 1e-4
-"""Friction below this part of its usual size counts as zero [-]: it is on its bound."""
+"""Friction below this part of its usual size counts as zero [-]; assumed: it is on its bound."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +77,7 @@ def frames(phi: Array) -> Frames:
 
 
 def consistent_fit(d: Design, found: Fit, settings: IdentificationSettings | None = None) -> Array:
-    """Return (P,) parameters of links that can exist, with friction that is not negative.
+    """Return (P,) parameters of physically consistent links, with friction that is not negative.
 
     Args:
         d: torques and columns.

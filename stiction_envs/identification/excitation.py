@@ -9,7 +9,7 @@
 The series rests at the start of every period (J. Swevers et al., 1997), stays inside position,
 speed, acceleration and torque limits and clear of the floor and itself, and has a small condition
 number of the regressor of the base parameters and of friction. Slow sweeps there and back may
-follow: a fast series alone says little about dry friction.
+follow: a fast series alone hardly excites dry friction.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
 Array = NDArray[np.float64]
 SWEEP_TRIES = 20
-"""Signs of the sweeps' first directions that are tried until all keep the limits."""
+"""Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
 DRAWN_HZ = 50.0
-"""Samples per second of the drawn lines [Hz]."""
+"""Samples per second of the drawn lines [Hz]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -109,26 +109,13 @@ class Excitation(Result):
         q, dq, ddq = (x.reshape(*at.shape, self.n) for x in out)
         return q, dq, ddq
 
-    def q(self, t: ArrayLike) -> Array:
-        """Return (..., n) angles [rad] at times (...)."""
-        return self.state(t)[0]
-
-    def dq(self, t: ArrayLike) -> Array:
-        """Return (..., n) speeds [rad/s] at times (...)."""
-        return self.state(t)[1]
-
-    def ddq(self, t: ArrayLike) -> Array:
-        """Return (..., n) accelerations [rad/s²] at times (...)."""
-        return self.state(t)[2]
-
     def times(self, rate_hz: float) -> Array:
         """Return (T,) times of samples from start to end [s].
 
         Raises:
             StictionError: a rate that is not positive.
         """
-        if not (np.isfinite(rate_hz) and rate_hz > 0):
-            raise StictionError(f"rate {rate_hz} Hz: expected a number above 0")
+        _check_rate(rate_hz)
         return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
 
     def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
@@ -169,7 +156,7 @@ class Excitation(Result):
 
     def plot(self, path: str | os.PathLike[str]) -> None:
         """Draw angles and speeds in their ranges, and the condition number, as a PNG."""
-        from stiction_envs.identification.excitation_plots import plot_excitation
+        from stiction_envs.identification.plots import plot_excitation
 
         t = self.times(DRAWN_HZ)
         q, dq, _ = self.state(t)
@@ -235,8 +222,7 @@ def excite(
     say = progress or (lambda *_: None)
     arm = arm_of(robot)
     rate = float(arm.controller_rate_hz) if rate_hz is None else rate_hz
-    if not (np.isfinite(rate) and rate > 0):
-        raise StictionError(f"rate {rate} Hz: expected a number above 0")
+    _check_rate(rate)
     s = override(identification_settings().excitation, settings)
     rng = np.random.default_rng(seed)
     problem = Problem(arm, s, rng)
@@ -261,40 +247,24 @@ def excite(
             best = found
     say("search", 1.0)
     series = problem.series(best[0])
-    made = provenance(
-        "excite",
-        {
-            "robot": arm.name,
-            "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
-            "settings": dataclasses.asdict(s),
-            "sweeps": sweeps,
-            "rate_hz": rate,
-        },
-        seed=seed,
-    )
-    return _finished(problem, series, np.array(conditions), sweeps, rate, made)
-
-
-def _finished(
-    problem: Problem,
-    series: FourierSeries,
-    conditions: Array,
-    sweeps: bool,
-    rate_hz: float,
-    found: dict[str, Any],
-) -> Excitation:
-    """Return the motion with its sweeps, checked as a whole."""
-    arm, s = problem.arm, problem.settings
-    slow = _sweeps(problem, series.state(np.zeros(1))[0][0]) if sweeps else None
-    fine = series.state(problem.fine)
+    fine = check = series.state(problem.fine)
+    slow = None
+    if sweeps:
+        slow, after = _sweeps(problem, series.state(np.zeros(1))[0][0])
+        q, dq, ddq = (np.vstack(pair) for pair in zip(fine, after, strict=True))
+        check = q, dq, ddq
     notes = list(problem.clearance.notes)
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:
         notes.append(f"no acceleration limits are known: {s.acceleration_free:g} rad/s² assumed")
-    check = fine
-    if slow is not None:
-        check = _joined(check, slow.state(_times(slow, problem)))
+    made = {
+        "robot": arm.name,
+        "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
+        "settings": dataclasses.asdict(s),
+        "sweeps": sweeps,
+        "rate_hz": rate,
+    }
     return Excitation(
         arm=arm,
         series=series,
@@ -302,40 +272,35 @@ def _finished(
         sweeps=slow,
         condition=problem.condition(fine),
         condition_si=problem.condition_si(fine),
-        random_condition=conditions,
+        random_condition=np.array(conditions),
         columns=problem.base.expressions(),
         used=used(check, problem.torque(check), problem.bounds),
         clearance=float(problem.clearance.least(check[0], max(0.5, 2 * s.clearance)).min()),
         notes=tuple(notes),
-        rate_hz=rate_hz,
-        provenance=found,
+        rate_hz=rate,
+        provenance=provenance("excite", made, seed=seed),
     )
 
 
-def _times(slow: Sweeps, problem: Problem) -> Array:
-    step = problem.settings.period / FINE
-    return np.asarray(np.arange(0.0, slow.duration, step))
+def _check_rate(hz: float) -> None:
+    if not (np.isfinite(hz) and hz > 0):
+        raise StictionError(f"rate {hz} Hz: expected a number above 0")
 
 
-def _joined(one: State, two: State) -> State:
-    q, dq, ddq = (np.vstack(pair) for pair in zip(one, two, strict=True))
-    return q, dq, ddq
-
-
-def _sweeps(problem: Problem, start: Array) -> Sweeps:
-    """Return sweeps inside all limits; first directions turn and spans shrink until they are.
+def _sweeps(problem: Problem, start: Array) -> tuple[Sweeps, State]:
+    """Return sweeps inside all limits, and their states; first directions turn and spans shrink.
 
     Raises:
-        ExperimentError: none are.
+        ExperimentError: none are inside.
     """
-    rng = np.random.default_rng(0)
-    b = problem.bounds
+    rng, b = np.random.default_rng(0), problem.bounds
     for trial in range(SWEEP_TRIES):
         side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))
         part = 1.0 if trial < SWEEP_TRIES // 2 else 0.5
         slow = sweeps_from(start, b.low, b.high, side=side, part=part)
-        if problem.inside(slow.state(_times(slow, problem))):
-            return slow
+        state = slow.state(np.arange(0.0, slow.duration, problem.settings.period / FINE))
+        if problem.inside(state):
+            return slow, state
     raise ExperimentError(
         f"{problem.arm.name}: no sweeps keep the limits where the series begins: choose another "
         "seed, or leave them out"

@@ -1,15 +1,17 @@
-"""What an excitation must keep: limits of position, speed, acceleration and torque, and distances.
+"""Limits of an excitation: position, speed, acceleration, torque, and distances.
 
 Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0.
-Pairs that touch at rest (a foot on the floor, neighbours) are left out; from those that are near at
-rest half of the distance that they have there is asked. A link may be many shapes (a URDF writes a
-capsule as a cylinder and two balls), so hundreds of pairs: MuJoCo is asked only for those whose
+Pairs that touch at rest (a foot on the floor, neighbours) are left out. Pairs that are near at rest
+keep half of their distance there. A link may have many shapes (a URDF writes a capsule as a
+cylinder and two balls), which makes hundreds of pairs: MuJoCo is called only for those whose
 bounding spheres are near.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import mujoco
 import numpy as np
@@ -22,12 +24,16 @@ from stiction_envs.robots.tables import lookup, per_joint
 
 Array = NDArray[np.float64]
 NEAR = 0.05
-"""Links that are nearer at rest are neighbours: half of their distance there is asked [m]."""
+"""Links that are nearer at rest are neighbours: half of their distance there is kept [m]; assumed.
+"""
+TOUCHING = 1e-3
+"""Pairs that are nearer at rest touch, and are left out [m]; assumed."""
 FLANGE_BALL = 0.05
-"""Radius of the ball in place of an arm without collision geometry [m]."""
+"""Radius of the ball in place of an arm without collision geometry [m]; assumed."""
 ROUNDING = 1e-3
-"""Distances between bounding spheres count as smaller by this [m]: far above what MuJoCo rounds, so
-that a pair left out could not have changed a bit."""
+"""Distances between bounding spheres count as smaller by this [m]; assumed. It is far above what
+MuJoCo rounds, so that a pair left out could not have changed a bit."""
+_SOLID = {"contype": 1, "conaffinity": 1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,29 +86,18 @@ class Clearance:
         self.own_geometry = bool(solid)
         if not solid:
             flange = next(x for x in spec.sites if x.name == arm.end_effector)
-            flange.parent.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE,
-                pos=flange.pos,
-                size=[FLANGE_BALL, 0, 0],
-                mass=0,
-                contype=1,
-                conaffinity=1,
-            )
-        spec.worldbody.add_geom(
-            name="excitation_floor",
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[5, 5, 0.1],
-            contype=1,
-            conaffinity=1,
-        )
+            ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [FLANGE_BALL, 0, 0], "mass": 0}
+            flange.parent.add_geom(pos=flange.pos, **ball, **_SOLID)
+        floor = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [5, 5, 0.1]}
+        spec.worldbody.add_geom(name="excitation_floor", **floor, **_SOLID)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         pairs = self._candidates()
         self._place(arm.rest)
         at_rest = {p: self._distance(*p, 1.0) for p in pairs}
-        self.pairs = [p for p, d in at_rest.items() if d > 1e-3]
+        self.pairs = [p for p, d in at_rest.items() if d > TOUCHING]
         self._one, self._two = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
-        # neighbours, whose shapes are next to each other, keep half of what they have at rest
+        # neighbours keep half of their distance at rest
         near = [p for p in self.pairs if at_rest[p] < min(NEAR, settings.clearance)]
         self._allowed = {p: settings.clearance - at_rest[p] / 2 for p in near}
         self.notes = [
@@ -112,21 +107,19 @@ class Clearance:
         ]
 
     def _candidates(self) -> list[tuple[int, int]]:
+        """Return the pairs of shapes that may touch, but for those of one link or of neighbours."""
         m = self.model
-        excluded = {int(s) for s in m.exclude_signature}
         parent = m.body_weldid[m.body_parentid[m.body_weldid]]
         out = []
-        for i in range(m.ngeom):
-            for j in range(i + 1, m.ngeom):
-                a, b = int(m.geom_bodyid[i]), int(m.geom_bodyid[j])
-                ours = (m.geom_contype[i] & m.geom_conaffinity[j]) | (
-                    m.geom_contype[j] & m.geom_conaffinity[i]
-                )
-                wa, wb = int(m.body_weldid[a]), int(m.body_weldid[b])
-                near = wa == wb or (wa and wb and (parent[wa] == wb or parent[wb] == wa))
-                low, high = min(a, b), max(a, b)
-                if ours and not near and (low << 16) + high not in excluded:
-                    out.append((i, j))
+        for i, j in combinations(range(m.ngeom), 2):
+            low, high = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[j])))
+            one, two = (int(m.body_weldid[x]) for x in (low, high))
+            apart = one != two and not (one and two and (parent[one] == two or parent[two] == one))
+            touch = (m.geom_contype[i] & m.geom_conaffinity[j]) | (
+                m.geom_contype[j] & m.geom_conaffinity[i]
+            )
+            if touch and apart and (low << 16) + high not in m.exclude_signature:
+                out.append((i, j))
         return out
 
     def _place(self, q: Array) -> None:
@@ -154,30 +147,34 @@ class Clearance:
     def _link(self, geometry: int) -> str:
         return str(self.model.body(int(self.model.geom_bodyid[geometry])).name)
 
+    def _close(
+        self, q: Array, most: float, *, nearest_first: bool = False
+    ) -> Iterator[tuple[int, tuple[int, int]]]:
+        """Yield poses of (T, n), the arm in place, and pairs that may be nearer than this [m]."""
+        bounds = self._bounds(q)
+        near = bounds < most
+        poses = np.flatnonzero(near.any(axis=1))
+        if nearest_first:
+            poses = np.argsort(bounds.min(axis=1, initial=most))[: len(poses)]
+        for k in poses:
+            self._place(q[k])
+            for p in np.flatnonzero(near[k]):
+                yield int(k), self.pairs[p]
+
     def least(self, q: Array, most: float = 0.5) -> Array:
         """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
         out = np.full(len(q), most)
-        near = self._bounds(q) < most
-        for k in np.flatnonzero(near.any(axis=1)):
-            self._place(q[k])
-            for p in np.flatnonzero(near[k]):
-                out[k] = min(out[k], self._distance(*self.pairs[p], most))
+        for k, pair in self._close(q, most):
+            out[k] = min(out[k], self._distance(*pair, most))
         return out
 
     def keeps(self, q: Array, wanted: float) -> bool:
         """Whether all links keep a distance [m] at poses (T, n), near ones what they have."""
-        bounds = self._bounds(q)
-        near = bounds < wanted
         # the nearest first: one that is too near ends it
-        for k in np.argsort(bounds.min(axis=1, initial=wanted)):
-            if not near[k].any():
-                break
-            self._place(q[k])
-            for p in np.flatnonzero(near[k]):
-                d = self._distance(*self.pairs[p], 2 * wanted)
-                if d + self._allowed.get(self.pairs[p], 0.0) < wanted:
-                    return False
-        return True
+        return all(
+            self._distance(*pair, 2 * wanted) + self._allowed.get(pair, 0.0) >= wanted
+            for _, pair in self._close(q, wanted, nearest_first=True)
+        )
 
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
         """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
@@ -192,22 +189,19 @@ class Clearance:
         total, gradient = 0.0, np.zeros_like(q)
         ends = np.zeros((6, 1))
         one, two = np.zeros((2, 3, self.model.nv))
-        close = self._bounds(q) < wanted
-        for k in np.flatnonzero(close.any(axis=1)):
-            self._place(q[k])
-            mujoco.mj_comPos(self.model, self.data)  # the Jacobians need it
-            for i, j in (self.pairs[p] for p in np.flatnonzero(close[k])):
-                d = self._distance(i, j, wanted, ends)
-                near = self._allowed.get((i, j), 0.0)
-                if d + near >= wanted:
-                    continue
-                a, b = ends[:3, 0], ends[3:, 0]
-                short = 1 - (d + near) / wanted
-                total += short**2
-                if abs(d) > 1e-9:
-                    mujoco.mj_jac(self.model, self.data, one, None, a, self.model.geom_bodyid[i])
-                    mujoco.mj_jac(self.model, self.data, two, None, b, self.model.geom_bodyid[j])
-                    gradient[k] -= 2 * short / wanted * (((b - a) / d) @ (two - one))
+        for k, (i, j) in self._close(q, wanted):
+            d = self._distance(i, j, wanted, ends)
+            near = self._allowed.get((i, j), 0.0)
+            if d + near >= wanted:
+                continue
+            a, b = ends[:3, 0], ends[3:, 0]
+            short = 1 - (d + near) / wanted
+            total += short**2
+            if abs(d) > 1e-9:
+                mujoco.mj_comPos(self.model, self.data)  # the Jacobians need it
+                mujoco.mj_jac(self.model, self.data, one, None, a, self.model.geom_bodyid[i])
+                mujoco.mj_jac(self.model, self.data, two, None, b, self.model.geom_bodyid[j])
+                gradient[k] -= 2 * short / wanted * (((b - a) / d) @ (two - one))
         return total, gradient
 
 

@@ -1,4 +1,4 @@
-"""What an excitation is made of: a Fourier series at rest once a period, slow sweeps."""
+"""Parts of an excitation: a Fourier series that rests once a period, and slow sweeps."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy.linalg import null_space
 
 Array = NDArray[np.float64]
 SPEEDS = (0.02, 0.08, 0.3)
-"""Of the sweeps [rad/s]: below, at and above usual Stribeck velocities."""
+"""Of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
 SPAN = 0.3
-"""Largest angle of a sweep [rad]."""
+"""Largest angle of a sweep [rad]; assumed."""
 SECONDS = 4.0
-"""Longest time of one direction [s]."""
+"""Longest time of one direction [s]; assumed."""
 RISE = 0.3
-"""Time from rest to speed [s]."""
+"""Time from rest to speed [s]; assumed."""
 PAUSE = 0.5
-"""At rest between two directions [s]."""
+"""Time at rest between two directions [s]; assumed."""
 State = tuple[Array, Array, Array]
 """Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
 

@@ -1,4 +1,4 @@
-"""Search for the Fourier series whose regressor is conditioned best, inside all limits.
+"""Search for the Fourier series with the best-conditioned regressor inside all limits.
 
 Rows of the regressor are divided by the joints' torque limits, columns by their size over states
 drawn from the whole allowed range: a parameter that a motion hardly excites is then a small column,
@@ -38,28 +38,30 @@ from stiction_envs.robots.regressor import (
 
 Array = NDArray[np.float64]
 POWER = 2.0
-"""p of the smooth condition number [-]."""
+"""p of the smooth condition number [-]; assumed."""
 PENALTIES = (1e1, 1e3, 1e5)
-"""Weights of the penalties, one search after the other [-]."""
+"""Weights of the penalties, one search after the other [-]; assumed."""
 TIGHT = 0.98
-"""Part of each limit at which the penalty begins, so that the end stays inside [-]."""
+"""Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
 DIFFERENCE = 1e-6
-"""Step of the regressor's finite differences [rad, rad/s, rad/s²]."""
+"""Step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed."""
 STATES = 300
-"""Random states from which base parameters and the columns' sizes are taken; as many poses are
-tried where the one at rest cannot be held."""
+"""Random states from which base parameters and the columns' sizes are taken, and poses that are
+tried where the one at rest cannot be held; assumed."""
 TRIES = 400
-"""Random motions that are tried before none is said to fit."""
+"""Random motions that are tried before the search fails; assumed."""
 EASY = 0.8
-"""Part of the usable torque that may hold a pose in place of one at rest that is not held [-]."""
+"""Part of the usable torque that a pose may need to take the place of one at rest [-]; assumed."""
 SHRINK, SHRINKS = 0.97, 40
-"""A motion that breaks a limit is made smaller by this factor, so many times at most."""
+"""A motion that breaks a limit is made smaller by this factor [-], so many times at most; assumed.
+"""
 SIGN_SPEED = 0.02
-"""Speed at which dry friction's column is at 0.76 of its level [rad/s]."""
+"""Speed at which dry friction's column is at 0.76 of its level [rad/s]; assumed."""
 SAMPLES = 50
-"""Per period in the search: five times the highest harmonic, and twice that of its squares."""
+"""Per period in the search; assumed: five times the highest harmonic, and twice that of its
+squares."""
 FINE = 400
-"""Per period in the check of the result."""
+"""Per period in the check of the result; assumed."""
 
 
 class Problem:
@@ -72,11 +74,10 @@ class Problem:
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
-        n, states = arm.n, STATES
-        b = self.bounds
-        q = rng.uniform(b.low, b.high, (states, n))
-        dq = rng.uniform(-1, 1, (states, n)) * b.velocity
-        ddq = rng.uniform(-1, 1, (states, n)) * b.acceleration
+        n, b = arm.n, self.bounds
+        q = rng.uniform(b.low, b.high, (STATES, n))
+        dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
+        ddq = rng.uniform(-1, 1, (STATES, n)) * b.acceleration
         friction = [f"{name}{j}" for j in range(1, n + 1) for name in ("Fc", "Fv", "offset")]
         names = (*inertial_names(n), *friction)
         whole = self._whole(q, dq, ddq)
@@ -85,11 +86,9 @@ class Problem:
         self.size = np.sqrt(np.mean(np.square(picked), axis=(0, 1)))
         self.basis = rest_basis(settings.harmonics)
         t = np.arange(SAMPLES) / SAMPLES * settings.period
-        self.grid = t
-        p, v, a = fourier_basis(t, settings.base_frequency, settings.harmonics)
-        self.p, self.v, self.a = p @ self.basis, v @ self.basis, a @ self.basis
-        fine = np.arange(FINE) / FINE * settings.period
-        self.fine = fine
+        kinds = fourier_basis(t, settings.base_frequency, settings.harmonics)
+        self.p, self.v, self.a = (x @ self.basis for x in kinds)
+        self.fine = np.arange(FINE) / FINE * settings.period
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
@@ -153,12 +152,10 @@ class Problem:
         Raises:
             ExperimentError: none is found.
         """
-        if self._home is None:
-            found = self._drawn(rng, self.arm.rest)
-            if found is not None:
-                return found
-            self._home = self._held()
-        found = None if self._home is None else self._drawn(rng, self._home)
+        found = self._drawn(rng, self.arm.rest) if self._home is None else None
+        if found is None:
+            self._home = self._held() if self._home is None else self._home
+            found = None if self._home is None else self._drawn(rng, self._home)
         if found is not None:
             return found
         b = self.bounds
@@ -178,7 +175,7 @@ class Problem:
         )
 
     def _held(self) -> Array | None:
-        """Return a pose that can be held with ease, the first on random ways from rest, or None."""
+        """Return the first easily held pose on random paths from rest, or None."""
         b = self.bounds
         drawn = np.random.default_rng(0).uniform(b.low, b.high, (STATES, self.arm.n))
         rest = np.clip(self.arm.rest, b.low, b.high)
@@ -192,13 +189,13 @@ class Problem:
 
     def _drawn(self, rng: np.random.Generator, home: Array) -> Array | None:
         """Return a random point inside all limits, in the end one about a pose (n,), or None."""
-        n, b, tries = self.arm.n, self.bounds, TRIES
-        for trial in range(tries):
+        n, b = self.arm.n, self.bounds
+        for trial in range(TRIES):
             c = rng.normal(size=(n, self.basis.shape[1]))
             q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
             reach = np.ptp(q, axis=0)
-            late = max(0.0, 2 * trial / tries - 1)
-            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / tries) * (1 - 0.95 * late)
+            late = max(0.0, 2 * trial / TRIES - 1)
+            part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / TRIES) * (1 - 0.95 * late)
             scale = np.min(
                 [
                     part * (b.high - b.low) / reach,
@@ -219,12 +216,11 @@ class Problem:
 
     def fitted(self, x: Array) -> Array | None:
         """Return a point inside all limits on the fine grid, made smaller if need be, or None."""
-        n = self.arm.n
         out = x.copy()
         for _ in range(SHRINKS):
             if self.inside(self.series(out).state(self.fine)):
                 return out
-            out[n:] *= SHRINK
+            out[self.arm.n :] *= SHRINK
         return None
 
     # ---- objective ---------------------------------------------------------------------------
@@ -244,8 +240,8 @@ class Problem:
         torque = whole[:, :, : 10 * n] @ self.phi
         limit = TIGHT * self.bounds.torque
         over = np.maximum(np.abs(torque) / limit - 1, 0.0)
-        value += weight * float(np.sum(over**2)) / len(self.grid)
-        slope = weight * 2 * over * np.sign(torque) / limit / len(self.grid)
+        value += weight * float(np.sum(over**2)) / SAMPLES
+        slope = weight * 2 * over * np.sign(torque) / limit / SAMPLES
         outer[:, :, : 10 * n] += slope[:, :, None] * self.phi
 
         along = [np.empty_like(state[0]) for _ in range(3)]
@@ -263,7 +259,7 @@ class Problem:
 
     def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
         q, dq, ddq = state
-        b, share = self.bounds, weight / len(self.grid)
+        b, share = self.bounds, weight / SAMPLES
         half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
         value = 0.0
         out = []

@@ -1,4 +1,4 @@
-"""Dynamics identification: base parameters with errors, and links that can exist, from joint logs.
+"""Dynamics identification from joint logs: base parameters with errors, and consistent links.
 
     from stiction_envs.identification.identify import identify
 
@@ -7,15 +7,15 @@
     found.save("runs/links")
     arm = found.arm()          # for `SingleJointExperiment`, `friction.model.build`, …
 
-What torques show are sums of link parameters, found by QR with pivoting of pinocchio's regressor
-(`robots.regressor`), jointly with Coulomb, viscous and constant torque. Unconstrained least squares
-on them says nothing about single links; filled up to ten parameters per link it gives negative
-masses (Table 4.1 of the thesis). Here a second fit runs over links that can exist.
+Torques determine only sums of link parameters, the base parameters. QR with pivoting of pinocchio's
+regressor finds them (`robots.regressor`), together with Coulomb, viscous and constant torque.
+Unconstrained least squares does not determine single links: filled up to ten parameters per link it
+gives negative masses (Table 4.1 of the thesis). So a second fit runs over physically consistent
+links.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
-from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.identification.base_parameters import (
@@ -55,19 +55,19 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
-__all__ = ["Identification", "identify", "identify_data"]
+__all__ = ["Identification", "identify"]
 
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 FOLDS = 6
-"""Parts of the time that are held out in turn: enough rows stay to fit."""
+"""Parts of the time that are held out in turn; assumed: enough rows stay to fit."""
 MOST_SAMPLES = 20_000
-"""Of all logs together; longer logs are thinned out after the filter."""
+"""Of all logs together; assumed. Longer logs are thinned out after the filter."""
 POOR = 0.02
-"""Error of torque over the torque limit that a well excited parameter may make [-]."""
+"""Largest error of torque over the torque limit of a well excited parameter [-]; assumed."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
-"""Whose held-out residual is told: the nominal arm; the same with friction fitted (what people do
-today); unconstrained base parameters with friction; links that can exist with friction."""
+"""Models whose held-out residual is reported: the nominal arm; the same with fitted friction, which
+is common practice; unconstrained base parameters and friction; consistent links and friction."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -87,7 +87,7 @@ class Identification(Result):
     condition: float
     """Condition number of the weighted regressor with columns of unit length."""
     phi: Array
-    """(n, 10) parameters of links that can exist, about their joints."""
+    """(n, 10) parameters of physically consistent links, about their joints."""
     coulomb: Array
     """(n,) of the same fit [N·m]."""
     viscous: Array
@@ -101,11 +101,11 @@ class Identification(Result):
     noise: Array
     """(n,) robust standard deviation of the residual of the base parameters [N·m]."""
     unsure: tuple[int, ...]
-    """Base parameters (from 0) whose error makes torques over the whole range wrong by more than
-    `POOR`: the logs hardly excite them, and the links follow the nominal there."""
+    """Base parameters (from 0) whose error changes torques over the range by more than `POOR`.
+    The logs hardly excite them, and the links follow the nominal there."""
     provenance: dict[str, Any]
     notes: tuple[str, ...] = ()
-    """How the signals were made, and whether torques were counted the other way round."""
+    """How the signals were made, and whether the torques had the opposite sign."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ class Identification(Result):
 
     @property
     def on_bound(self) -> tuple[str, ...]:
-        """Friction of the links that can exist which would like to be negative."""
+        """Friction of the consistent fit that is on its bound of zero."""
         kinds = {"Fc": self.coulomb, "Fv": self.viscous}
         if self.rotor is not None:
             kinds["rotor"] = self.rotor
@@ -122,7 +122,7 @@ class Identification(Result):
 
     @property
     def gain_percent(self) -> float:
-        """Of the links that can exist over the nominal with friction, held out, mean of joints."""
+        """Gain of the consistent fit over the nominal with friction, held out, mean of joints."""
         ratio = self.rms["consistent"] / self.rms["nominal + friction"]
         return float(100 * (1 - ratio.mean()))
 
@@ -146,13 +146,7 @@ class Identification(Result):
             "condition": self.condition,
             "base": [
                 {"parameter": name, "value": v, "standard_error": e, "nominal": x}
-                for name, v, e, x in zip(
-                    self.names,
-                    self.values.tolist(),
-                    self.errors.tolist(),
-                    self.nominal_values.tolist(),
-                    strict=True,
-                )
+                for name, v, e, x in self._base_rows()
             ],
             "links": [
                 dict(zip(PARAMETERS, row, strict=True)) | {"least_eigenvalue": float(e)}
@@ -166,6 +160,11 @@ class Identification(Result):
             "on_bound": list(self.on_bound),
             "notes": list(self.notes),
         }
+
+    def _base_rows(self) -> list[tuple[str, float, float, float]]:
+        """Return name, value, standard error and nominal value of the base parameters."""
+        numbers = (x.tolist() for x in (self.values, self.errors, self.nominal_values))
+        return list(zip(self.names, *numbers, strict=True))
 
     def write(self, folder: Path) -> None:
         """Write ``identification.json``, ``report.md``, ``report.html``, ``model.xml``, a plot."""
@@ -214,10 +213,9 @@ class Identification(Result):
         header = ["link", "mass [kg]", "centre of mass [m]"]
         friction_of_joint = ["Coulomb [N·m]", "viscous [N·m·s/rad]", "offset [N·m]"]
         lines += table([*header, *friction_of_joint], links)
-        found = zip(self.names, self.values, self.errors, self.nominal_values, strict=True)
         lines += table(
             ["base parameter [kg, kg·m, kg·m²]", "value", "standard error", "nominal"],
-            [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in found],
+            [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in self._base_rows()],
         )
         if self.unsure:
             which = "; ".join(self.names[i] for i in self.unsure)
@@ -238,9 +236,8 @@ def describe(answer: dict[str, Any]) -> str:
     lines = [f"{'held-out residual [N·m], joint':<32}" + row(joints)]
     lines += [f"{name:<32}" + row(rms) for name, rms in answer["held_out_rms_nm"].items()]
     lines.append(f"{'noise':<32}" + row(answer["noise_nm"]))
-    lines.append(
-        f"links that can exist: {answer['gain_percent']:.1f} % below the nominal arm with friction"
-    )
+    gain = f"{answer['gain_percent']:.1f} % below the nominal arm with friction"
+    lines.append(f"physically consistent links: {gain}")
     if answer["hardly_excited"]:
         lines.append(
             f"hardly excited by these logs: {len(answer['hardly_excited'])} of "
@@ -282,7 +279,7 @@ def identify(
     chosen = override(identification_settings(), settings)
     gap = chosen.gap
     arm = arm_of(robot)
-    torque_side(torque, ())  # a side that is none is said first
+    torque_side(torque, ())  # an unknown side is an error before any log is read
     given = [logs] if isinstance(logs, str | Path | JointLog) else list(logs)
     if not given:
         raise StictionError("no logs: expected one or more")
@@ -314,27 +311,7 @@ def identify(
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
     data = assemble(arm, signals, torque=side, settings=gap)
-    found = identify_data(data, progress=say, settings=chosen)
-    # torques are turned in all logs or none
-    sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
-    source = [c.text for log in turned for c in log.corrections if c.kind == "source"]
-    return dataclasses.replace(found, notes=(*signals.notes, *source, *sign), provenance=made)
-
-
-def identify_data(
-    data: Data,
-    *,
-    progress: Callable[[str, float], None] | None = None,
-    settings: IdentificationSettings | None = None,
-) -> Identification:
-    """Identify from logs that stand beside a nominal model already.
-
-    Raises:
-        StictionError: fewer rows than parameters.
-    """
-    say = progress or (lambda *_: None)
-    chosen = settings or identification_settings()
-    rotor = data.recording.torque == "motor"
+    rotor = side == "motor"
     base, reach = structural_base(data, rotor)
     d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
     if d.torque.size < 2 * base.size:
@@ -348,24 +325,27 @@ def identify_data(
     p = consistent_fit(d, found, chosen)
     say("fitting", 0.2)
     rms = held_out(d, base, lambda part: say("held-out", part), chosen)
-    n, links = d.n, d.links
-    own = p[links:].reshape(-1, n)
+    own = p[d.links :].reshape(-1, d.n)
+    # torques are turned in all logs or none
+    sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
+    source = [c.text for log in turned for c in log.corrections if c.kind == "source"]
     return Identification(
-        nominal=data.arm,
+        nominal=arm,
         base=base,
         values=found.values,
         errors=errors,
         nominal_values=base.values(d.nominal),
         condition=condition,
-        phi=p[:links].reshape(n, 10),
+        phi=p[: d.links].reshape(d.n, 10),
         coulomb=own[-3],
         viscous=own[-2],
         offset=own[-1],
         rotor=own[0] if rotor else None,
         rms=rms,
         noise=found.noise,
-        provenance=provenance("identify", {"robot": data.arm.name}, seed=0),
+        provenance=made,
         unsure=tuple(np.flatnonzero(errors * reach > POOR).tolist()),
+        notes=(*signals.notes, *source, *sign),
     )
 
 
@@ -374,12 +354,12 @@ def held_out(
 ) -> dict[str, Array]:
     """Return (n,) residual of each of `MODELS` on blocks that it was not fitted to [N·m].
 
-    Only the presliding distance, one of a few for all models alike, was chosen on all rows.
+    Only the presliding distance was chosen on all rows; it is the same for all models.
 
     Args:
         d: torques and columns.
         base: the base parameters.
-        say: told the part done.
+        say: called with the part done.
         settings: constants of the method.
     """
     blocks = np.unique(d.block[d.block >= 0])

@@ -1,32 +1,84 @@
-"""The picture of an identification: what each model leaves of the torque of each joint."""
+"""Pictures of an excitation, and of an identification."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
+from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
 """Of `identification.MODELS`."""
 
 
-def plot_identification(
-    name: str, rms: Mapping[str, Array], noise: Array, path: str | Path
+def plot_excitation(
+    t: Array,
+    q: Array,
+    dq: Array,
+    path: str | os.PathLike[str],
+    *,
+    arm: Arm,
+    condition: float,
+    random: Array,
 ) -> None:
-    """Draw the held-out residual of every joint under every model, and write a PNG.
+    """Draw angles in their ranges, speeds, and the condition number reached; write a PNG.
+
+    Args:
+        t: (T,) times from its start to its end [s].
+        q: (T, n) angles [rad].
+        dq: (T, n) speeds [rad/s].
+        path: PNG to write.
+        arm: the arm it was found for.
+        condition: its condition number [-].
+        random: (R,) those of random motions inside the same limits [-].
+    """
+    low, high = arm.limits.position.T
+    figure = Figure(figsize=(9.6, 7.2), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(3.4, 1))
+    angle, speed = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    points = figure.add_subplot(grid[:, 1])
+    for j in range(arm.n):
+        colour = colormaps["viridis"](j / max(1, arm.n - 1) * 0.92)
+        where = (q[:, j] - low[j]) / (high[j] - low[j])
+        angle.plot(t, where, color=colour, lw=1.3, label=f"{j + 1}")
+        speed.plot(t, dq[:, j] / arm.limits.velocity[j], color=colour, lw=1.3)
+    for axes, bounds in ((angle, (0, 1)), (speed, (-1, 1))):
+        for y in bounds:
+            axes.axhline(y, color="black", lw=0.8, ls="--")
+    angle.set(ylabel="angle in its range [-]", ylim=(-0.05, 1.05), xlim=(0, t[-1]))
+    angle.tick_params(labelbottom=False)
+    speed.set(ylabel="speed over its limit [-]", xlabel="time [s]", xlim=(0, t[-1]))
+    speed.set_ylim(-1.1, 1.1)
+    angle.legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    spread = np.random.default_rng(0).uniform(-0.15, 0.15, len(random))
+    points.scatter(spread, random, color=WITHOUT, s=18)
+    points.scatter([1], [condition], color=WITH, s=60, marker="D")
+    points.set(yscale="log", xlim=(-0.5, 1.5), ylabel="condition number κ of the scaled regressor")
+    points.set_xticks([0, 1], ["random,\nsame limits", "optimised"])
+    points.grid(axis="y", which="both", alpha=0.25)
+    figure.suptitle(f"{arm.title}: excitation, {t[-1]:.3g} s, κ = {condition:.3g}")
+    save_full(figure, path)
+
+
+def plot_identification(
+    name: str, rms: Mapping[str, Array], noise: Array, path: str | os.PathLike[str]
+) -> None:
+    """Draw the held-out residual of every joint under every model; write a PNG.
 
     Args:
         name: of the arm.
         rms: (n,) of every model [N·m].
         noise: (n,) [N·m].
-        path: of the PNG.
+        path: PNG to write.
     """
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -40,10 +92,9 @@ def plot_identification(
     for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         which("{x:g}")
     axes.set_xticks(joints)
-    axes.set_xlabel("joint")
-    axes.set_ylabel("held-out torque residual, RMS [N·m]")
+    axes.set(xlabel="joint", ylabel="held-out torque residual, RMS [N·m]")
     axes.set_title(f"{name}: what each model leaves (lower is better)")
     axes.grid(axis="y", which="both", alpha=0.25)
     axes.set_axisbelow(True)
     axes.legend(ncols=5, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14))
-    save_full(figure, Path(path))
+    save_full(figure, path)

@@ -1,4 +1,4 @@
-"""Identification: true parameters inside their errors, links that exist."""
+"""Identification: true parameters inside their errors, physically consistent links."""
 
 import dataclasses
 
@@ -29,7 +29,6 @@ from stiction_envs.identification.bodies import (
 )
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
-from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.inertias import with_inertias
@@ -150,10 +149,7 @@ def test_rotors_are_seen_in_front_of_the_gear(panda, motion):
     q, dq, ddq = motion.state(motion.times(RATE))
     rotor = np.array([0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2])
     log = excited.log(panda, (q, dq, ddq), RATE, noise=0.02, seed=0)
-    with_rotors = JointLog(
-        source="rotors.csv", t=log.t.copy(), q=log.q.copy(), dq=None, tau=log.tau + rotor * ddq
-    )
-    seen = identify([with_rotors], panda)
+    seen = identify([dataclasses.replace(log, tau=log.tau + rotor * ddq)], panda)
     assert seen.rotor is not None
     np.testing.assert_allclose(seen.rotor[2:], rotor[2:], rtol=0.3)
 
@@ -191,7 +187,7 @@ def test_deviations_have_no_frame(panda):
 
 
 def test_the_consistent_minimum_is_one():
-    """No way to another body or friction that can exist leads down, and some bounds are active."""
+    """No consistent body or friction nearby has a lower cost, and some bounds are active."""
     n, rng = 2, np.random.default_rng(0)
     size = 10 * n + 2 + n
     root = rng.normal(size=(size, size))
@@ -300,7 +296,7 @@ def test_page_and_json_hold_everything(found):
 def test_the_report_says_less_or_more_without_a_minus(found, ratio, says, tmp_path):
     rms = {**found.rms, "consistent": ratio * found.rms["nominal + friction"]}
     dataclasses.replace(found, rms=rms).write(tmp_path)
-    assert f"**Links that can exist {says} the torque unexplained**" in (
+    assert f"**Physically consistent links {says} the torque unexplained**" in (
         tmp_path / "report.md"
     ).read_text("utf-8")
 
@@ -310,25 +306,13 @@ def test_bad_input(panda, recorded):
         identify([], panda)
     with pytest.raises(StictionError, match=r"\(7, 10\)"):
         with_inertias(panda, np.ones((6, 10)))
-    short = JointLog(
-        source="short.csv",
-        t=recorded.t[:60].copy(),
-        q=recorded.q[:60].copy(),
-        dq=None,
-        tau=recorded.tau[:60].copy(),
-    )
-    with pytest.raises(StictionError):
-        identify([short], panda, cutoff_hz=15.0)
+    first = {k: getattr(recorded, k)[:60] for k in ("t", "q", "tau")}
+    with pytest.raises(StictionError, match="expected"):
+        identify([dataclasses.replace(recorded, **first)], panda, cutoff_hz=15.0)
 
 
 def test_torques_counted_the_other_way_round(panda, recorded, found):
-    log = JointLog(
-        source="turned.csv",
-        t=recorded.t.copy(),
-        q=recorded.q.copy(),
-        dq=None,
-        tau=-recorded.tau,
-    )
-    again = identify([log], panda, torque="link")
+    turned = dataclasses.replace(recorded, tau=-recorded.tau)
+    again = identify([turned], panda, torque="link")
     np.testing.assert_allclose(again.phi, found.phi, atol=1e-9)
     assert "opposite sign" in again.page()
