@@ -1,4 +1,4 @@
-"""What a log says of itself: units, channels that are stuck, speeds that lag, angles that obey."""
+"""Checks of a log by itself: units, stuck channels, speeds that lag, commanded angles."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
 LARGEST_ANGLE = 1e3
-"""No joint of an arm comes near it [rad]."""
+"""No joint of an arm comes near it [rad]; assumed."""
 LARGEST_SPEED = 1e3
-"""The same [rad/s]."""
+"""The same [rad/s]; assumed."""
 LARGEST_TORQUE = 1e5
-"""The same, measured or commanded [N·m]."""
+"""The same, measured or commanded [N·m]; assumed."""
 FREE_ANGLE = 20.0
-"""Angle that passes for radians where the robot's limits are not known [rad]."""
+"""Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
 ANY_ARM = 10.0
-"""Torques up to so many times a limit that is only assumed pass for N·m [-]."""
+"""Torques up to so many times a limit that is only assumed pass for N·m [-]; assumed: 1000 N·m,
+more than arms of less than 100 kg can do."""
 SLOWEST_STEP = 0.1
-"""Time between rows above which nothing can be said of friction [s]."""
+"""Time between rows above which a log does not show friction [s]; assumed."""
 SATURATED_ROWS = 5
-"""This many rows in a row at a channel's largest value are a limit."""
+"""This many rows in a row at a channel's largest value are a limit; assumed."""
 COMPARED_SECONDS = 60.0
-"""Length of the stretch in which speed and angle are compared [s]."""
+"""Length of the stretch in which speed and angle are compared [s]; assumed."""
 COMPARED_ROWS = 64
-"""With fewer rows nothing is said of speeds."""
+"""Fewest rows in which speeds are compared; assumed."""
 COMPARED_HZ = 2.0
-"""Below this frequency arms move, and speeds are compared [Hz]."""
+"""Below this frequency arms move, and speeds are compared [Hz]; assumed."""
 TOO_FAST = 3.0
-"""Times the joint's largest speed that no arm moves at [-]."""
+"""No arm moves at more than this times its joint's largest speed [-]; assumed."""
 _DEGREE = np.pi / 180
 Place = Callable[[int], str]
 
@@ -97,7 +98,7 @@ def check_time(rows: Rows, place: Place) -> None:
 
 
 def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
-    """Angles are in radians and torques in N·m, as far as the joint ``limits`` tell.
+    """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
 
     Returns:
         Warnings about values beyond the limits that no unit explains.
@@ -106,42 +107,45 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
         StictionError: q looks like degrees, or tau like percent or mN·m.
     """
     warnings = []
-    q, tau = rows.data["q"], rows.data["tau"]
-    for j in range(q.shape[1]):
-        i = int(np.argmax(np.abs(q[:, j])))
-        low, high = (-np.inf, np.inf) if limits is None else limits.position[j]
-        most = FREE_ANGLE if limits is None else max(abs(low), abs(high))
-        value = q[i, j]
-        if abs(value) > (2 if limits is not None else 1) * most:
+    for j, q in enumerate(rows.data["q"].T):
+        low, high = (-FREE_ANGLE, FREE_ANGLE) if limits is None else limits.position[j]
+        i = int(np.argmax(np.abs(q)))
+        if abs(q[i]) > (1 if limits is None else 2) * max(abs(low), abs(high)):
             raise StictionError(
-                f"{place(i)}: q{j + 1} is {value:g}, which looks like degrees: expected "
-                + (f"{low:g} to {high:g} rad" if limits is not None else "radians")
+                f"{place(i)}: q{j + 1} is {q[i]:g}, which looks like degrees: expected "
+                + ("radians" if limits is None else f"{low:g} to {high:g} rad")
             )
-        for end in (float(np.min(q[:, j])), float(np.max(q[:, j]))):
-            if not low - 0.05 * abs(low) <= end <= high + 0.05 * abs(high):
-                warnings.append(
-                    f"q{j + 1} reaches {end:.3g} rad, beyond the joint's limits of {low:g} to "
-                    f"{high:g} rad: another robot, another zero, or another sign?"
-                )
-                break
-    for j in range(tau.shape[1] if limits is not None else 0):
-        most = float(limits.torque[j]) if limits is not None else np.inf
-        size = np.abs(tau[:, j])
-        usual = float(np.percentile(size, 90))
-        assumed = limits is not None and bool(limits.torque_assumed[j])
+        beyond = (
+            x
+            for x in (q.min(), q.max())
+            if not low - 0.05 * abs(low) <= x <= high + 0.05 * abs(high)
+        )
+        end = None if limits is None else next(beyond, None)
+        if end is not None:
+            warnings.append(
+                f"q{j + 1} reaches {end:.3g} rad, beyond the joint's limits of {low:g} to "
+                f"{high:g} rad: another robot, another zero, or another sign?"
+            )
+    if limits is None:
+        return warnings
+    for j, tau in enumerate(rows.data["tau"].T):
+        most, size = float(limits.torque[j]), np.abs(tau)
+        usual, largest = float(np.percentile(size, 90)), np.max(size)
         # a limit that is only assumed refuses no torque that an arm could have
-        far = ANY_ARM if assumed else 1.0
-        if usual > far * most or np.max(size) > 3 * far * most:
-            i = int(np.argmax(size))
+        far = ANY_ARM if limits.torque_assumed[j] else 1.0
+        if usual > far * most or largest > 3 * far * most:
             # mN·m are a thousand times too large, per cent at most some hundreds.
             unit = "mN·m" if usual > 300 else "per cent of the rated torque"
+            i = int(np.argmax(size))
             raise StictionError(
-                f"{place(i)}: tau{j + 1} is {tau[i, j]:g}, which looks like {unit}: "
+                f"{place(i)}: tau{j + 1} is {tau[i]:g}, which looks like {unit}: "
                 f"expected N·m, and this joint can do {most:g}"
             )
-        if np.max(size) > 1.2 * most:
-            known = f"{most:g} N·m are assumed, its file says none" if assumed else f"{most:g} N·m"
-            warnings.append(f"tau{j + 1} reaches {np.max(size):.4g} N·m, the joint can do {known}")
+        if largest > 1.2 * most:
+            known = f"{most:g} N·m"
+            if limits.torque_assumed[j]:
+                known += " are assumed, its file says none"
+            warnings.append(f"tau{j + 1} reaches {largest:.4g} N·m, the joint can do {known}")
     return warnings
 
 
@@ -168,11 +172,11 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
             if flat[j] and name != "q" and span["q"][j] > motion.stir_span:
                 warnings.append(f"{value} although the joint moves")
     for j in range(n):
-        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j], SATURATED_ROWS)
+        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j])
     return warnings
 
 
-def _saturation(column: str, x: NDArray[np.float64], least: int) -> list[str]:
+def _saturation(column: str, x: NDArray[np.float64]) -> list[str]:
     if np.ptp(x) == 0:
         return []
     ends = {"largest": x == x.max(), "smallest": x == x.min()}
@@ -182,7 +186,7 @@ def _saturation(column: str, x: NDArray[np.float64], least: int) -> list[str]:
         f"{column} stays at its {what} value {x[np.argmax(at)]:.5g} N·m in {at.sum()} rows, "
         f"up to {longest_run(at)} in a row: saturated"
         for what, at in ends.items()
-        if longest_run(at) >= max(least, 2 * usual)
+        if longest_run(at) >= max(SATURATED_ROWS, 2 * usual)
     ]
 
 
@@ -228,12 +232,12 @@ def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]
     """
     if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / COMPARED_HZ:
         return []
-    grid, rate = _even(rows, step, COMPARED_SECONDS), 1 / step
+    grid, rate = _even(rows, step), 1 / step
     if len(grid["q"]) < COMPARED_ROWS:
         return []
     speeds = np.gradient(grid["q"], step, axis=0)
     size = speeds.std(axis=0)
-    # Joints that only shake along say little, and that with a lag of their own.
+    # Joints that are only shaken by others are poor evidence, and have a lag of their own.
     movers = np.flatnonzero(
         (size > motion.mover_ratio * size.max()) & (size > motion.reversal_speed)
     )
@@ -248,7 +252,7 @@ def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]
             corner = _corner(speeds[:, j], grid["dq"][:, j], abs(scale), rate)
             found.append((scale, -turned / scale, corner))
     warnings = _speed_findings(np.array(found), step) if found else []
-    return warnings + _obedience(grid, rate, movers)
+    return warnings + _commanded_angles(grid, rate, movers)
 
 
 def _corner(v: NDArray[np.float64], dq: NDArray[np.float64], scale: float, rate: float) -> float:
@@ -281,10 +285,10 @@ def _speed_findings(found: NDArray[np.float64], step: float) -> list[str]:
     return warnings
 
 
-def _obedience(
+def _commanded_angles(
     grid: dict[str, NDArray[np.float64]], rate: float, movers: NDArray[np.int64]
 ) -> list[str]:
-    """Whether q misses a shaking that both dq and tau show: then q is not what was measured."""
+    """Warn where q lacks a vibration that dq and tau show: then q is not what was measured."""
     found: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
     for j in movers:
         v = np.gradient(grid["q"][:, j], 1 / rate)
@@ -314,10 +318,9 @@ def _obedience(
     ]
 
 
-def _even(rows: Rows, step: float, seconds: float) -> dict[str, NDArray[np.float64]]:
-    """q, dq and tau of the first ``seconds`` on even times."""
-    end = min(rows.t[-1], rows.t[0] + seconds)
-    t = np.arange(rows.t[0], end, step)
+def _even(rows: Rows, step: float) -> dict[str, NDArray[np.float64]]:
+    """q, dq and tau of the first `COMPARED_SECONDS` on even times."""
+    t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
     return {
         name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
         for name in ("q", "dq", "tau")

@@ -1,23 +1,24 @@
 """The robot's clock behind the logger's.
 
-A logger stamps a sample when it hears of it. What the arm did in between says when the sample was
-taken: at speed v an angle grows by v·Δt, whatever the stamp says. So from row to row
+A logger stamps a sample when it receives it. The motion shows when the sample was taken: at speed v
+an angle grows by v·Δt, whatever the stamp is. So from row to row
 
     τᵢ = Σⱼ wⱼ Δqᵢⱼ vᵢⱼ / Σⱼ wⱼ vᵢⱼ²,    var τᵢ = 1 / Σⱼ wⱼ vᵢⱼ²
 
-is the time that passed by the motion (v: slope of a cubic through some rows before and after, which
-averages the jitter away and follows fast motion; wⱼ = 1/(2 sⱼ²), sⱼ noise of the angle). The
-sampling times r are those that agree best with both stamps and motion,
+is the time that passed by the motion. Here v is the slope of a cubic through some rows before and
+after, which averages the jitter and follows fast motion; wⱼ = 1/(2 sⱼ²) with the noise sⱼ of the
+angle. The sampling times r agree best with both stamps and motion,
 min Σ (r − t)²/σ² + Σ (rᵢ − rᵢ₋₁ − τᵢ)²/var τᵢ, one banded linear system. Counted in steps of the
-usual τ they give each row a tick of the robot's clock, and the stamps over the ticks give the
-clock's step, far more exactly than any single τ does. If r lies on that clock, and the angles
-follow it better than the stamps, it replaces the stamps; else these stay. The two clocks may drift
-apart: what counts is how far a stamp is from those around it. No published source: derived here.
+usual τ they give each row a tick of the robot's clock. The stamps over the ticks give the clock's
+step far more exactly than a single τ does. If r lies on that clock, and the angles follow it better
+than the stamps, it replaces the stamps. The two clocks may drift apart, so a stamp is compared with
+those around it. No published source: derived here.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,34 +28,54 @@ from scipy.signal import savgol_filter
 
 from stiction_envs.measured.logs.corrections import Correction, Rows
 
-REGULAR = 0.001
-"""Stamps whose steps are whole ones but for this share are a clock already [-]."""
+REGULAR = 1e-3
+"""Stamps are a clock already if their steps are whole ones but for this share [-]; assumed."""
 ON_CLOCK = 0.15
-"""Root mean square distance from whole steps [steps]; 0.29 is chance."""
+"""Largest root mean square distance from whole steps [steps]; assumed, 0.29 is chance."""
 BETTER = 0.7
-"""The new clock's misfit to the motion must be below this share of the stamps' [-]."""
+"""The new clock's misfit to the motion must be below this share of the stamps' [-]; assumed."""
 COARSE = 0.1
-"""Share of rows with the time of the row before from which on the clock is coarse [-]."""
+"""A clock is coarse if more than this share of rows has the time of the row before [-]; assumed."""
 CURVE_ORDER = 3
-"""Order of the polynomials for slopes: a line is 2 % off at 3 Hz, a cubic 0.02 %."""
+"""Order of the polynomials for slopes. Source: measured on sines, a line is 2 % off at 3 Hz, a
+cubic 0.02 %."""
 MOST_ROUNDS = 5
-"""In which the clock's step is refined."""
-SETTLED = 1e-07
-"""Change of the clock's step that ends the rounds, as a share of it [-]."""
-CRYSTAL = 0.0003
-"""Two clocks with quartz crystals agree to this share [-]."""
-SEEN_DRIFT = 1e-05
-"""Drift of the logger's clock against the robot's from which on it is told [-]."""
+"""Most rounds in which the clock's step is refined; assumed."""
+SETTLED = 1e-7
+"""Change of the clock's step that ends the rounds, as a share of it [-]; assumed."""
+CRYSTAL = 3e-4
+"""Two clocks with quartz crystals agree to this share [-]; assumed."""
+SEEN_DRIFT = 1e-5
+"""Smallest drift of the logger's clock against the robot's that is reported [-]; assumed."""
 DRIFT_ROWS = 5001
-"""Rows over which the two clocks do not drift against each other."""
+"""Rows over which the two clocks do not drift against each other; assumed."""
 LEAST_ROWS = 200
-"""Shorter stretches keep their stamps."""
+"""Shorter stretches keep their stamps; assumed."""
 GAP_STEPS = 5.0
-"""A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap."""
+"""A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed."""
 GAP_SECONDS = 0.025
-"""See `GAP_STEPS` [s]."""
-Passed = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
+"""See `GAP_STEPS` [s]; assumed."""
+Array = NDArray[np.float64]
+
+
+class Stretch(NamedTuple):
+    """Rows without a gap, and the time that passed between them by the motion."""
+
+    rows: slice
+    t: Array
+    """(T,) stamps [s]."""
+    passed: Array
+    """(T-1,) time from row to row by the motion [s]."""
+    var: Array
+    """(T-1,) its variance [s²]."""
+    moves: NDArray[np.bool_]
+    """(T-1,) whether the motion is more exact than the stamps."""
+
+    def misfit(self, t: Array, clock: float) -> float:
+        """Sum of squared distances of times (T,) from the motion, in steps of the clock."""
+        # Medians of squares would hide what a few per cent of lost samples do; clip instead.
+        off = (self.passed - np.diff(t))[self.moves] / clock
+        return float(np.minimum(off**2, 1).sum())
 
 
 def usual_step(rows: Rows) -> float:
@@ -64,7 +85,7 @@ def usual_step(rows: Rows) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def find_gaps(t: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+def find_gaps(t: Array, step: float) -> NDArray[np.int64]:
     """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
     return np.flatnonzero(np.diff(t) > _gap(step)) + 1
 
@@ -82,11 +103,10 @@ def correct_clock(rows: Rows) -> tuple[list[Correction], list[str]]:
     """
     corrections: list[Correction] = []
     warnings: list[str] = []
-    same_run = rows.run[1:] == rows.run[:-1]
-    equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
+    equal = np.r_[False, _not_rising(rows)]
     if equal.mean() > COARSE:
         corrections.append(_spread_equal(rows))
-        equal = np.r_[False, (np.diff(rows.t) <= 0) & same_run]
+        equal = np.r_[False, _not_rising(rows)]
     if equal.any():
         count = int(equal.sum())
         text = f"{count} rows carried the time of the row before with other values: dropped"
@@ -97,6 +117,11 @@ def correct_clock(rows: Rows) -> tuple[list[Correction], list[str]]:
     return corrections, warnings
 
 
+def _not_rising(rows: Rows) -> NDArray[np.bool_]:
+    """Whether the next row of a recording has no later time: (T-1,)."""
+    return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
+
+
 def _spread_equal(rows: Rows) -> Correction:
     """A clock coarser than the samples: rows with one stamp spaced evenly up to the next stamp."""
     new = np.r_[True, (np.diff(rows.t) > 0) | (np.diff(rows.run) != 0)]
@@ -105,7 +130,7 @@ def _spread_equal(rows: Rows) -> Correction:
     stamp, run = rows.t[first], rows.run[first]
     width = np.r_[np.diff(stamp), 0.0]
     width[:-1][run[1:] != run[:-1]] = 0.0
-    # A step over a gap, or none at the end, is as wide as its rows usually need.
+    # a step over a gap, or at the end, gets the usual width of its rows
     pace = width / count
     usual = float(np.median(pace[pace > 0])) if (pace > 0).any() else 1.0
     wide = (width <= 0) | (pace > _gap(usual))
@@ -131,41 +156,35 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
     steps = [np.diff(rows.t[p]) / step for p in parts]
     if all(np.abs(x - np.round(x)).max() < REGULAR for x in steps):
         return
-    parts = [p for p in parts if p.stop - p.start >= LEAST_ROWS]
-    evidence = [_motion_time(rows.t[p], rows.data["q"][p], step) for p in parts]
-    moving = [np.sqrt(var) < 0.1 * step for _, var in evidence]
-    if sum(m.sum() for m in moving) < LEAST_ROWS:
+    stretches = []
+    for p in (p for p in parts if p.stop - p.start >= LEAST_ROWS):
+        passed, var = _motion_time(rows.t[p], rows.data["q"][p], step)
+        stretches.append(Stretch(p, rows.t[p], passed, var, np.sqrt(var) < 0.1 * step))
+    if sum(x.moves.sum() for x in stretches) < LEAST_ROWS:
         return
-    parts, evidence, moving = _long_enough(parts, evidence, moving)
-    if not parts:
+    # those with enough motion to show their clock
+    stretches = [x for x in stretches if x.moves.sum() >= LEAST_ROWS / 2]
+    if not stretches:
         return
-    tau = np.concatenate([e[m] for (e, _), m in zip(evidence, moving, strict=True)])
-    clock, pace, ticks = _clock([rows.t[p] for p in parts], evidence, _mode(tau, step))
-    stray, changed, misfit = 0.0, 0, np.zeros(3)
-    renewed: list[tuple[slice, NDArray[np.float64]]] = []
-    for part, (passed, _), moves, tick in zip(parts, evidence, moving, ticks, strict=True):
-        logged = rows.t[part]
-        regular = tick * clock
-        off = logged - regular
-        regular = regular + np.median(off)
-        whole = passed[moves] / clock
-        # Medians of squares would hide what a few per cent of lost samples do; clip instead.
-        misfit += (
-            np.minimum(((passed - np.diff(logged))[moves] / clock) ** 2, 1).sum(),
-            np.minimum(((passed - np.diff(regular))[moves] / clock) ** 2, 1).sum(),
-            ((whole - np.round(whole)) ** 2).sum(),
-        )
-        renewed.append((part, regular))
+    usual = _mode(np.concatenate([x.passed[x.moves] for x in stretches]), step)
+    clock, pace, ticks = _clock(stretches, usual)
+    stray, misfit = 0.0, np.zeros(3)
+    renewed: list[Array] = []
+    for x, tick in zip(stretches, ticks, strict=True):
+        off = x.t - tick * clock
+        regular = tick * clock + np.median(off)
+        whole = x.passed[x.moves] / clock
+        of_clock = ((whole - np.round(whole)) ** 2).sum()
+        misfit += x.misfit(x.t, clock), x.misfit(regular, clock), of_clock
+        renewed.append(regular)
         # The two clocks may drift apart by seconds in half an hour.
-        near = uniform_filter1d(off - tick * (pace - clock), min(len(off), DRIFT_ROWS))
-        off = off - tick * (pace - clock) - near
+        off = off - tick * (pace - clock)
+        off = off - uniform_filter1d(off, min(len(off), DRIFT_ROWS))
         stray = max(stray, float(np.percentile(np.abs(off), 99)))
-        changed += len(logged)
-    count = sum(m.sum() for m in moving)
-    by_stamp, by_clock, off_clock = np.sqrt(misfit / count)
+    by_stamp, by_clock, off_clock = np.sqrt(misfit / sum(x.moves.sum() for x in stretches))
     if by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock:
-        for part, regular in renewed:
-            rows.t[part] = regular
+        for x, regular in zip(stretches, renewed, strict=True):
+            rows.t[x.rows] = regular
         _order(rows)
         gained = pace / clock - 1
         text = (
@@ -175,6 +194,7 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
         )
         if abs(gained) > SEEN_DRIFT:
             text += f", and gain {1e6 * gained:.0f} millionths on it"
+        changed = sum(len(x.t) for x in stretches)
         corrections.append(Correction(kind="clock", rows=changed, text=text))
     elif by_stamp > 0.1 and off_clock < by_stamp:
         warnings.append(
@@ -183,37 +203,22 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
         )
 
 
-def _long_enough(
-    parts: list[slice],
-    evidence: list[Passed],
-    moving: list[NDArray[np.bool_]],
-) -> tuple[list[slice], list[Passed], list[NDArray[np.bool_]]]:
-    """Stretches with enough motion to say something of their clock."""
-    good = [k for k, m in enumerate(moving) if m.sum() >= LEAST_ROWS / 2]
-    return [parts[k] for k in good], [evidence[k] for k in good], [moving[k] for k in good]
-
-
-def _clock(
-    stamps: list[NDArray[np.float64]], evidence: list[Passed], guess: float
-) -> tuple[float, float, list[NDArray[np.int64]]]:
+def _clock(stretches: list[Stretch], guess: float) -> tuple[float, float, list[NDArray[np.int64]]]:
     """Step of the robot's clock, that of its ticks in logged time, s, and ticks of each row.
 
-    Args:
-        stamps: logged times of each stretch, (T,), s.
-        evidence: time passed by the motion and its variance, (T-1,) each, s and s².
-        guess: step, good to some per cent, s.
+    The guess of the step is good to some per cent, s.
     """
 
     def slope(ticks: list[NDArray[np.int64]]) -> float:
         top, bottom = 0.0, 0.0
-        for t, k in zip(stamps, ticks, strict=True):
+        for stretch, k in zip(stretches, ticks, strict=True):
             x = k - k.mean()
-            top += float(x @ (t - t.mean()))
+            top += float(x @ (stretch.t - stretch.t.mean()))
             bottom += float(x @ x)
         return top / bottom
 
-    times = [_sampled(t, *e, guess) for t, e in zip(stamps, evidence, strict=True)]
-    # A step that is wrong by a hundredth still says how many of them passed from row to row.
+    times = [_sampled(x, guess) for x in stretches]
+    # A step that is wrong by a hundredth still counts how many passed from row to row.
     counted = [np.r_[0, np.cumsum(np.round(np.diff(x) / guess))].astype(np.int64) for x in times]
     clock = slope(counted) if sum(k[-1] for k in counted) > 0 else guess
     ticks = counted
@@ -222,38 +227,35 @@ def _clock(
         before, clock = clock, slope(ticks)
         if abs(clock / before - 1) < SETTLED:
             break
-    return _nice(clock, CRYSTAL), clock, ticks
+    # robots have a clock of whole 50 µs: taken if it agrees with that as crystals do
+    whole = round(clock / 5e-5) * 5e-5
+    nice = whole > 0 and abs(clock / whole - 1) < CRYSTAL
+    return whole if nice else clock, clock, ticks
 
 
-def _motion_time(t: NDArray[np.float64], q: NDArray[np.float64], step: float) -> Passed:
+def _motion_time(t: Array, q: Array, step: float) -> tuple[Array, Array]:
     """Time passed from row to row by the motion, and its variance: (T-1,) each, s and s²."""
     half = int(np.clip(GAP_SECONDS / step, 5, 25))
     width = 2 * half + 1
     # Curves over the row number, not over the jittery stamps: the slopes' ratio is not biased.
     pace = savgol_filter(t - t[0], width, CURVE_ORDER, deriv=1, mode="nearest")
-    top = np.zeros(len(t) - 1)
-    bottom = np.zeros(len(t) - 1)
-    fastest = np.zeros(len(t) - 1)
+    top, bottom = np.zeros((2, len(t) - 1))
     logged = np.diff(t)
-    for x in q.T:
-        slope = savgol_filter(x - x[0], width, CURVE_ORDER, deriv=1, mode="nearest") / pace
+    usual = np.median(logged)
+    for angle in q.T:
+        slope = savgol_filter(angle - angle[0], width, CURVE_ORDER, deriv=1, mode="nearest") / pace
         v = 0.5 * (slope[1:] + slope[:-1])
-        change = np.diff(x)
+        change = np.diff(angle)
         moved = np.abs(change)
         if not moved.any():
             continue
-        usual = np.median(logged)
-        noise = min(
-            float(np.median(np.abs(change - v * usual))),
-            float(np.median(np.abs(change - v * logged))),
-        )
+        noise = min(float(np.median(np.abs(change - v * x))) for x in (usual, logged))
         noise = max(1.4826 * noise / np.sqrt(2), moved[moved > 0].min() / np.sqrt(12))
         weight = 1 / (2 * noise**2)
         top += weight * change * v
         bottom += weight * v * v
-        np.maximum(fastest, np.abs(v) / noise, out=fastest)
     known = bottom > 0
-    # Where nothing moves the stamps are all there is, and worth little more than a step.
+    # Where nothing moves there are only the stamps, good to little more than a step.
     passed = np.where(known, top / np.where(known, bottom, 1.0), logged)
     var = np.where(known, 1 / np.where(known, bottom, 1.0), np.inf) + (0.02 * step) ** 2
     slow = var > (0.5 * step) ** 2
@@ -264,7 +266,7 @@ def _motion_time(t: NDArray[np.float64], q: NDArray[np.float64], step: float) ->
     return passed, var
 
 
-def _mode(passed: NDArray[np.float64], step: float) -> float:
+def _mode(passed: Array, step: float) -> float:
     """Most usual time between samples, s."""
     clock = float(np.median(passed))
     clock = clock if clock > 0.2 * step else step
@@ -274,33 +276,22 @@ def _mode(passed: NDArray[np.float64], step: float) -> float:
     return clock
 
 
-def _nice(clock: float, crystal: float) -> float:
-    """The clock in whole 50 µs, as robots have it, if it agrees with that as crystals do."""
-    whole = round(clock / 5e-5) * 5e-5
-    return whole if whole > 0 and abs(clock / whole - 1) < crystal else clock
-
-
-def _sampled(
-    t: NDArray[np.float64],
-    passed: NDArray[np.float64],
-    var: NDArray[np.float64],
-    clock: float,
-) -> NDArray[np.float64]:
+def _sampled(x: Stretch, clock: float) -> Array:
     """When each row was sampled, by stamps and motion together, from the first stamp: (T,), s."""
     sigma = 0.4 * clock
-    weight = 1 / var
-    band = np.zeros((2, len(t)))
+    weight = 1 / x.var
+    band = np.zeros((2, len(x.t)))
     band[1] = 1 / sigma**2
     band[1, 1:] += weight
     band[1, :-1] += weight
     band[0, 1:] = -weight
-    right = (t - t[0]) / sigma**2
-    right[1:] += weight * passed
-    right[:-1] -= weight * passed
+    right = (x.t - x.t[0]) / sigma**2
+    right[1:] += weight * x.passed
+    right[:-1] -= weight * x.passed
     return np.asarray(solveh_banded(band, right))
 
 
-def _ticks(sampled: NDArray[np.float64], clock: float) -> NDArray[np.int64]:
+def _ticks(sampled: Array, clock: float) -> NDArray[np.int64]:
     """Number of the clock's tick at which each row was sampled, strictly rising: (T,)."""
     sampled = sampled / clock
     # The two clocks drift against each other: the phase is followed, some seconds at a time.
@@ -314,5 +305,5 @@ def _ticks(sampled: NDArray[np.float64], clock: float) -> NDArray[np.int64]:
 
 def _order(rows: Rows) -> None:
     """Stretches that were moved by a step or two must still follow one another."""
-    for i in np.flatnonzero((np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])):
+    for i in np.flatnonzero(_not_rising(rows)):
         rows.t[i + 1 :] += rows.t[i] - rows.t[i + 1] + usual_step(rows)

@@ -1,4 +1,4 @@
-"""Which column of a joint log is what, and whether it belongs to a robot of so many joints."""
+"""Find the channels of a robot among the columns of a joint log."""
 
 from __future__ import annotations
 

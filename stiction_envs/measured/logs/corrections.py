@@ -1,9 +1,9 @@
 """Rows of a log that are no samples: repeats, frozen stretches, half-new rows, missing values.
 
-A logger that runs next to the robot writes what it last heard. A row that repeats the one before
-it is dropped; a row where only some channels are new is put together with its neighbour or dropped;
-a value that is missing is interpolated if its neighbours are there. A robot at rest repeats itself
-too: a repeat counts only where the changes around it say that it cannot be chance.
+A logger that runs next to the robot writes what it received last. A row that repeats the one before
+it is dropped. A row where only some channels are new is merged with its neighbour or dropped. A
+missing value is interpolated if its neighbours are there. A robot at rest repeats itself too: a
+repeat counts only where the changes around it show that it cannot be chance.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 
 CHANCE_ROWS = 1e4
-"""A repeat that happens by chance once in this many rows is none."""
+"""A repeat that happens by chance once in this many rows is none; assumed."""
 NEAR_CHANGES = 4
-"""Changes on each side of a row that say how often it would repeat by chance."""
+"""Changes on each side of a row that show how often it would repeat by chance; assumed."""
 MOST_REPEATS = 20
-"""More repeats in a row are a pause or a frozen log."""
+"""More repeats in a row are a pause or a frozen log; assumed."""
 JUMP = 5.0
-"""After a frozen stretch the arm is this many steps further, and this much faster [-]."""
+"""After a frozen stretch the arm is this many steps further, and this much faster [-]; assumed."""
 MOST_MISSING_RUN = 5
-"""Missing values in a row that are interpolated."""
+"""Most missing values in a row that are interpolated; assumed."""
 MOST_MISSING = 0.01
-"""Share of missing values of a column that are interpolated [-]."""
+"""Largest share of missing values of a column that are interpolated [-]; assumed."""
 FEW_STALE = 0.2
-"""Up to this share of rows with an old position are dropped; more are interpolated [-]."""
+"""Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
 _CORE = ("q", "dq", "tau")
 
 
@@ -80,15 +80,16 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
     Raises:
         StictionError: too many values of a q or tau are missing.
     """
-    core, warnings, corrections = rows.core(), [], []
+    core = rows.core()
+    warnings: list[str] = []
+    corrections: list[Correction] = []
     index = np.arange(len(rows.t))
     empty = np.ones(len(index), bool)
     for name in core:
         empty &= np.isnan(rows.data[name]).all(axis=1)
     if empty.all():
         raise StictionError(f"{place(0)}: no row has values: expected numbers")
-    if empty.any():
-        corrections.append(_correction("missing", empty.sum(), "{} without any value dropped"))
+    corrections += _corrected("missing", empty, "{} without any value dropped")
     alive = index[~empty]
     holes = np.zeros(len(index), bool)
     for name in [*core, *(n for n in rows.data if n not in core)]:
@@ -123,15 +124,10 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
     whole = np.flatnonzero(~holes & ~empty)
     inside = (index >= whole[0]) & (index <= whole[-1])
     edge = holes & ~inside
-    if edge.any():
-        corrections.append(
-            _correction("missing", edge.sum(), "{} with missing values at the ends dropped")
-        )
-    if (holes & inside).any():
-        count = (holes & inside).sum()
-        corrections.append(
-            _correction("missing", count, "{} with single missing values interpolated")
-        )
+    corrections += _corrected("missing", edge, "{} with missing values at the ends dropped")
+    corrections += _corrected(
+        "missing", holes & inside, "{} with single missing values interpolated"
+    )
     if edge.any() or empty.any():
         rows.keep(~edge & ~empty)
     return corrections, warnings
@@ -140,45 +136,30 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
 def drop_repeats(rows: Rows) -> list[Correction]:
     """Drop rows where only the clock moved although the arm did, in place."""
     fresh, active = _freshness(rows)
-    same = ~np.logical_or.reduce([fresh[name] for name in fresh])
+    same = ~np.logical_or.reduce(list(fresh.values()))
     if not same.any():
         return []
-    edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
-    starts, ends = edges[::2], edges[1::2]
     drop, frozen = np.zeros(len(same), bool), np.zeros(len(same), bool)
-    short = ends - starts <= MOST_REPEATS
-    alive = np.r_[0, np.cumsum(same & np.logical_or.reduce(list(active.values())))]
-    for start, end in zip(starts[short], ends[short], strict=True):
-        if alive[end] > alive[start]:
-            drop[start:end] = True
+    alive = same & np.logical_or.reduce(list(active.values()))
     step = np.zeros(len(same))
     for x in rows.data["q"].T:
         np.maximum(step[1:], _changes(x, rows.run), out=step[1:])
-    for start, end in zip(starts[~short], ends[~short], strict=True):
-        if end == len(same):
-            continue
-        after = step[end + 1 : end + 4].max(initial=0.0)
-        if step[end] >= JUMP and step[end] > JUMP * after:
-            frozen[start:end] = True
-    corrections = []
-    if drop.any():
-        corrections.append(
-            _correction(
-                "repeat", drop.sum(), "{} repeated the row before, only the clock moved: dropped"
-            )
-        )
-    if frozen.any():
-        where = np.flatnonzero(frozen)[0]
-        corrections.append(
-            _correction(
-                "frozen",
-                frozen.sum(),
-                "{} dropped: the log stopped and then jumped, "
-                f"first at t = {rows.t[where]:.3f} s",
-            )
-        )
+    for start, end in _runs(same):
+        if end - start <= MOST_REPEATS:
+            drop[start:end] = alive[start:end].any()
+        elif end < len(same):
+            after = step[end + 1 : end + 4].max(initial=0.0)
+            frozen[start:end] = step[end] >= JUMP and step[end] > JUMP * after
+    first = rows.t[np.argmax(frozen)]
     rows.keep(~(drop | frozen))
-    return corrections
+    return [
+        *_corrected("repeat", drop, "{} repeated the row before, only the clock moved: dropped"),
+        *_corrected(
+            "frozen",
+            frozen,
+            f"{{}} dropped: the log stopped and then jumped, first at t = {first:.3f} s",
+        ),
+    ]
 
 
 def correct_stale(rows: Rows) -> list[Correction]:
@@ -189,68 +170,60 @@ def correct_stale(rows: Rows) -> list[Correction]:
     interpolated.
     """
     fresh, active = _freshness(rows)
-    names = list(fresh)
-    same = {name: _short(~fresh[name], MOST_REPEATS) for name in names}
-    stale = {name: same[name] & active[name] for name in names}
-    corrections: list[Correction] = []
-    any_stale = np.logical_or.reduce([stale[name] for name in names])
+    same = {name: _short(~new, MOST_REPEATS) for name, new in fresh.items()}
+    stale = {name: same[name] & active[name] for name in fresh}
+    any_stale = np.logical_or.reduce(list(stale.values()))
     if not any_stale.any():
-        return corrections
+        return []
     # Complementary: each channel is new in exactly one of the two rows.
     pair = np.r_[rows.run[1:] == rows.run[:-1], False]
     pair &= any_stale | np.r_[any_stale[1:], False]
-    for name in names:
-        pair &= same[name] ^ np.r_[same[name][1:], False]
+    for old in same.values():
+        pair &= old ^ np.r_[old[1:], False]
     second = np.zeros(len(pair), bool)
     for i in np.flatnonzero(pair):
         if not second[i]:
             second[i + 1] = True
-    for name in names:
+    for name in fresh:
         later = np.flatnonzero(second & fresh[name])
         rows.data[name][later - 1] = rows.data[name][later]
         stale[name][later - 1] = False
     # The row with the new q gives the sample its time.
     late_q = np.flatnonzero(second & fresh["q"])
     rows.t[late_q - 1] = rows.t[late_q]
-    drop = second.copy()
-    if second.any():
-        corrections.append(
-            _correction("stale", second.sum(), "{} held the other half of a sample: put together")
-        )
-    old_q = stale["q"] & ~second
-    if old_q.mean() <= FEW_STALE:
+    corrections = _corrected("stale", second, "{} held the other half of a sample: put together")
+    old_q, drop = stale.pop("q") & ~second, second.copy()
+    few = old_q.mean() <= FEW_STALE
+    if few:
         drop |= old_q
-        if old_q.any():
-            corrections.append(
-                _correction("stale", old_q.sum(), "{} had new torques but an old q: dropped")
-            )
     else:
         _refill(rows, "q", old_q, ~drop)
-        corrections.append(
-            _correction("stale", old_q.sum(), "{} had new torques but an old q: q interpolated")
-        )
-    for name in names:
-        old = stale[name] & ~drop
-        if name != "q" and old.any():
-            _refill(rows, name, old, ~drop)
-            corrections.append(
-                _correction("stale", old.sum(), f"{{}} had a new q but an old {name}: interpolated")
-            )
+    text = "{} had new torques but an old q: " + ("dropped" if few else "q interpolated")
+    corrections += _corrected("stale", old_q, text)
+    for name, of in stale.items():
+        old = of & ~drop
+        _refill(rows, name, old, ~drop)
+        corrections += _corrected("stale", old, f"{{}} had a new q but an old {name}: interpolated")
     rows.keep(~drop)
     return corrections
 
 
 def longest_run(flags: NDArray[np.bool_]) -> int:
     """Longest run of True."""
+    return max((end - start for start, end in _runs(flags)), default=0)
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First row of each run of True, and the row after it."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _correction(kind: str, count: int, text: str) -> Correction:
-    count = int(count)
-    return Correction(
-        kind=kind, rows=count, text=text.format(f"{count} row{'s' if count > 1 else ''}")
-    )
+def _corrected(kind: str, mask: NDArray[np.bool_], text: str) -> list[Correction]:
+    """The correction of some rows, their number in the text; nothing for no rows."""
+    count = int(mask.sum())
+    shown = text.format(f"{count} row{'s' if count > 1 else ''}")
+    return [Correction(kind=kind, rows=count, text=shown)] if count else []
 
 
 def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
@@ -262,9 +235,8 @@ def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool
 
 def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     """The flags without runs of more than ``most``, which are rest."""
-    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     short = flags.copy()
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in _runs(flags):
         if end - start > most:
             short[start:end] = False
     return short

@@ -1,7 +1,6 @@
-"""Joint logs as files, of whatever kind, into arrays.
+"""Read joint logs of any kind of file into arrays, as they are.
 
-What is read here is what is in the file; :mod:`stiction_envs.measured.logs.reader` says
-whether it can be a measurement.
+:mod:`stiction_envs.measured.logs.reader` checks whether they can be a measurement.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ def read_raw(
     time: bool = True,
     naming: Naming | None = None,
 ) -> RawLog:
-    """Read the numbers of a log file, whatever its kind.
+    """Read the numbers of a log file of any kind.
 
     Args:
         path: a file whose name ends in one of `log_ends`, or a folder that ROS 2 recorded into.

@@ -1,9 +1,9 @@
-"""Which of a log's named joints are joints 1 to n of the robot.
+"""Find joints 1 to n of the robot among a log's named joints.
 
-As the caller says; else by the names of the robot's own joints; else by number: ``panda_joint1`` to
-``panda_joint7``, ``lbr_joint_0`` to ``lbr_joint_6``, ``A1`` to ``A7`` are joints 1 to 7, whatever
-else is in the log (a gripper's fingers). Never by the order in a message, which
-``joint_state_broadcaster`` of ROS 2 leaves to chance.
+The caller may name them. Else they have the names of the robot's own joints, or are found by
+number: ``panda_joint1`` to ``panda_joint7``, ``lbr_joint_0`` to ``lbr_joint_6``, ``A1`` to ``A7``
+are joints 1 to 7, besides others in the log (a gripper's fingers). The order in a message is not
+used: with ``joint_state_broadcaster`` of ROS 2 it is random.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from stiction_envs.errors import StictionError, unknown
 
 @dataclass(frozen=True, kw_only=True)
 class Naming:
-    """What is known of the names in a log."""
+    """What is known about the names in a log."""
 
     robot: tuple[str, ...] = ()
     """Of the robot's joints, base to flange."""

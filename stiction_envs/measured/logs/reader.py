@@ -1,4 +1,4 @@
-"""Joint logs of real robots: read, checked, corrected, and every correction written down.
+"""Read, check and correct joint logs of real robots; every correction is recorded.
 
 A log is a table ``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]; dq may be missing,
 ``temperature1..n`` and ``tau_cmd1..n`` are taken along, a column ``run`` names recordings that
@@ -11,7 +11,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,11 @@ if TYPE_CHECKING:
 __all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
 
 LEAST_SECONDS = 1.0
-"""Shorter logs are refused [s]."""
+"""Shorter logs are refused [s]; assumed."""
 RUN_PAUSE = 1.0
-"""Time put between recordings whose clocks start anew [s]."""
+"""Time put between recordings whose clocks start anew [s]; assumed."""
 EPOCH = 1e6
-"""Times above this are dates, and counted from the first row instead [s]."""
+"""Times above this are dates, and counted from the first row instead [s]; assumed."""
 IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 
@@ -76,7 +76,7 @@ class JointLog:
     corrections: tuple[Correction, ...] = ()
     """What was corrected."""
     warnings: tuple[str, ...] = ()
-    """What was found and not corrected, one sentence each."""
+    """What was found and not corrected, a sentence each."""
     static: bool = False
     """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
     date: float | None = None
@@ -159,22 +159,30 @@ def read_poses(
     rows = Rows(t=raw.t, data=raw.data, run=raw.run)
     check_finite(rows, raw.place)
     corrections, warnings = fill_missing(rows, raw.place)
-    corrections = raw.notes + corrections
     if len(rows.t) < 2:
         raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
-    found = check_units(rows, raw.place, limits)
-    warnings = [*_ignored(raw), *warnings, *found]
+    rows.t = np.arange(float(len(rows.t)))
+    rows.data.pop("dq", None)
+    warnings += check_units(rows, raw.place, limits)
+    return _log(raw, rows, corrections, warnings, static=True)
+
+
+def _log(
+    raw: RawLog, rows: Rows, corrections: list[Correction], warnings: list[str], **more: Any
+) -> JointLog:
+    """Return the log of corrected rows, and what was found before."""
+    data = dict(rows.data)
     return JointLog(
         source=raw.source,
-        t=np.arange(float(len(rows.t))),
-        q=rows.data["q"],
-        dq=None,
-        tau=rows.data["tau"],
-        extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
-        corrections=tuple(corrections),
-        warnings=tuple(warnings),
-        static=True,
+        t=rows.t,
+        q=data.pop("q"),
+        dq=data.pop("dq", None),
+        tau=data.pop("tau"),
+        extra=data,
+        corrections=(*raw.notes, *corrections),
+        warnings=(*_ignored(raw), *warnings),
         side=raw.side,
+        **more,
     )
 
 
@@ -184,12 +192,11 @@ def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> 
     raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
     check_finite(rows, raw.place)
     check_time(rows, raw.place)
-    warnings = _ignored(raw)
     start = float(raw.origin + rows.t[0])
     date = start if abs(start) > EPOCH else None
-    corrections = raw.notes + _join_runs(rows, date)
-    more, missing = fill_missing(rows, raw.place)
-    corrections, warnings = corrections + more, warnings + missing
+    corrections = _join_runs(rows, date)
+    more, warnings = fill_missing(rows, raw.place)
+    corrections += more
     warnings += check_units(rows, raw.place, limits)
     warnings += check_channels(rows, raw.place, motion)
     corrections += drop_repeats(rows) + correct_stale(rows)
@@ -197,35 +204,21 @@ def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> 
     corrections, warnings = corrections + more, warnings + jitter
     step = usual_step(rows)
     breaks = _segments(rows, step, corrections)
-    bounds = (0, *breaks, len(rows.t))
-    seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in pairwise(bounds))
+    bounds = list(pairwise((0, *breaks, len(rows.t))))
+    seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
     if not seconds >= LEAST_SECONDS - 1.5 * step:
         raise StictionError(
             f"{raw.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
         )
-    longest = max(pairwise(bounds), key=lambda ab: ab[1] - ab[0])
-    part = slice(*longest)
-    stretch = Rows(
-        t=rows.t[part], data={k: v[part] for k, v in rows.data.items()}, run=rows.run[part]
-    )
+    part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
+    data = {k: v[part] for k, v in rows.data.items()}
+    longest = Rows(t=rows.t[part], data=data, run=rows.run[part])
     try:
-        check_pace(stretch, step, limits)
-        warnings += check_speeds(stretch, step, motion)
+        check_pace(longest, step, limits)
+        warnings += check_speeds(longest, step, motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None
-    return JointLog(
-        source=raw.source,
-        t=rows.t,
-        q=rows.data["q"],
-        dq=rows.data.get("dq"),
-        tau=rows.data["tau"],
-        extra={k: v for k, v in rows.data.items() if k not in ("q", "dq", "tau")},
-        breaks=breaks,
-        corrections=tuple(corrections),
-        warnings=tuple(warnings),
-        date=date,
-        side=raw.side,
-    )
+    return _log(raw, rows, corrections, warnings, breaks=breaks, date=date)
 
 
 def _ignored(raw: RawLog) -> list[str]:

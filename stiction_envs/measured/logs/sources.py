@@ -1,4 +1,4 @@
-"""What logs a result was made from: files, or logs that lie in memory already."""
+"""Logs that a result was made from: files, or logs in memory."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SIDES = ("motor", "link")
 
 @dataclass(frozen=True)
 class LogSources:
-    """For a result's provenance; by ``log1``, ``log2`` …, or another word, in their order."""
+    """Logs in a result's provenance, by ``log1``, ``log2`` …, or another word, in their order."""
 
     names: dict[str, str]
-    """File name, or what a log calls its source."""
+    """File name, or the source of a log in memory."""
     files: dict[str, Path]
     """Those that are files."""
     in_memory: dict[str, str]
@@ -48,17 +48,14 @@ class LogSources:
 def log_sources(logs: Sequence[Log], word: str = "log") -> LogSources:
     """Return what logs are; by ``word`` and their number."""
     named = {f"{word}{k}": log for k, log in enumerate(logs, 1)}
-    names: dict[str, str] = {}
-    files: dict[str, Path] = {}
-    in_memory: dict[str, str] = {}
-    for name, log in named.items():
-        if isinstance(log, JointLog):
-            names[name] = Path(log.source).name
-            in_memory[name] = _sha256(log)
-        else:
-            names[name], files[name] = Path(log).name, Path(log)
-    # what is not there is said by its reader
-    return LogSources(names, {k: v for k, v in files.items() if is_log(v)}, in_memory)
+    in_memory = {k: log for k, log in named.items() if isinstance(log, JointLog)}
+    paths = {k: Path(log.source if isinstance(log, JointLog) else log) for k, log in named.items()}
+    return LogSources(
+        names={k: path.name for k, path in paths.items()},
+        # the reader reports files that are not there
+        files={k: path for k, path in paths.items() if k not in in_memory and is_log(path)},
+        in_memory={k: _sha256(log) for k, log in in_memory.items()},
+    )
 
 
 def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:

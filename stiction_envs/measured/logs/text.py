@@ -77,17 +77,24 @@ class TextRows:
             StictionError: a row with too few or too many values, or a value that is no number.
         """
         block = block.replace(b"\r\n", b"\n").replace(b'"', b"")
-        text = np.frombuffer(block, np.uint8)
-        ends = np.flatnonzero(text == 10)
-        starts = np.r_[0, ends[:-1] + 1].astype(np.int64)
-        if not len(ends):
-            return line
-        filled = ends > starts
-        if filled.any():
-            commas = np.add.reduceat(text == 44, starts, dtype=np.int64)
-            self._check_width(text, starts, ends, commas, filled, line)
-            self._take_rows(block, np.flatnonzero(filled), line)
-        return line + len(ends)
+        lines, width = block.split(b"\n")[:-1], len(self.header)
+        rows = []
+        for i, text in enumerate(lines):
+            commas = text.count(b",")
+            if text and commas == width - 1:
+                rows.append(i)
+            elif text.strip():
+                raise StictionError(
+                    f"{self.where}, line {line + i}: {commas + 1} values: "
+                    f"expected one for each of the {width} columns"
+                )
+        if rows:
+            values = self._fast(block, len(rows))
+            self._values.append(self._slow(lines, rows, line) if values is None else values)
+            self._lines.append((line + np.array(rows)).astype(np.int32))
+            self._runs.append(self._label_rows(lines, rows))
+            self.count += len(rows)
+        return line + len(lines)
 
     def take(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int32]]:
         """Values (T, k) of the columns with numbers, number of the run (T,), line number (T,)."""
@@ -97,34 +104,6 @@ class TextRows:
         parts = self._values, self._runs, self._lines
         self._values, self._runs, self._lines = [], [], []
         return np.concatenate(parts[0]), np.concatenate(parts[1]), np.concatenate(parts[2])
-
-    def _check_width(
-        self,
-        text: NDArray[np.uint8],
-        starts: NDArray[np.int64],
-        ends: NDArray[np.int64],
-        commas: NDArray[np.int64],
-        filled: NDArray[np.bool_],
-        line: int,
-    ) -> None:
-        width = len(self.header)
-        for i in np.flatnonzero(filled & (commas != width - 1)):
-            if bytes(text[starts[i] : ends[i]]).strip():
-                raise StictionError(
-                    f"{self.where}, line {line + i}: {commas[i] + 1} values: "
-                    f"expected one for each of the {width} columns"
-                )
-            filled[i] = False
-
-    def _take_rows(self, block: bytes, rows: NDArray[np.int64], line: int) -> None:
-        lines = (line + rows).astype(np.int32)
-        values = self._fast(block, len(rows))
-        if values is None:
-            values = self._slow(block, rows, line)
-        self._values.append(values)
-        self._lines.append(lines)
-        self._runs.append(self._label_rows(block, rows))
-        self.count += len(rows)
 
     def _fast(self, block: bytes, count: int) -> NDArray[np.float64] | None:
         if b",," in block or b",\n" in block or b"\n," in block or block[:1] == b",":
@@ -143,9 +122,8 @@ class TextRows:
             return None
         return values if len(values) == count else None
 
-    def _slow(self, block: bytes, rows: NDArray[np.int64], line: int) -> NDArray[np.float64]:
+    def _slow(self, lines: list[bytes], rows: list[int], line: int) -> NDArray[np.float64]:
         """Cell by cell: what :meth:`_fast` could not read, or an error that says where."""
-        lines = block.split(b"\n")
         values = np.empty((len(rows), len(self._numbers)))
         for k, i in enumerate(rows):
             cells = lines[i].split(b",")
@@ -166,11 +144,10 @@ class TextRows:
                     ) from None
         return values
 
-    def _label_rows(self, block: bytes, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _label_rows(self, lines: list[bytes], rows: list[int]) -> NDArray[np.int64]:
         column = self.columns.run
         if column is None:
             return np.zeros(len(rows), np.int64)
-        lines = block.split(b"\n")
         labels = [lines[i].split(b",", column + 1)[column].strip() for i in rows]
         before = [labels[0] if self._label is None else self._label, *labels[:-1]]
         self._label = labels[-1]

@@ -1,8 +1,4 @@
-"""Joint logs that are none: what is wrong with each, and what its one line must say.
-
-Used by the tests of the reader, and by those of the command line, which must exit with code 2 and
-write nothing for every one of them.
-"""
+"""Good numbers of a log, and joint logs that are none: what the one line about each must say."""
 
 from __future__ import annotations
 
@@ -10,8 +6,6 @@ import gzip
 import io
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -45,126 +39,56 @@ def header_of(joints: int) -> str:
     return "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(1, joints + 1))
 
 
-@dataclass(frozen=True)
-class BadLog:
-    """A folder with one or more files of which at least one is no log."""
-
-    name: str
-    says: str
-    """Regular expression that the message must contain."""
-    write: Callable[[Path], list[Path]]
-    """Writes the files into a folder; their paths."""
+def changed(change: Callable[[np.ndarray], None]) -> str:
+    """A good log with other numbers."""
+    values = good_values()
+    change(values)
+    return text_of(values)
 
 
-def _file(name: str, content: Callable[[], bytes | str]) -> Callable[[Path], list[Path]]:
-    def write(folder: Path) -> list[Path]:
-        data = content()
-        path = folder / name
-        path.write_bytes(data.encode() if isinstance(data, str) else data)
-        return [path]
-
-    return write
+def _set(rows: object, columns: object, value: object) -> str:
+    return changed(lambda values: values.__setitem__((rows, columns), value))
 
 
-def _csv(change: Callable[[np.ndarray], None]) -> Callable[[Path], list[Path]]:
-    """A good log with changed numbers."""
-
-    def content() -> str:
-        values = good_values()
-        change(values)
-        return text_of(values)
-
-    return _file("log.csv", content)
+def _scaled(columns: slice, factor: float) -> str:
+    return _set(slice(None), columns, good_values()[:, columns] * factor)
 
 
-def _lines(change: Callable[[list[str]], None]) -> Callable[[Path], list[Path]]:
-    """A good log with changed lines; line 1 is the header."""
-
-    def content() -> str:
-        lines = text_of(good_values()).splitlines()
-        change(lines)
-        return "\n".join(lines) + "\n"
-
-    return _file("log.csv", content)
+def _line(number: int, change: Callable[[str], str]) -> str:
+    """A good log with one other line; line 1 is the header."""
+    lines = GOOD.splitlines()
+    lines[number - 1] = change(lines[number - 1])
+    return "\n".join(lines) + "\n"
 
 
-def _cell(row: int, column: str, value: str) -> Callable[[Path], list[Path]]:
-    """A good log with one other cell, in the line ``row``."""
+def _header(old: str, new: str) -> str:
+    return _line(1, lambda line: line.replace(old, new, 1))
 
-    def change(lines: list[str]) -> None:
-        cells = lines[row - 1].split(",")
+
+def _cell(row: int, column: str, value: str) -> str:
+    def change(line: str) -> str:
+        cells = line.split(",")
         cells[HEADER.split(",").index(column)] = value
-        lines[row - 1] = ",".join(cells)
+        return ",".join(cells)
 
-    return _lines(change)
-
-
-def _npz(**arrays: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    np.savez(out, **arrays)
-    return out.getvalue()
+    return _line(row, change)
 
 
-def _good_npz(**other: np.ndarray) -> bytes:
-    v = good_values()
+def _npz(**other: np.ndarray | None) -> bytes:
+    v, out = good_values(), io.BytesIO()
     arrays = {"t": v[:, 0], "q": v[:, 1:8], "tau": v[:, 15:]} | other
-    return _npz(**{k: a for k, a in arrays.items() if a is not None})
+    np.savez(out, **{k: a for k, a in arrays.items() if a is not None})
+    return out.getvalue()
 
 
 def _lying_npz() -> bytes:
     """A member whose header claims a terabyte."""
-    member = io.BytesIO()
+    member, out = io.BytesIO(), io.BytesIO()
     head = {"descr": "<f8", "fortran_order": False, "shape": (10**11, 7)}
     np.lib.format.write_array_header_1_0(member, head)
-    out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr("q.npy", member.getvalue() + b"\0" * 64)
     return out.getvalue()
-
-
-def _set(rows: object, columns: object, value: object) -> Callable[[np.ndarray], None]:
-    def change(values: np.ndarray) -> None:
-        values[rows, columns] = value
-
-    return change
-
-
-def _scale(columns: slice, factor: float) -> Callable[[np.ndarray], None]:
-    def change(values: np.ndarray) -> None:
-        values[:, columns] *= factor
-
-    return change
-
-
-def _shift_time(values: np.ndarray) -> None:
-    values[:, 0] = values[::-1, 0].copy()
-
-
-def _all_constant(values: np.ndarray) -> None:
-    values[:, 1:] = values[0, 1:]
-
-
-def _two_robots(folder: Path) -> list[Path]:
-    paths = [folder / "seven.csv", folder / "six.csv"]
-    paths[0].write_text(text_of(good_values()))
-    paths[1].write_text(text_of(good_values(joints=6), header_of(6)))
-    return paths
-
-
-def _twice(folder: Path) -> list[Path]:
-    paths = [folder / "one.csv", folder / "copy.csv"]
-    for path in paths:
-        path.write_text(text_of(good_values()))
-    return paths
-
-
-def _folder(folder: Path) -> list[Path]:
-    (folder / "log.csv").mkdir()
-    return [folder / "log.csv"]
-
-
-def _zipped(text: str) -> bytes:
-    return gzip.compress(text.encode(), mtime=0)
 
 
 def _percent(values: np.ndarray) -> None:
@@ -177,242 +101,136 @@ def _small_degrees(values: np.ndarray) -> None:
     values[:, 1:8] += 1.2 * np.sin(12 * values[:, :1])
 
 
+GOOD = text_of(good_values())
+ZIPPED = gzip.compress(GOOD.encode(), mtime=0)
+GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))
+ALL = slice(None)
 Q, DQ, TAU = slice(1, 8), slice(8, 15), slice(15, 22)
+FROM_ZERO = "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(7))
+SIX, EIGHT = (text_of(good_values(joints=n), header_of(n)) for n in (6, 8))
+CONSTANT = changed(lambda values: values.__setitem__((ALL, slice(1, None)), values[0, 1:]))
+BACKWARDS = changed(lambda values: values.__setitem__((ALL, 0), values[::-1, 0].copy()))
+ONES = np.ones((200, 6))
 
-BAD_LOGS = (
-    BadLog("empty file", r"log\.csv: empty file: expected a header", _file("log.csv", bytes)),
-    BadLog("only blank lines", r"log\.csv: empty file", _file("log.csv", lambda: "\n\r\n\n")),
-    BadLog("header only", r"log\.csv: no rows below", _file("log.csv", lambda: HEADER + "\n")),
-    BadLog("missing file", r"gone\.csv: no such file", lambda folder: [folder / "gone.csv"]),
-    BadLog("directory", r"log\.csv: a directory: expected a log file", _folder),
-    BadLog("device", r"/dev/zero: no regular file", lambda folder: [Path("/dev/zero")]),
-    BadLog(
-        "unknown kind",
-        r"log\.xlsx: unknown kind of file: expected one of \.csv, \.csv\.gz, \.npz, \.parquet",
-        _file("log.xlsx", lambda: text_of(good_values())),
-    ),
-    BadLog(
-        "wrong joint count",
-        r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7",
-        _file("log.csv", lambda: text_of(good_values(joints=6), header_of(6))),
-    ),
-    BadLog(
-        "too many joints",
-        r"columns for 8 joints, but the robot has 7",
-        _file("log.csv", lambda: text_of(good_values(joints=8), header_of(8))),
-    ),
-    BadLog("two robots", r"six\.csv: columns for 6 joints, but the robot has 7", _two_robots),
-    BadLog("the same log twice", r"copy\.csv: the same log as .*one\.csv", _twice),
-    BadLog(
-        "no time",
-        r"log\.csv: missing column 't' \(time in s\)",
-        _lines(lambda lines: lines.__setitem__(0, HEADER.replace("t,", "time,", 1))),
-    ),
-    BadLog(
-        "missing column",
-        r"log\.csv: missing column 'tau4'",
-        _lines(lambda lines: lines.__setitem__(0, HEADER.replace("tau4", "torque4"))),
-    ),
-    BadLog(
-        "one speed missing",
-        r"log\.csv: missing column 'dq2'",
-        _lines(lambda lines: lines.__setitem__(0, HEADER.replace("dq2", "velocity2"))),
-    ),
-    BadLog(
-        "duplicate column",
-        r"log\.csv: column 'q3' is there twice",
-        _lines(lambda lines: lines.__setitem__(0, HEADER.replace("q4", "q3", 1))),
-    ),
-    BadLog(
-        "joints from zero",
-        r"column 'q0', but joints count from 1",
-        _lines(
-            lambda lines: lines.__setitem__(
-                0, "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(7))
-            )
-        ),
-    ),
-    BadLog(
-        "no header",
-        r"log\.csv: missing column 't'",
-        _file("log.csv", lambda: text_of(good_values()).split("\n", 1)[1]),
-    ),
-    BadLog(
-        "semicolons",
-        r"log\.csv: missing column 't'",
-        _file("log.csv", lambda: text_of(good_values()).replace(",", ";")),
-    ),
-    BadLog(
-        "text in a cell", r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")
-    ),
-    BadLog("decimal comma", r"line 9: q1 is '0\.1\.2'", _cell(9, "q1", "0.1.2")),
-    BadLog("underscore in a number", r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
-    BadLog("infinity", r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
-    BadLog("negative infinity", r"line 61: tau1 is -inf", _cell(61, "tau1", "-Infinity")),
-    BadLog("infinite time", r"line 62: t is inf", _cell(62, "t", "inf")),
-    BadLog("time missing", r"line 63: t is nan", _cell(63, "t", "")),
-    BadLog(
-        "huge value",
+BAD_CSV: dict[str, tuple[str, str | bytes]] = {
+    "empty file": (r"log\.csv: empty file: expected a header", ""),
+    "only blank lines": (r"log\.csv: empty file", "\n\r\n\n"),
+    "header only": (r"log\.csv: no rows below", HEADER + "\n"),
+    "wrong joint count": (r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7", SIX),
+    "too many joints": (r"columns for 8 joints, but the robot has 7", EIGHT),
+    "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "time,")),
+    "missing column": (r"log\.csv: missing column 'tau4'", _header("tau4", "torque4")),
+    "one speed missing": (r"log\.csv: missing column 'dq2'", _header("dq2", "velocity2")),
+    "duplicate column": (r"log\.csv: column 'q3' is there twice", _header("q4", "q3")),
+    "joints from zero": (r"column 'q0', but joints count from 1", _header(HEADER, FROM_ZERO)),
+    "no header": (r"log\.csv: missing column 't'", GOOD.split("\n", 1)[1]),
+    "semicolons": (r"log\.csv: missing column 't'", GOOD.replace(",", ";")),
+    "text in a cell": (r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")),
+    "decimal comma": (r"line 9: q1 is '0\.1\.2'", _cell(9, "q1", "0.1.2")),
+    "underscore in a number": (r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
+    "infinity": (r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
+    "negative infinity": (r"line 61: tau1 is -inf", _cell(61, "tau1", "-Infinity")),
+    "infinite time": (r"line 62: t is inf", _cell(62, "t", "inf")),
+    "time missing": (r"line 63: t is nan", _cell(63, "t", "")),
+    "huge value": (
         r"line 64: tau6 is 1e\+300: expected up to 100000 N·m",
         _cell(64, "tau6", "1e300"),
     ),
-    BadLog("overflow", r"line 65: dq6 is inf", _cell(65, "dq6", "1e999")),
-    BadLog(
-        "time falls",
-        r"line 3: t falls from 1\.99 to 1\.98: expected time that rises",
-        _csv(_shift_time),
-    ),
-    BadLog("one negative step", r"line 81: t falls from 0\.78 to 0\.3", _cell(81, "t", "0.3")),
-    BadLog("time stands", r"t never rises", _csv(_set(slice(None), 0, 4.0))),
-    BadLog(
-        "milliseconds",
+    "overflow": (r"line 65: dq6 is inf", _cell(65, "dq6", "1e999")),
+    "time falls": (r"line 3: t falls from 1\.99 to 1\.98: expected time that rises", BACKWARDS),
+    "one negative step": (r"line 81: t falls from 0\.78 to 0\.3", _cell(81, "t", "0.3")),
+    "time stands": (r"t never rises", _set(ALL, 0, 4.0)),
+    "milliseconds": (
         r"t rises by 10 from row to row, it looks like milliseconds",
-        _csv(_scale(slice(0, 1), 1e3)),
+        _scaled(slice(0, 1), 1e3),
     ),
-    BadLog("nanoseconds", r"it looks like nanoseconds", _csv(_scale(slice(0, 1), 1e9))),
-    BadLog("too slow", r"t rises by 0\.2 from row to row", _csv(_scale(slice(0, 1), 20))),
-    BadLog(
-        "shorter than a second",
+    "nanoseconds": (r"it looks like nanoseconds", _scaled(slice(0, 1), 1e9)),
+    "too slow": (r"t rises by 0\.2 from row to row", _scaled(slice(0, 1), 20)),
+    "shorter than a second": (
         r"0\.29 s of samples: expected 1 s or more",
-        _file("log.csv", lambda: text_of(good_values(rows=30))),
+        text_of(good_values(rows=30)),
     ),
-    BadLog("one row", r"log\.csv", _file("log.csv", lambda: text_of(good_values(rows=1)))),
-    BadLog("all constant", r"q1\.\.q7 and tau1\.\.tau7 never change", _csv(_all_constant)),
-    BadLog("no torque", r"tau1\.\.tau7 never change", _csv(_set(slice(None), TAU, 0.0))),
-    BadLog(
-        "degrees",
+    "one row": (r"log\.csv", text_of(good_values(rows=1))),
+    "all constant": (r"q1\.\.q7 and tau1\.\.tau7 never change", CONSTANT),
+    "no torque": (r"tau1\.\.tau7 never change", _set(ALL, TAU, 0.0)),
+    "degrees": (
         r"line \d+: q\d is -?\d+\.\d+, which looks like degrees: expected .* rad",
-        _csv(_scale(slice(1, 15), 180 / np.pi)),
+        _scaled(slice(1, 15), 180 / np.pi),
     ),
-    BadLog(
-        "small angles in degrees",
+    "small angles in degrees": (
         r"q\d moves at .* the joint can do 2\.\d+: expected angles in rad, not degrees",
-        _csv(_small_degrees),
+        changed(_small_degrees),
     ),
-    BadLog(
-        "speeds in degrees",
+    "speeds in degrees": (
         r"dq is 57\.\d times the derivative of q, which looks like degrees per second",
-        _csv(_scale(DQ, 180 / np.pi)),
+        _scaled(DQ, 180 / np.pi),
     ),
-    BadLog(
-        "per cent",
+    "per cent": (
         r"line \d+: tau5 is .* looks like per cent .* this joint can do 12",
-        _csv(_percent),
+        changed(_percent),
     ),
-    BadLog("millinewton metres", r"tau\d is .* looks like mN·m", _csv(_scale(TAU, 1e3))),
-    BadLog(
-        "a column without values",
+    "millinewton metres": (r"tau\d is .* looks like mN·m", _scaled(TAU, 1e3)),
+    "a column without values": (
         r"line 2: q2 has no value, in 200 of 200 rows",
-        _csv(_set(slice(None), 2, np.nan)),
+        _set(ALL, 2, np.nan),
     ),
-    BadLog(
-        "many missing values",
+    "many missing values": (
         r"line 12: tau3 has no value, in 40 of 200 rows",
-        _csv(_set(slice(10, 50), 17, np.nan)),
+        _set(slice(10, 50), 17, np.nan),
     ),
-    BadLog("no values at all", r"no row has values", _csv(_set(slice(None), slice(1, 22), np.nan))),
-    BadLog(
-        "a row with too few values",
+    "no values at all": (r"no row has values", _set(ALL, slice(1, 22), np.nan)),
+    "a row with too few values": (
         r"line 20: 21 values: expected one for each of the 22",
-        _lines(lambda lines: lines.__setitem__(19, lines[19].rsplit(",", 1)[0])),
+        _line(20, lambda line: line.rsplit(",", 1)[0]),
     ),
-    BadLog(
-        "a row with too many values",
-        r"line 21: 23 values",
-        _lines(lambda lines: lines.__setitem__(20, lines[20] + ",1")),
-    ),
-    BadLog(
-        "cut in the middle of a row",
-        r"line 201: \d+ values",
-        _file("log.csv", lambda: text_of(good_values())[:-100]),
-    ),
-    BadLog(
-        "binary garbage",
-        r"log\.csv, line 1: ",
-        _file("log.csv", lambda: bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))),
-    ),
-    BadLog(
-        "wrong encoding",
-        r"line 1: byte 0 is not UTF-8",
-        _file("log.csv", lambda: text_of(good_values()).encode("utf-16")),
-    ),
-    BadLog("null bytes", r"line 1: not text", _file("log.csv", lambda: "\0" * 1000)),
-    BadLog("endless line", r"a line of over 65536 bytes", _file("log.csv", lambda: "1," * 200_000)),
-    BadLog(
-        "compressed but named csv",
-        r"gzip-compressed: expected the name \.csv\.gz",
-        _file("log.csv", lambda: _zipped(text_of(good_values()))),
-    ),
-    BadLog(
-        "not gzip", r"log\.csv\.gz: not gzip", _file("log.csv.gz", lambda: text_of(good_values()))
-    ),
-    BadLog("empty gzip", r"log\.csv\.gz: empty file", _file("log.csv.gz", bytes)),
-    BadLog(
-        "compressed file cut short",
+    "a row with too many values": (r"line 21: 23 values", _line(21, lambda line: line + ",1")),
+    "cut in the middle of a row": (r"line 201: \d+ values", GOOD[:-100]),
+    "binary garbage": (r"log\.csv, line 1: ", GARBAGE),
+    "wrong encoding": (r"line 1: byte 0 is not UTF-8", GOOD.encode("utf-16")),
+    "null bytes": (r"line 1: not text", "\0" * 1000),
+    "endless line": (r"a line of over 65536 bytes", "1," * 200_000),
+    "compressed but named csv": (r"gzip-compressed: expected the name \.csv\.gz", ZIPPED),
+}
+BAD_GZIP: dict[str, tuple[str, str | bytes]] = {
+    "not gzip": (r"log\.csv\.gz: not gzip", GOOD),
+    "empty gzip": (r"log\.csv\.gz: empty file", ""),
+    "compressed file cut short": (
         r"log\.csv\.gz: the compressed file ends early after line 1\d\d:",
-        _file("log.csv.gz", lambda: _zipped(text_of(good_values()))[:-2000]),
+        ZIPPED[:-2000],
     ),
-    BadLog(
-        "compressed file damaged",
+    "compressed file damaged": (
         r"log\.csv\.gz: the compressed file (is damaged|ends early) after line \d+:",
-        _file("log.csv.gz", lambda: _zipped(text_of(good_values()))[:3000] + b"\xff" * 4000),
+        ZIPPED[:3000] + b"\xff" * 4000,
     ),
-    BadLog(
-        "npz that is none",
-        r"damaged or no NumPy archive",
-        _file("log.npz", lambda: b"PK\x03\x04 no archive"),
-    ),
-    BadLog(
-        "npz cut short",
-        r"damaged or no NumPy archive",
-        _file("log.npz", lambda: _good_npz()[:-700]),
-    ),
-    BadLog(
-        "npz without angles",
-        r"missing columns 'q1', 'q2'",
-        _file("log.npz", lambda: _good_npz(q=None)),
-    ),
-    BadLog(
-        "npz with other names", r"missing column 't'", _file("log.npz", lambda: _npz(a=np.zeros(3)))
-    ),
-    BadLog(
-        "npz with shorter torques",
+}
+BAD_NPZ: dict[str, tuple[str, str | bytes]] = {
+    "npz that is none": (r"damaged or no NumPy archive", b"PK\x03\x04 no archive"),
+    "npz cut short": (r"damaged or no NumPy archive", _npz()[:-700]),
+    "npz without angles": (r"missing columns 'q1', 'q2'", _npz(q=None)),
+    "npz with other names": (r"missing column 't'", _npz(t=None, q=None, tau=None, a=np.zeros(3))),
+    "npz with shorter torques": (
         r"column 'tau1' has 50 rows, 't' has 200",
-        _file("log.npz", lambda: _good_npz(tau=good_values()[:50, 15:])),
+        _npz(tau=good_values()[:50, 15:]),
     ),
-    BadLog(
-        "npz of six joints",
-        r"columns for 6 joints",
-        _file("log.npz", lambda: _good_npz(q=np.ones((200, 6)), tau=np.ones((200, 6)))),
-    ),
-    BadLog(
-        "npz with deep arrays",
-        r"missing columns 'q1', 'q2'",
-        _file("log.npz", lambda: _good_npz(q=np.ones((200, 7, 2)))),
-    ),
-    BadLog(
-        "npz with text",
-        r"column 'q1' holds <U3: expected numbers",
-        _file("log.npz", lambda: _good_npz(q=np.full((200, 7), "one"))),
-    ),
-    BadLog(
-        "npz with complex numbers",
+    "npz of six joints": (r"columns for 6 joints", _npz(q=ONES, tau=ONES)),
+    "npz with deep arrays": (r"missing columns 'q1', 'q2'", _npz(q=np.ones((200, 7, 2)))),
+    "npz with text": (r"column 'q1' holds <U3: expected numbers", _npz(q=np.full((200, 7), "one"))),
+    "npz with complex numbers": (
         r"column 'tau1' holds complex128",
-        _file("log.npz", lambda: _good_npz(tau=np.ones((200, 7), complex))),
+        _npz(tau=np.ones((200, 7), complex)),
     ),
-    BadLog(
-        "npz with objects",
-        r"q\.npy: holds Python objects",
-        _file("log.npz", lambda: _good_npz(q=np.full((200, 7), None))),
+    "npz with objects": (r"q\.npy: holds Python objects", _npz(q=np.full((200, 7), None))),
+    "npz that claims a terabyte": (r"q\.npy: shape \(100000000000, 7\) does not fit", _lying_npz()),
+}
+BAD_FILES = {
+    **{k: (*v, "log.csv") for k, v in BAD_CSV.items()},
+    **{k: (*v, "log.csv.gz") for k, v in BAD_GZIP.items()},
+    **{k: (*v, "log.npz") for k, v in BAD_NPZ.items()},
+    "unknown kind": (
+        r"log\.xlsx: unknown kind of file: expected one of \.csv, \.csv\.gz, \.npz, \.parquet",
+        GOOD,
+        "log.xlsx",
     ),
-    BadLog(
-        "npz that claims a terabyte",
-        r"q\.npy: shape \(100000000000, 7\) does not fit",
-        _file("log.npz", _lying_npz),
-    ),
-    BadLog(
-        "no parquet",
-        r"log\.parquet: damaged or no Parquet",
-        _file("log.parquet", lambda: b"PAR1 no table PAR1"),
-    ),
-)
+    "no parquet": (r"log\.parquet: damaged or no Parquet", b"PAR1 no table PAR1", "log.parquet"),
+}
+"""By what is wrong: what the one line must match, the content, the name of the file."""

@@ -133,22 +133,30 @@ def joint_states(
     efforts: bool = True,
 ) -> list[Message]:
     """Return ``t, q, dq, tau`` (T, 1 + 3n) as messages; their joints in another order each time."""
-    n, rng = len(names), np.random.default_rng(0)
-    none = np.zeros(0)
-    out = []
-    for row in values:
-        order = rng.permutation(n)
-        q, dq, tau = (np.ascontiguousarray(x[order]) for x in row[1:].reshape(3, n))
-        fields = {
+    rng = np.random.default_rng(0)
+
+    def fields(channels: Array) -> dict[str, Any]:
+        order = rng.permutation(len(names))
+        q, dq, tau = (np.ascontiguousarray(x[order]) for x in channels)
+        return {
             "header": stamp,
             "name": [names[k] for k in order],
             "position": q,
-            "velocity": dq if speeds else none,
-            "effort": tau if efforts else none,
+            "velocity": dq if speeds else np.zeros(0),
+            "effort": tau if efforts else np.zeros(0),
         }
-        time = START + round(row[0] * 1e9)
-        out.append(Message(topic, "sensor_msgs/msg/JointState", time, fields))
-    return out
+
+    return states(values, topic, "sensor_msgs/msg/JointState", fields)
+
+
+def states(
+    values: Array, topic: str, kind: str, fields: Callable[[Array], dict[str, Any]]
+) -> list[Message]:
+    """Return a message for each row (T, 1 + 3n); ``fields`` make its fields from ``q, dq, tau``."""
+    return [
+        Message(topic, kind, START + round(row[0] * 1e9), fields(row[1:].reshape(3, -1)))
+        for row in values
+    ]
 
 
 def merged(*streams: list[Message]) -> list[Message]:

@@ -28,6 +28,7 @@ from tests.measured.logs.ros_bags import (
     header,
     joint_states,
     merged,
+    states,
     write_bag,
 )
 
@@ -145,29 +146,22 @@ def test_franka_states(tmp_path: Path, kind: str, plain: JointLog) -> None:
 
 
 def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
-    def state(row: np.ndarray) -> Any:
-        def make(known: Any, time: int, number: int) -> Any:
-            q, dq, tau = row[1:].reshape(3, 7)
-            names = [f"fr3_joint{j}" for j in range(1, 8)]
-            empty = header(known, 0)
-            return known.types["sensor_msgs/msg/JointState"](empty, names, q, dq, tau)
-
-        return make
-
-    messages = [
-        Message(
-            "/franka_robot_state_broadcaster/robot_state",
-            "franka_msgs/msg/FrankaRobotState",
-            START + round(row[0] * 1e9),
-            {
-                "header": header,
-                "measured_joint_state": state(row),
-                "desired_joint_state": state(0 * row),
-            },
+    def state(channels: np.ndarray) -> Any:
+        names = [f"fr3_joint{j}" for j in range(1, 8)]
+        return lambda known, *_: known.types["sensor_msgs/msg/JointState"](
+            header(known, 0), names, *channels
         )
-        for row in VALUES
-    ]
-    log = read(write_bag(tmp_path / "log", "mcap", messages))
+
+    def fields(channels: np.ndarray) -> dict[str, Any]:
+        measured, desired = state(channels), state(0 * channels)
+        return {
+            "header": header,
+            "measured_joint_state": measured,
+            "desired_joint_state": desired,
+        }
+
+    topic, kind = "/broadcaster/robot_state", "franka_msgs/msg/FrankaRobotState"
+    log = read(write_bag(tmp_path / "log", "mcap", states(VALUES, topic, kind, fields)))
     assert_same(log, plain)
     assert log.side == "link"
 
@@ -179,22 +173,18 @@ def test_lbr_states_have_the_controllers_clock(
     tmp_path: Path, plain: JointLog, package: str, torque: str
 ) -> None:
     """Of today's driver and of an old one."""
-    messages = []
-    for row in VALUES:
-        time = START + round(row[0] * 1e9)
-        seconds, nanoseconds = divmod(time, 10**9)
-        fields = {
-            "sample_time": 0.01,
-            "time_stamp_sec": seconds,
-            "time_stamp_nano_sec": nanoseconds,
-            "measured_joint_position": row[1:8],
-            torque: row[15:],
-            **({"commanded_torque": 0 * row[15:]} if torque == "measured_torque" else {}),
-            "external_torque": 0 * row[15:],
-        }
+
+    def fields(channels: np.ndarray) -> dict[str, Any]:
+        q, _, tau = channels
+        commanded = {"commanded_torque": 0 * tau} if torque == "measured_torque" else {}
+        others = {"sample_time": 0.01, **commanded, "external_torque": 0 * tau}
+        return {"measured_joint_position": q, torque: tau, **others}
+
+    messages = states(VALUES, "/lbr/state", f"{package}/msg/LBRState", fields)
+    for m, t in zip(messages, VALUES[:, 0], strict=True):
+        m.fields["time_stamp_sec"], m.fields["time_stamp_nano_sec"] = divmod(m.time, 10**9)
         # recorded late, by a different time each: the stamps count
-        late = int(time + 1e6 * (1 + np.sin(row[0])))
-        messages.append(Message("/lbr/state", f"{package}/msg/LBRState", late, fields))
+        m.time = int(m.time + 1e6 * (1 + np.sin(t)))
     log = read(write_bag(tmp_path / "log", "mcap", messages))
     assert_same(log, plain, speeds=False)
     assert log.side == "link"
@@ -219,11 +209,11 @@ def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
     """Commands beside measurements: nobody guesses. A gripper's own topic asks nothing."""
     wanted = VALUES.copy()
     wanted[:, 15:] = 1.0
-    states = joint_states(VALUES, topic="/franka/joint_states")
+    measured = joint_states(VALUES, topic="/franka/joint_states")
     gripper = fingers(VALUES, topic="/gripper/joint_states")
-    assert_same(read(write_bag(tmp_path / "one", "mcap", merged(states, gripper))), plain)
+    assert_same(read(write_bag(tmp_path / "one", "mcap", merged(measured, gripper))), plain)
     path = write_bag(
-        tmp_path / "two", "mcap", merged(states, joint_states(wanted, topic="/desired"), gripper)
+        tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/desired"), gripper)
     )
     with pytest.raises(
         StictionError, match=r"several topics .*: /franka/joint_states, /desired: .*name the topic"
@@ -253,21 +243,11 @@ def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def franka_states(tau: str) -> list[Message]:
-    return [
-        Message(
-            "/franka_state_controller/franka_states",
-            "franka_msgs/msg/FrankaState",
-            START + round(row[0] * 1e9),
-            {
-                "header": header,
-                "q": row[1:8],
-                "dq": row[8:15],
-                tau: row[15:],
-                f"{tau}_d": 0 * row[15:],
-            },
-        )
-        for row in VALUES
-    ]
+    def fields(channels: np.ndarray) -> dict[str, Any]:
+        q, dq, torque = channels
+        return {"header": header, "q": q, "dq": dq, tau: torque, f"{tau}_d": 0 * torque}
+
+    return states(VALUES, "/franka_states", "franka_msgs/msg/FrankaState", fields)
 
 
 def text_bag(folder: Path, kind: str = "mcap") -> Path:

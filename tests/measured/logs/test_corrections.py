@@ -1,4 +1,4 @@
-"""What the reader finds and corrects: in made-up logs whose truth is known, and in real ones."""
+"""What the reader finds and corrects in made-up logs whose truth is known."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import longest_run
-from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import load_arm
 
-MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 RATE = 1000.0
 N = 3
 
@@ -113,10 +112,9 @@ def test_a_frozen_log_becomes_a_gap(tmp_path: Path) -> None:
 
 
 def test_rows_with_an_old_position_are_dropped(tmp_path: Path) -> None:
-    truth = sway()
+    truth, log = sway(), sway()
     rng = np.random.default_rng(1)
     old = 2 * rng.choice(np.arange(50, 4950), 120, replace=False)
-    log = {k: v.copy() for k, v in truth.items()}
     log["q"][old] = log["q"][old - 1]
     found = read(tmp_path, log)
     # Where all joints are slow at once, an old position is as good as a new one.
@@ -143,9 +141,8 @@ def test_two_halves_of_a_sample_are_put_together(tmp_path: Path) -> None:
 
 
 def test_old_torques_are_interpolated(tmp_path: Path) -> None:
-    truth = sway()
+    truth, log = sway(), sway()
     old = np.arange(500, 9500, 300)
-    log = {k: v.copy() for k, v in truth.items()}
     log["tau"][old] = log["tau"][old - 1]
     found = read(tmp_path, log)
     assert corrected(found) == {"stale": len(old)}
@@ -154,8 +151,7 @@ def test_old_torques_are_interpolated(tmp_path: Path) -> None:
 
 
 def test_single_missing_values_are_interpolated(tmp_path: Path) -> None:
-    truth = sway()
-    log = {k: v.copy() for k, v in truth.items()}
+    truth, log = sway(), sway()
     log["q"][[200, 201, 5000], 1] = np.nan
     log["tau"][300, 0] = np.nan
     log["dq"][0] = np.nan  # what a difference leaves behind
@@ -236,11 +232,7 @@ def test_jitter_that_the_noise_hides_is_left_alone(tmp_path: Path) -> None:
 
 def test_gaps_split_the_log(tmp_path: Path) -> None:
     truth = sway()
-    keep = np.r_[
-        0:3000,
-        3500:6000,
-        6030:10_000,
-    ]
+    keep = np.r_[0:3000, 3500:6000, 6030:10_000]
     found = read(tmp_path, rows_of(truth, keep))
     assert corrected(found) == {"gap": 2}
     assert found.breaks == (3000, 5500)
@@ -337,56 +329,3 @@ def test_values_beyond_the_limits_are_warned_of(tmp_path: Path) -> None:
     (log,) = read_logs([tmp_path / "log.npz"], 7, limits=limits)
     assert [w[:2] for w in log.warnings] == ["q4", "q6"]
     assert "beyond the joint's limits" in log.warnings[0]
-
-
-# ---- real robots ----
-
-
-def real(name: str) -> Path:
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured log {name} is not here")
-    return path
-
-
-def test_panda_defects_are_found() -> None:
-    """What the log's README lists: repeats, late halves, robot clock, lag, q too good."""
-    path = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz")
-    (log,) = read_logs([path], 7, limits=load_arm("panda").limits)
-    found = corrected(log)
-    assert found["repeat"] == 1131
-    assert {m.rows for m in log.corrections if "old q" in m.text or "half" in m.text} == {59, 63}
-    step = np.diff(log.t) / 1e-3
-    assert np.abs(step - np.round(step)).max() < 1e-6
-    assert log.breaks == ()
-    assert "robot clock rebuilt: the angles follow a regular 1 ms clock" in log.corrections[-1].text
-    lag, obedient = log.warnings
-    assert float(lag.split(" by ")[1].split(" ms")[0]) == pytest.approx(5.3, abs=0.5)
-    assert "q may be the commanded position" in obedient
-
-
-def test_iiwa_defects_are_found() -> None:
-    path = real("iiwa14_joint_friction/joint2.csv.gz")
-    (log,) = read_logs([path], 7, limits=load_arm("iiwa14").limits)
-    assert corrected(log) == {"run": 7}
-    assert len(log.segments) == 8
-    assert log.step == pytest.approx(5e-3)
-    assert log.warnings[0] == "columns not used: 'segment'"
-    assert "lags the derivative of q" in log.warnings[1]
-    assert "low-passed" in log.warnings[1]
-    assert len(log.warnings) == 2
-
-
-def test_iiwa_poses() -> None:
-    path = real("iiwa14_joint_friction/static_poses.csv.gz")
-    log = read_poses(path, 7, limits=load_arm("iiwa14").limits)
-    assert log.q.shape == (996, 7)
-    assert log.static
-    assert log.q[1, 1] == -0.69958
-    assert log.tau[1, 1] == -46.527
-    assert log.warnings == ("columns not used: 'session'",)
-
-
-def test_staubli_is_clean() -> None:
-    (log,) = read_logs([real("staubli_tx40/tx40.csv.gz")], 6)
-    assert (log.corrections, log.warnings, log.breaks, log.dq) == ((), (), (), None)

@@ -2,8 +2,8 @@
 
 Read with `rosbags`, which needs no ROS. One topic is read: the only one with states of so many
 joints and torques, or the one asked for. Messages with none of the arm's joints (a gripper that
-publishes to the same topic) are left out; one with only some of them is an error, as nobody knows
-what the others did meanwhile.
+publishes to the same topic) are left out. A message with only some of them is an error: the
+others are then unknown.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 
 METADATA = "metadata.yaml"
 """In every folder that ROS 2 records into."""
-_PEEK = 1000  # messages that show who publishes to a topic
-_NS = 1_000_000_000
+_PEEK = 1000
+"""Messages that show who publishes to a topic; assumed."""
+_NS = 10**9
 
 
 class RosBag(LogFormat):
@@ -58,7 +59,7 @@ class RosBag(LogFormat):
 
 @contextmanager
 def _open(where: str) -> Iterator[AnyReader]:
-    """Open a bag; whatever is wrong with it while it is open is one error."""
+    """Open a bag; any failure while it is open becomes one error."""
     try:
         from rosbags.highlevel import AnyReader  # here: few logs need it, and it takes a moment
         from rosbags.typesys import Stores, get_typestore

@@ -1,6 +1,6 @@
-"""What a kind of log file owns: the ends of its names, its reader, how many joints it has.
+"""The interface of a kind of log file: ends of its names, its reader, how many joints it has.
 
-Files come from strangers: every size is bounded before memory is taken, and nothing is unpickled.
+Files may be hostile: every size is bounded before memory is taken, and nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.joint_names import Naming
 
 MOST_BYTES = 2**31
-"""Of one file, unpacked."""
+"""Most bytes of one file, unpacked; assumed."""
 MOST_VALUES = 70_000_000
-"""Numbers of one file that are used; 50 minutes at 1 kHz of t, q, dq and tau of 7 joints."""
+"""Most numbers of one file that are used. Source: 50 minutes at 1 kHz of t, q, dq and tau of 7
+joints."""
 MOST_LINE_BYTES = 2**16
-"""Of one line of text."""
+"""Most bytes of one line of text; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +61,9 @@ class RawLog:
     origin: float = 0.0
     """What the clock showed at ``t`` = 0, s, where its reader took that off."""
     notes: list[Correction] = field(default_factory=list)
-    """What a person should know of how it was read."""
+    """Notes for a person on how it was read."""
     warnings: list[str] = field(default_factory=list)
-    """What is odd about it."""
+    """Warnings for a person."""
 
 
 class LogFormat(ABC):

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
-from stiction_envs.measured.logs.columns import Columns, joints_of, sort_columns
+from stiction_envs.measured.logs.columns import joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
@@ -27,9 +27,10 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.text import TextRows, decode_header
 
 HEADERS = [LIBFRANKA, FRANKA_ROS]
-"""Of robots' own logs; what is none of these has our columns. `registry.register` adds more."""
+"""Columns of robots' own logs; any other CSV has ours. `registry.register` adds more."""
 
 _BLOCK = 2**22
+"""Bytes read at once; assumed."""
 _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
 
 
@@ -40,8 +41,7 @@ class CsvFile(LogFormat):
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
-        packed = where.lower().endswith(".gz")
-        return _read_csv(where, wanted, packed=packed)
+        return _read_csv(where, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
@@ -56,10 +56,9 @@ def known_header(names: Sequence[str]) -> Header:
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
 
 
-def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
-    time, kind = wanted.time, OUR_COLUMNS
+def _read_csv(where: str, wanted: Wanted) -> RawLog:
+    time, kind, packed = wanted.time, OUR_COLUMNS, where.lower().endswith(".gz")
     rows: TextRows | None = None
-    columns: Columns | None = None
     line = 1
     try:
         with open(where, "rb") as file:
@@ -82,7 +81,7 @@ def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
                     columns = sort_columns(where, names, wanted.n_joints, time=time)
                     rows = TextRows(where, header, columns)
                 line = rows.add(block, line)
-                check_size(where, rows.count, len(columns.numbers) if columns else 0)
+                check_size(where, rows.count, len(rows.columns.numbers))
     except _BROKEN as error:
         reason = "ends early" if isinstance(error, EOFError) else "is damaged"
         raise StictionError(
@@ -92,9 +91,10 @@ def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
         raise StictionError(f"{where}: {reason}: expected a readable log file") from None
-    if rows is None or columns is None:
+    if rows is None:
         raise StictionError(f"{where}: empty file: expected a header and one second of rows")
     values, run, lines = rows.take()
+    columns = rows.columns
     start_column, data = int(time), {}
     for channel, group in columns.channels.items():
         data[channel] = np.ascontiguousarray(values[:, start_column : start_column + len(group)])
@@ -114,7 +114,7 @@ def _read_csv(where: str, wanted: Wanted, *, packed: bool) -> RawLog:
 def _blocks(where: str, stream: Any) -> Iterator[bytes]:
     """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
 
-    What is before a damage of the file comes first, so that the error can say where it is.
+    Lines before a damage of the file come first, so that the error can name the place.
     """
     rest, total, broken = bytearray(), 0, None
     while True:

@@ -19,7 +19,7 @@ class Header:
     side: str | None
     """Side of the gear on which its torque is measured, where that is known: motor or link."""
     note: str
-    """What a person should know of such a log; empty for ours."""
+    """Note for a person about such a log; empty for ours."""
 
     def ours(self, names: Sequence[str]) -> list[str]:
         """Return our names of its columns."""

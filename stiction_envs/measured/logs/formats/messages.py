@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LINK_SIDE = re.compile(r"(panda|fr3|fp3|lbr|iiwa)\d*_?")
-"""How joints of Franka's and KUKA's arms are called, whose torques are measured behind the gear."""
+"""Names of joints of Franka's and KUKA's arms, whose torques are measured behind the gear."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Kind:
     link_side: bool
     """Whether that is always measured behind the gear."""
     read: Callable[[Any], Sample]
-    """Take a message apart."""
+    """Convert a message."""
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
