@@ -15,12 +15,15 @@ from stiction_envs.robots.regressor import (
 )
 
 COULOMB = np.array([0.5, 0.6, 0.4, 0.5, 0.3, 0.2, 0.25])
+"""Dry friction of joints 1 to 7 [N·m]; assumed."""
 VISCOUS = 0.3 * COULOMB
+"""[N·m·s/rad]; assumed."""
 OFFSET = 0.1 * COULOMB
+"""Constant torque [N·m]; assumed."""
 
 
 def perturbed(arm: Arm, size: float, seed: int) -> Arm:
-    """The arm with other links that can exist: J → A J Aᵀ with A near the identity."""
+    """The arm with other, physically consistent links: J → A J Aᵀ with A near the identity."""
     phi = inertial_parameters(arm.pinocchio())
     j = pseudo_inertia(phi)
     root = np.linalg.cholesky(j)

@@ -1,4 +1,4 @@
-"""The friction law in plain numpy: the yardstick the engine is tested against.
+"""The friction law in plain numpy: the reference for tests of the engine.
 
 LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995): a bristle of deflection z [rad] with
 

@@ -1,15 +1,16 @@
 """What can be hidden in a simulated log: one entry per effect, by the name of the diagnosis.
 
-An entry changes the `World` before it is simulated and says what the truth then is; everything it
-needs to know of itself (joints, motions that excite it) is in it. It shares nothing with
-the cause of the same name but that name and the keys of its parameters. Two effects have a name of
-their own: a payload may be one that only the model has, and is then a payload of negative mass.
+An entry changes the `World` before it is simulated and returns the truth. It declares the joints on
+which it can be seen and the motions that excite it. It shares only the name and the keys of the
+parameters with the cause of the diagnosis. A payload that only the model has is an effect with its
+own name, ``phantom_payload``; as a cause it is a payload of negative mass.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,15 @@ from stiction_envs.hidden.hidden_motions import CENTRE, REACH
 Array = NDArray[np.float64]
 Values = dict[str, float | list[float]]
 FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
-"""(7,) usual dry friction [N·m]."""
+"""(7,) usual dry friction [N·m]; assumed."""
 ROTOR = np.array([0.3, 0.4, 0.3, 0.3, 0.12, 0.12, 0.1])
-"""(7,) usual rotor inertia [kg·m²]."""
+"""(7,) usual rotor inertia [kg·m²]; assumed."""
 PANDA_LINK_KG = np.array([4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522])
-"""(7,) of the arm that is simulated [kg]."""
+"""(7,) of the arm that is simulated [kg]. Source: ``robots/panda.xml``."""
 HALF_HEIGHT = 2 * np.sqrt(2 * np.log(2))
 """Width of a Gaussian at half its height, in standard deviations."""
 PRESLIDING_DISTANCE = 1e-4
-"""Presliding distance of the joints whose presliding nobody should see [rad]."""
+"""Presliding distance of joints without visible presliding [rad]; assumed."""
 
 
 def _zeros() -> Array:
@@ -38,7 +39,6 @@ def _zeros() -> Array:
 class World:
     """Everything that a cause may change before the simulation starts; (7,) per joint."""
 
-    n: int = 7
     coulomb: Array = field(default_factory=_zeros)
     """Known to the robot's makers [N·m]."""
     viscous: Array = field(default_factory=_zeros)
@@ -91,7 +91,7 @@ class World:
 
 @dataclass(frozen=True, kw_only=True)
 class Draw:
-    """What chance says of one hidden cause."""
+    """Random numbers of one hidden cause."""
 
     joint: int
     """From 0."""
@@ -129,7 +129,7 @@ class Effect:
     cause: str
     """Its name in the diagnosis."""
     excludes: frozenset[str] = frozenset()
-    """Effects that are not hidden with it: no log of one joint, or of the arm, tells them apart."""
+    """Effects that are not hidden with it, as no log separates them."""
 
 
 EFFECTS: dict[str, Effect] = {}
@@ -137,26 +137,12 @@ EFFECTS: dict[str, Effect] = {}
 
 
 def effect(
-    name: str,
-    *motions: str,
-    joints: tuple[int, ...] = Effect.joints,
-    needs_friction: bool = False,
-    arm_wide: bool = False,
-    cause: str = "",
-    excludes: frozenset[str] = Effect.excludes,
+    name: str, *motions: str, cause: str = "", **traits: Any
 ) -> Callable[[Callable[[World, Draw], Values]], Callable[[World, Draw], Values]]:
-    """Enter a function that hides a cause into `EFFECTS`; see `Effect`."""
+    """Enter a function that hides a cause into `EFFECTS`; its traits are fields of `Effect`."""
 
     def enter(hide: Callable[[World, Draw], Values]) -> Callable[[World, Draw], Values]:
-        EFFECTS[name] = Effect(
-            hide=hide,
-            motions=motions,
-            joints=joints,
-            needs_friction=needs_friction,
-            arm_wide=arm_wide,
-            cause=cause or name,
-            excludes=excludes,
-        )
+        EFFECTS[name] = Effect(hide=hide, motions=motions, cause=cause or name, **traits)
         return hide
 
     return enter

@@ -1,8 +1,8 @@
-"""Joint logs with something hidden in them: MuJoCo moves a Panda, a log is what a robot writes.
+"""Simulated joint logs of a Panda with hidden causes, written as a robot writes them.
 
-Shares no code with the diagnosis: forward simulation by ``mj_step``, friction by the reference law,
-every cause put in where it acts. The robot's makers know its dry and viscous friction and rotors
-(`Case.nominal`), or there is none (``"rigid"``); what is hidden comes on top.
+This file shares no code with the diagnosis. ``mj_step`` simulates the arm, the reference law its
+friction, and every cause acts where it belongs. The nominal model (`Case.nominal`) has the known
+dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 STEP = 1e-3
+"""Of the simulation [s]; assumed."""
 STEPS_PER_ROW = 2
-"""Steps per logged row: 500 Hz."""
+"""Steps per logged row: 500 Hz; assumed."""
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
 """Of `MOTIONS`, those that go all over the range: on which a model is to hold."""
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
+"""(7,) standard deviation of logged torques [N·m]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,10 +70,10 @@ class Case:
     motion: str
     seed: int
     second: list[JointLog]
-    """Of another motion of the same arm, with the same hidden; [] where none was asked for."""
+    """Logs of another motion of the same arm with the same hidden causes; [] unless asked for."""
     second_motion: str
     unhidden: list[JointLog]
-    """The same motion as `second`, of an arm in which nothing is hidden: what the truth leaves."""
+    """The same motion as `second` of an arm without hidden causes."""
 
 
 def make_case(
@@ -139,6 +141,10 @@ def make_case(
         for arm, logs in ((world, others), (bare, unhidden)):
             q, tau, _ = _simulate(arm, later, wanted)
             logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
+    payload = None
+    if world.phantom is not None:
+        mass, (x, y, z) = world.phantom[0], world.phantom[1].tolist()
+        payload = mass, x, y, z
     nominal: FrictionParameters | str = "rigid"
     if known:
         levels = {
@@ -153,7 +159,7 @@ def make_case(
         nominal = from_table(entries, "known to the robot's makers", 7)
     return Case(
         logs=[log],
-        robot=load_arm("panda", payload=_place(world.phantom)),
+        robot=load_arm("panda", payload=payload),
         nominal=nominal,
         hidden=tuple(hidden),
         effect=effect,
@@ -164,14 +170,6 @@ def make_case(
         second_motion=other,
         unhidden=unhidden,
     )
-
-
-def _place(body: tuple[float, Array] | None) -> tuple[float, float, float, float] | None:
-    """Return mass and centre of a body as `load_arm` takes them."""
-    if body is None:
-        return None
-    x, y, z = (float(c) for c in body[1])
-    return body[0], x, y, z
 
 
 def _visible_size(w: World, q: Array, effect: Array) -> Array:
@@ -244,6 +242,15 @@ def _build(w: World) -> mujoco.MjModel:
     return spec.compile()
 
 
+def _dynamics(m: mujoco.MjModel, d: mujoco.MjData, q: Array, v: Array, mass: Array) -> Array:
+    """Write the inertia (7, 7) at angles and speeds (7,) into ``mass``; return the bias torque."""
+    d.qpos[:], d.qvel[:] = q, v
+    mujoco.mj_fwdPosition(m, d)
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_fullM(m, d, mass)
+    return np.asarray(d.qfrc_bias)
+
+
 def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden."""
     true = dataclasses.replace(w, phantom=None)
@@ -281,12 +288,9 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     for k in range(len(t)):
         x, v = d.qpos[outer], d.qvel[outer]
         before = v
-        plain_data.qpos[:], plain_data.qvel[:] = x, v
-        mujoco.mj_fwdPosition(plain, plain_data)
-        mujoco.mj_fwdVelocity(plain, plain_data)
-        mujoco.mj_fullM(plain, plain_data, mass)
+        bias = _dynamics(plain, plain_data, x, v, mass)
         want = pull[k] + 100 * (speed[k] - v) + 2500 * (wanted[k] - x)
-        command = mass @ want + plain_data.qfrc_bias + w.coulomb * np.tanh(speed[k] / 0.01)
+        command = mass @ want + bias + w.coulomb * np.tanh(speed[k] / 0.01)
         # angles at t belong to the speed half a step before: friction is due at t
         v = v + 0.5 * STEP * pull[k]
         friction = w.viscous * v + w.more_viscous * v
@@ -319,20 +323,12 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
         q[k], tau[k] = x, command
         mujoco.mj_step(model, d)
         acceleration = (d.qvel[outer] - before) / STEP
-        bias = plain_data.qfrc_bias
         if assumed is not None:
-            assumed_data.qpos[:], assumed_data.qvel[:] = x, before
-            mujoco.mj_fwdPosition(assumed, assumed_data)
-            mujoco.mj_fwdVelocity(assumed, assumed_data)
-            mujoco.mj_fullM(assumed, assumed_data, mass)
-            bias = assumed_data.qfrc_bias
+            bias = _dynamics(assumed, assumed_data, x, before, mass)
         nominal[k] = mass @ acceleration + bias + known
         if w.load.any():
-            heavy_data.qpos[:], heavy_data.qvel[:] = x, plain_data.qvel
-            mujoco.mj_fwdPosition(heavy, heavy_data)
-            mujoco.mj_fwdVelocity(heavy, heavy_data)
-            mujoco.mj_fullM(heavy, heavy_data, mass)
-            load = mass @ pull[k] + heavy_data.qfrc_bias - w.rotor * pull[k]
+            bias = _dynamics(heavy, heavy_data, x, plain_data.qvel, mass)
+            load = mass @ pull[k] + bias - w.rotor * pull[k]
     logged = tau.copy()
     if w.delay:
         for j in range(7):

@@ -1,4 +1,4 @@
-"""Excitation motions for the blind tests: what a person would record, in random variants."""
+"""Motions for the blind tests, as a person would record them, in random variants."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from scipy.ndimage import uniform_filter1d
 
 Array = NDArray[np.float64]
 CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
+"""Middle of the motions of joints 1 to 7 [rad]; assumed."""
 REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
-"""How far the poses lie from the centre: within the Panda's limits, with room for the motion."""
+"""How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
+the motion."""
 Motion = Callable[[np.random.Generator, Array], Array]
 
 
