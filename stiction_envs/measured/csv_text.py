@@ -18,7 +18,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.atomic import write_text_atomic
 
 FIRST_BYTES = 65_536
-"""Of a file, in which its header must end."""
+"""Bytes of a file in which its header must end; assumed."""
 
 
 class Line:
@@ -68,7 +68,7 @@ class Line:
             column: name.
             default: value of a column that is missing.
             low: least number.
-            nan: whether NaN passes: a number that nobody knows.
+            nan: whether NaN passes, which is an unknown number.
         """
         if default is not None and column not in self.fields:
             return default
@@ -120,7 +120,7 @@ def read_lines(
 def parse_lines(
     path: str | os.PathLike[str], text: str, required: Sequence[str], optional: Sequence[str] = ()
 ) -> list[Line]:
-    """The same of text; ``path`` begins its messages."""
+    """Parse text as `read_lines` does a file; messages begin with ``path``."""
     lines: list[Line] = []
     header: list[str] | None = None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -185,7 +185,7 @@ def check_columns(
     required: Sequence[str],
     optional: Sequence[str],
 ) -> None:
-    """Raise if a ``header`` lacks a required column, or has one twice or that nobody knows."""
+    """Raise if a ``header`` lacks a required column, or repeats one, or has an unknown one."""
     expected = f"expected {','.join(required)}"
     if optional:
         expected += f" with optional {','.join(optional)}"

@@ -1,4 +1,4 @@
-"""Torque table or joint log: told from the first line of a file."""
+"""Tell a torque table from a joint log by the first line of the file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     """Return `TABLE` or `LOG`.
 
     Args:
-        path: a file; what cannot be read counts as a log, whose reader says why.
+        path: a file; one that cannot be read counts as a log, and the reader of logs reports why.
 
     Raises:
         StictionError: the columns are neither's.
@@ -37,7 +37,7 @@ def file_kind(path: str | os.PathLike[str]) -> str:
         return LOG
     known = set(SJE_COLUMNS) & set(header)
     if len(known) > len(SJE_COLUMNS) / 2:
-        return TABLE  # with a column missing, as its reader says
+        return TABLE  # with a column missing, which its reader reports
     raise StictionError(
         f"{path}: neither a torque table nor a joint log, its columns are {_short(header)}: "
         f"expected {','.join(SJE_COLUMNS)} or t,q1..qn,tau1..taun"

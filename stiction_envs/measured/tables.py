@@ -10,7 +10,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,13 +30,6 @@ LOADS = ("load", "no_load")
 
 DIRECTIONS = ("+", "-")
 """Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
-
-KEY = ("robot", "joint", "load", "direction")
-_RESULT = ("frequency_hz", "amplitude_nm", "tau_nm", "std_nm", "iterations", "reduction")
-SJE_COLUMNS = (*KEY, *_RESULT)
-AMPLITUDE_COLUMNS = ("joint", "frequency_hz", "amplitude_nm")
-AMPLITUDE_OPTIONAL = ("waveform", "offset_nm", "gate_rad_s")
-THESIS_BASE_COLUMNS = (*KEY, "tau_base_Nm")
 
 
 @dataclass(frozen=True)
@@ -90,6 +83,13 @@ class AmplitudeRow:
     def gate_velocity(self) -> float:
         """v_gate as `dither.Dither` takes it [rad/s]: inf where it is not gated."""
         return self.gate_rad_s or math.inf
+
+
+SJE_COLUMNS = tuple(f.name for f in fields(SJERow))
+KEY = SJE_COLUMNS[:4]
+"""Robot, joint, pose and direction: what a breakaway torque is of."""
+_ALL = tuple(f.name for f in fields(AmplitudeRow))
+AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL = _ALL[:3], _ALL[3:]
 
 
 def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
@@ -276,7 +276,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
     holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
     thesis = "tau_base_Nm" in header_of(path)
-    lines = read_lines(path, THESIS_BASE_COLUMNS if thesis else SJE_COLUMNS)
+    lines = read_lines(path, (*KEY, "tau_base_Nm") if thesis else SJE_COLUMNS)
     if not thesis:
         lines = [x for x in lines if x.number("frequency_hz") == x.number("amplitude_nm") == 0]
     robots = list(dict.fromkeys(our_name(x.text("robot")) for x in lines))

@@ -1,4 +1,4 @@
-"""The thesis's two arms: what they are called in print, and which tables are of which."""
+"""The thesis's two arms: their names in print, and the tables that have them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ class ThesisRobot:
     """An arm that the thesis measured."""
 
     name: str
-    """Ours."""
-    printed: str
-    """In the thesis's tables."""
+    """Our name."""
     title: str
     """In headings about the thesis."""
     tables: tuple[str, ...]
@@ -27,13 +25,11 @@ class ThesisRobot:
 _ROBOTS = (
     ThesisRobot(
         name="panda",
-        printed="panda",
         title="Panda",
         tables=("4.2", "4.3", "4.4", "4.6", "4.7", "4.8", "4.9", "4.10", "4.11", "A.1"),
     ),
     ThesisRobot(
         name="iiwa7",
-        printed="iiwa",
         title="iiwa",
         tables=("4.1", "4.3", "4.5"),
         weight_kg=23.9,
@@ -49,4 +45,4 @@ def thesis_robots(table: str | None = None) -> dict[str, ThesisRobot]:
 
 def our_name(robot: str) -> str:
     """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
-    return next((r.name for r in _ROBOTS if r.printed == robot), robot)
+    return "iiwa7" if robot == "iiwa" else robot

@@ -16,14 +16,14 @@ from typing import Any
 
 from stiction_envs.errors import unknown
 from stiction_envs.measured.csv_text import Line, header_of, read_lines
-from stiction_envs.measured.tables import BaseTable, read_base
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, BaseTable, read_base
 from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
-_MAIN = tuple(f"4.{i}" for i in range(1, 12))
-THESIS_TABLES = (*_MAIN, "A.1")
+THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
 
-_TEXT = {"robot", "load", "direction", "subtable", "quantity", "unit", "printed"}
+_NAMES = {"load": LOADS, "direction": DIRECTIONS}
+_TEXT = {"robot", "subtable", "quantity", "unit", "printed"}
 _TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
@@ -66,7 +66,7 @@ def thesis_table(number: str) -> list[dict[str, Any]]:
     """
     path = thesis_file(number)
     lines = read_lines(path, header_of(path))
-    return [{column: _typed(line, column) for column in line.fields} for line in lines]
+    return [{column: typed_cell(line, column) for column in line.fields} for line in lines]
 
 
 def thesis_base(robot: str) -> BaseTable:
@@ -78,51 +78,45 @@ def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
     """Every dithered breakaway torque: ``panda`` 4.6, 4.7, 4.8 and 4.10, ``iiwa7`` 4.5."""
     robot = _measured(robot)
     if robot in thesis_robots("4.5"):
-        return [_scaled(row, row["tau_base_Nm"], "4.5") for row in thesis_table("4.5")]
-    first = thesis_table("4.6")
-    bases = {_key(row): row["tau_base_Nm"] for row in first}
+        return [
+            _dithered(row, "4.5", row["tau_base_Nm"], row["frequency_Hz"], row["scale"])
+            for row in thesis_table("4.5")
+        ]
+    bases = {_key(row): row["tau_base_Nm"] for row in thesis_table("4.6")}
     rows = [
-        _scaled(row, bases[_key(row)], number)
+        _dithered(row, number, bases[_key(row)], row["frequency_Hz"], row["scale"])
         for number in ("4.6", "4.7", "4.8")
         for row in thesis_table(number)
     ]
     chosen = {_key(row): row for row in thesis_table("4.9")}
     for row in thesis_table("4.10"):
-        choice, base = chosen[_key(row)], abs(row["tau_base_Nm"])
+        choice = chosen[_key(row)]
         scale = 1.2 if row["joint"] == 3 else choice["scale"]
-        amplitude = scale * base
-        if row["amplitude_set"] == "final":
-            amplitude = choice["tau_final_Nm"]
-            scale = amplitude / base
-        rows.append(
-            DitheredRow(
-                *_key(row),
-                frequency_hz=choice["frequency_Hz"],
-                scale=scale,
-                amplitude_nm=amplitude,
-                tau_base_nm=row["tau_base_Nm"],
-                tau_sje_nm=row["tau_sje_Nm"],
-                change_pct=row["change_pct"],
-                table="4.10",
-                amplitude_set=row["amplitude_set"],
-                outlier=False,
-            )
-        )
+        final = choice["tau_final_Nm"] if row["amplitude_set"] == "final" else None
+        base, frequency = row["tau_base_Nm"], choice["frequency_Hz"]
+        rows.append(_dithered(row, "4.10", base, frequency, scale, final))
     return rows
 
 
-def _scaled(row: dict[str, Any], base: float, table: str) -> DitheredRow:
-    """A row of the tables whose amplitude is scale × base."""
+def _dithered(
+    row: dict[str, Any],
+    table: str,
+    base: float,
+    frequency: float,
+    scale: float,
+    amplitude: float | None = None,
+) -> DitheredRow:
+    """A row of a table whose amplitude is scale × base, or ``amplitude`` [N·m]."""
     return DitheredRow(
         *_key(row),
-        frequency_hz=row["frequency_Hz"],
-        scale=row["scale"],
-        amplitude_nm=row["scale"] * abs(base),
+        frequency_hz=frequency,
+        scale=scale if amplitude is None else amplitude / abs(base),
+        amplitude_nm=scale * abs(base) if amplitude is None else amplitude,
         tau_base_nm=base,
         tau_sje_nm=row["tau_sje_Nm"],
         change_pct=row["change_pct"],
         table=table,
-        amplitude_set="scale",
+        amplitude_set=row.get("amplitude_set", "scale"),
         outlier=table == "4.7" and row["change_pct"] == -94.27,
     )
 
@@ -149,11 +143,18 @@ def thesis_file(number: str) -> Path:
     return Path(__file__).parent / "thesis" / f"table_{number.replace('.', '_')}.csv"
 
 
-def _typed(line: Line, column: str) -> Any:
-    if column in _TEXT:
-        return line.fields[column]
-    if column == "joint":
-        return line.whole(column, 1)
+def typed_cell(line: Line, column: str) -> Any:
+    """Return a cell of a printed table or an SJE table by the kind of its column.
+
+    Raises:
+        StictionError: it is not of that kind.
+    """
+    if column in _NAMES:
+        return line.name(column, _NAMES[column])
     if column == "final_set_by_hand":
         return line.name(column, ("yes", "no")) == "yes"
-    return line.number(column)
+    if column in ("joint", "iterations"):
+        return line.whole(column, 1)
+    if column in _TEXT:
+        return line.text(column)
+    return line.number(column, nan=column in ("std_nm", "reduction"))

@@ -55,7 +55,7 @@ class Findings(Result):
 
     @property
     def defects(self) -> tuple[Finding, ...]:
-        """Findings but for remarks."""
+        """Findings without the remarks."""
         return tuple(x for x in self.findings if x.kind != REMARK)
 
     def to_json(self) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def check(
     joints: Sequence[str] = (),
     topic: str | None = None,
 ) -> Findings:
-    """Say what is wrong in torque tables and joint logs, told from their columns.
+    """List what is wrong in torque tables and joint logs, which are told apart by their columns.
 
     Tables: percentages that do not follow from their torques, amplitudes that are not base × scale,
     repetitions that contradict (of one table and between tables), impossible signs, sizes, units.

@@ -48,7 +48,7 @@ class Defect:
     """One thing that is wrong in a table, or worth a remark."""
 
     where: str
-    """Row, and column if the row does not tell it; ``all`` if every row shares the defect."""
+    """Row, and column if the row does not identify it; ``all`` if every row shares the defect."""
     printed: str
     """As it is in the table."""
     expected: str
@@ -114,7 +114,7 @@ def grouped(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[A
 
 
 def check_percentages(rows: Iterable[Row], bases: Bases | None = None) -> Iterator[Defect]:
-    """``change_pct`` is 100 (|τ_sje|/|τ_base| − 1), as far as the printed digits tell.
+    """``change_pct`` is 100 (|τ_sje|/|τ_base| − 1), as far as the printed digits show.
 
     Args:
         rows: with ``tau_sje_Nm``, ``change_pct`` and ``tau_base_Nm`` or an entry in ``bases``.
@@ -240,7 +240,7 @@ def check_measurements(rows: Sequence[Row]) -> Iterator[Defect]:
     ``change_pct``. The spread is 1.4826 × the median distance of a reading from the others of its
     setting. Of a pair that contradicts, the reading further from what the same joint, pose and
     direction gave at its other settings is the bad one. Fewer than
-    `LEAST_REPEATS` repeated settings tell nothing.
+    `LEAST_REPEATS` repeated settings show no spread.
     """
     by_key = grouped(rows, setting_key)
     same = grouped(rows, lambda r: (setting_key(r), number(r, "frequency_Hz"), number(r, "scale")))
@@ -304,7 +304,7 @@ def check_sje(rows: Sequence[Row]) -> Iterator[Defect]:
 
 
 def _with_setting(row: Row) -> str:
-    """Place of a row with whatever tells it from others of the same joint, pose and direction."""
+    """Place of a row, and what differs from others of the same joint, pose and direction."""
     text = place(row)
     if "frequency_Hz" in row and "tau_intermediate_Nm" not in row:
         text += f", {row['frequency_Hz']} Hz"

@@ -33,7 +33,8 @@ from stiction_envs.measured.checks.thesis_forms import (
     check_units,
 )
 from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.measured.tables import DIRECTIONS, KEY, LOADS, SJE_COLUMNS
+from stiction_envs.measured.tables import KEY, SJE_COLUMNS
+from stiction_envs.measured.thesis_tables import typed_cell
 
 FORMS: dict[str, tuple[str, ...]] = {
     "SJE table": SJE_COLUMNS,
@@ -53,8 +54,6 @@ FORMS: dict[str, tuple[str, ...]] = {
     "4.3, 4.4": (*KEY, "tau_base_Nm"),
 }
 """Columns by which a table is recognised, first match first; others may be there too."""
-_NAMES = {"load": LOADS, "direction": DIRECTIONS, "final_set_by_hand": ("yes", "no")}
-_TEXT = {"robot", "subtable", "axis", "unit_printed", "quantity", "unit", "amplitude_set"}
 _REPEATED = {
     "tau_base_Nm": "",
     "intercept_Nm": ", intercept",
@@ -75,14 +74,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     lines = read_lines(path, header)
     for line in lines:
         for column in FORMS[form or ""]:
-            if column in _NAMES:
-                line.name(column, _NAMES[column])
-            elif column in ("joint", "iterations"):
-                line.whole(column, 1)
-            elif column in _TEXT:
-                line.text(column)
-            else:
-                line.number(column, nan=column in ("std_nm", "reduction"))
+            typed_cell(line, column)
     return [line.fields for line in lines]
 
 
@@ -94,7 +86,7 @@ def form_of(columns: Sequence[str]) -> str | None:
 def check_tables(tables: Mapping[str, Sequence[Row]]) -> list[Defect]:
     """Apply each rule to the tables it fits; ``tables`` are rows as printed by table name.
 
-    Base torques of any table serve those that print none, the first one with the most decimals.
+    Tables that print no base torques use those of the other tables.
     """
     forms = {name: form_of(list(rows[0])) for name, rows in tables.items() if rows}
     rules = _rules(_base_torques(tables))
@@ -105,7 +97,7 @@ def check_tables(tables: Mapping[str, Sequence[Row]]) -> list[Defect]:
     found += check_measurements(_measurements(tables, forms))
     printed = _printed_quantities(tables)
     found += check_repeats(x for x in printed if not x[1].endswith(", r2"))
-    # R² has no resolution of its own: three digits of it are all one prints.
+    # three digits of R² are enough: it has no resolution of its own
     found += check_repeats((x for x in printed if x[1].endswith(", r2")), enough_digits=3)
     return found
 
