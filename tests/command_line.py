@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +13,17 @@ import pytest
 
 from stiction_envs.cli import main
 from tests.robots.arms import chain
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(
+    code: str, *, cwd: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run code in a process of its own, which finds this checkout from everywhere."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    words = [sys.executable, "-c", code]
+    return subprocess.run(words, cwd=cwd, env=env, capture_output=True, text=True, check=False)
 
 
 @dataclass

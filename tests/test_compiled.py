@@ -1,15 +1,9 @@
 """Compiled functions: cached if possible, and never in the way."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 
 from stiction_envs.compiled import compiled
-
-ROOT = Path(__file__).parents[1]
+from tests.command_line import python
 
 
 def test_division_by_zero_is_as_in_numpy():
@@ -31,8 +25,5 @@ def test_without_a_place_for_the_cache(tmp_path):
         "q = np.array([1.0, 0.0, 0.0, 0.0])\n"
         "print(slerp(q, q, 0.5)[0])\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
-    ran = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
+    ran = python(code, HOME=str(tmp_path))
     assert ran.stdout.strip() == "1.0", ran.stderr

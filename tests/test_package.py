@@ -2,7 +2,6 @@
 
 import ast
 import itertools
-import os
 import re
 import subprocess
 import sys
@@ -16,6 +15,8 @@ import pytest
 
 import stiction_envs
 import tuning
+from stiction_envs.cli import main
+from tests.command_line import python
 
 TOP = Path(__file__).parents[1]
 PACKAGES = ("stiction_envs", "tuning")
@@ -80,7 +81,7 @@ sys.meta_path.insert(0, Blocker())
 import gymnasium, stiction_envs, tuning
 gymnasium.make("stiction_envs:PandaSJE-v0")
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python(code)
     assert done.returncode == 0, done.stderr
 
 
@@ -94,7 +95,7 @@ for name, value in {points}.items():
     found = EntryPoint(name, value, "stiction_envs.api").load()
     assert callable(found), found
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python(code)
     assert done.returncode == 0, done.stderr
 
 
@@ -189,14 +190,7 @@ def test_every_import_is_declared():
 def test_a_missing_extra_is_one_clear_line(code, says, tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
     block = "import sys; sys.modules.update(pyarrow=None, cmaes=None, stable_baselines3=None)"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{block}; {code}"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(TOP)},
-    )
+    done = python(f"{block}; {code}", cwd=tmp_path)
     assert done.stderr.splitlines()[-1] == f"stiction_envs.errors.StictionError: {says}"
 
 
@@ -218,3 +212,41 @@ def test_public_names_have_docstrings():
         if not node.name.startswith("_") and ast.get_docstring(node) is None
     ]
     assert bare == []
+
+
+# ---- what a first contact loads: loading is most of its time -------------------------------------
+
+HEAVY = ("mujoco", "numba", "scipy", "pinocchio", "matplotlib", "optuna", "PIL", "torch")
+
+
+def loaded(code: str) -> set[str]:
+    """Return the modules that a fresh process has loaded after ``code``."""
+    ran = python(f"{code}\nimport sys; print('modules:', *sys.modules)")
+    assert ran.returncode == 0, ran.stderr
+    return set(ran.stdout.rpartition("modules:")[2].split())
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import stiction_envs",
+        "from stiction_envs.cli import main; assert main(['--help']) == 0",
+        "from stiction_envs.cli import main; assert main(['--version']) == 0",
+    ],
+    ids=["import", "help", "version"],
+)
+def test_the_package_and_its_help_load_nothing_heavy(code):
+    assert loaded(code) & set(HEAVY) == set()
+
+
+@pytest.mark.parametrize("name", ["PandaSJE-v0", "PandaGTE-v0"])
+def test_an_environment_loads_only_what_it_needs(name):
+    """SciPy's linear algebra comes with numba."""
+    modules = loaded(f"import gymnasium; gymnasium.make('stiction_envs:{name}').reset(seed=0)")
+    unwanted = {"scipy.signal", "scipy.stats", "scipy.spatial", "pinocchio", "matplotlib", "optuna"}
+    assert modules & unwanted == set()
+
+
+def test_the_version_is_printed(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"stiction-envs {stiction_envs.__version__}\n"

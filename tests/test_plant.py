@@ -16,7 +16,7 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, load_protocol
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.plant import SLOW_STEPS, Plant
+from stiction_envs.plant import SLOW_STEPS, Plant, steer
 from stiction_envs.robots import load_arm
 from tests.friction.gyro import J_A, pendulum, sticking
 
@@ -45,18 +45,22 @@ def poses(n: int = 4) -> np.ndarray:
     return np.random.default_rng(8).uniform(low + 0.2, high - 0.2, (n, 7))
 
 
+def posed(parameters: FrictionParameters | None = None) -> Plant:
+    """Return four arms at rest in `poses`."""
+    plant = Plant(panda(), 4, parameters=parameters)
+    plant.reset(np.arange(4), poses())
+    return plant
+
+
 def test_rest_stays_at_rest():
     """Without bias and ripple nothing acts on an arm at rest, in any pose."""
-    plant = Plant(panda(), 4, parameters=quiet(panda()))
-    plant.reset(np.arange(4), poses())
-    out = plant.run(np.zeros((4, 1000, 7)))
+    out = posed(quiet(panda())).run(np.zeros((4, 1000, 7)))
     assert np.abs(out - poses()[:, None]).max() < 1e-10
 
 
 def test_arm_as_shipped_comes_to_rest():
     """Its bias is under its stiction, so bias and ripple bend the bristles and no more."""
-    plant = Plant(panda(), 4)
-    plant.reset(np.arange(4), poses())
+    plant = posed()
     assert np.all(np.abs(plant.offset) < 0.8 * plant.stiction)
     plant.run(np.zeros((4, 15_000, 7)))  # the springs of joints 1-4 ring, the bristles settle
     out = plant.run(np.zeros((4, 1000, 7)))
@@ -66,15 +70,11 @@ def test_arm_as_shipped_comes_to_rest():
 
 def test_gravity_compensation_holds_an_arm_without_friction():
     smooth = quiet(panda(), stiction=1e-6, viscous=0.0, load_coefficient=0.0)
-    plant = Plant(panda(), 4, parameters=smooth)
-    plant.reset(np.arange(4), poses())
-    out = plant.run(np.zeros((4, 500, 7)))
+    out = posed(smooth).run(np.zeros((4, 500, 7)))
     assert np.abs(out - poses()[:, None]).max() < 1e-9
     # one per cent of error in it, and it falls
     wrong = smooth.replace(gravity_error=np.full(7, 0.01), load_high=np.full(7, np.inf))
-    plant = Plant(panda(), 4, parameters=wrong)
-    plant.reset(np.arange(4), poses())
-    assert np.abs(plant.run(np.zeros((4, 500, 7))) - poses()[:, None]).max() > 0.01
+    assert np.abs(posed(wrong).run(np.zeros((4, 500, 7))) - poses()[:, None]).max() > 0.01
 
 
 def test_gravity_error_and_offset_are_torques_on_the_link():
@@ -125,8 +125,7 @@ def total_energy(plant: Plant) -> np.ndarray:
 
 def test_energy_never_grows_without_input():
     """A pushed arm, let go, only loses energy until it stands."""
-    plant = Plant(panda(), 4, parameters=quiet(panda()))
-    plant.reset(np.arange(4), poses())
+    plant = posed(quiet(panda()))
     push = np.random.default_rng(1).uniform(-1, 1, (4, 1, 7)) * np.array([15, 15, 15, 15, 3, 3, 3])
     plant.run(np.tile(push, (1, 150, 1)))
     energy = [total_energy(plant)]
@@ -162,8 +161,7 @@ def test_stiff_spring_is_a_rigid_joint(stiffness):
 
 def test_load_is_the_gravity_torque():
     """The load sensor agrees with MuJoCo's bias force of the rigid arm, signs included."""
-    plant = Plant(panda(), 4)
-    plant.reset(np.arange(4), poses())
+    plant = posed()
     signed, absolute = plant.load
     rigid = panda().arm.model()
     data = mujoco.MjData(rigid)
@@ -286,8 +284,7 @@ def test_positions_are_copies():
 
 def test_stiction_is_that_of_the_present_pose():
     """Right after a reset, before any step."""
-    plant = Plant(panda(), 4)
-    plant.reset(np.arange(4), poses())
+    plant = posed()
     expected = panda().parameters.stiction_at(plant.load[1]).mean(axis=2)
     np.testing.assert_allclose(plant.stiction, expected, rtol=1e-14)
     assert np.ptp(expected, axis=0).max() > 0.1
@@ -364,3 +361,56 @@ def test_physics_is_stepped_in_the_plant_only():
     }
     found = {name for name, text in sources.items() if stepping.search(text)}
     assert {name for name in found if not name.startswith("hidden/")} == {"plant.py"}
+
+
+# ---- any model under a feedback law --------------------------------------------------------
+
+PENDULUM = mujoco.MjModel.from_xml_string("""<mujoco>
+<option timestep="0.001" integrator="Euler"/><worldbody><body>
+  <joint name="j" type="hinge" axis="0 1 0"/><geom size="0.05" pos="0 0 -0.3" mass="1"/>
+</body></worldbody><actuator><motor joint="j"/></actuator></mujoco>""")
+
+
+def steered(push, steps=400, **options):
+    """Angles (N, K) of pendulums from rest at angles of ±0.1 rad under a torque of their speed."""
+    start = {"qpos": np.array([[0.1], [-0.1]]), "qvel": np.zeros((2, 1))}
+    law = lambda k, batch: push[:, None] * batch.bind("qvel")  # noqa: E731
+    return steer(PENDULUM, start, law, steps, threads=1, **options)[..., 0]
+
+
+def test_a_law_drives_each_simulation_by_itself():
+    """Damping by the law is that of MuJoCo's own, stepped explicitly."""
+    found = steered(np.array([-0.2, 0.0]), 1500)
+    assert np.isfinite(found).all()
+    assert np.abs(found[0, -500:]).max() < 0.3 * np.abs(found[1, -500:]).max()
+    # mirrored, the free one swings with its period 2π √((l² + 2 r²/5)/(g l)), as it should
+    work, alone = mujoco.MjData(PENDULUM), []
+    work.qpos[:] = -0.1
+    for _ in range(1500):
+        mujoco.mj_step(PENDULUM, work)
+        alone.append(work.qpos[0])
+    np.testing.assert_array_equal(found[1], alone)
+
+
+def test_an_unstable_one_ends_in_nan(tmp_path, monkeypatch):
+    """A damping of h c/J > 2 grows in Euler; its neighbour goes on."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    inertia = 0.3**2 + 0.4 * 0.05**2
+    found = steered(np.array([-2.5 * inertia / 1e-3, -0.2]))
+    gone = np.isnan(found[0])
+    assert gone.any()
+    assert np.isfinite(found[1]).all()
+    first = int(np.argmax(gone))
+    assert gone[first:].all()
+    assert np.isfinite(found[0, :first]).all()
+    # at h c/J < 2 it holds: the boundary is where theory has it
+    assert np.isfinite(steered(np.array([-1.9 * inertia / 1e-3, -0.2]))).all()
+
+
+def test_one_that_is_too_fast_has_ended():
+    """Before the engine says so: speeds that are no joint's."""
+    early, late = (
+        int(np.isfinite(steered(np.array([0.5, 0.0]), 2000, fastest=v)[0]).sum())
+        for v in (2.0, 50.0)
+    )
+    assert 0 < early < late

@@ -48,12 +48,18 @@ def mixed(asymmetric: bool) -> tuple[np.ndarray, FrictionParameters, np.ndarray]
     return q, p, 8 * t + amplitude * np.sin(2 * np.pi * hz * t)
 
 
+def started(q: np.ndarray, p: FrictionParameters, threads: int) -> Plant:
+    """Return simulations in poses (N, 7) [rad] with a friction each."""
+    plant = Plant(panda(), len(q), parameters=p, threads=threads)
+    plant.reset(np.arange(len(q)), q)
+    plant.set_friction(np.arange(len(q)), p)
+    return plant
+
+
 def angles(rows: list[int], threads: int, blocks: list[int], asymmetric: bool) -> np.ndarray:
     """Run the simulations ``rows`` of `mixed` as a batch of their own, in blocks of steps."""
     q, p, torque = mixed(asymmetric)
-    plant = Plant(panda(), len(rows), parameters=p.rows(rows), threads=threads)
-    plant.reset(np.arange(len(rows)), q[rows])
-    plant.set_friction(np.arange(len(rows)), p.rows(rows))
+    plant = started(q[rows], p.rows(rows), threads)
     cuts = np.cumsum([0, *blocks])
     parts = [plant.run(torque[rows][:, a:b]) for a, b in pairwise(cuts)]
     return np.concatenate(parts, axis=1)
@@ -90,10 +96,7 @@ def test_asymmetric_neighbour_changes_nothing():
     q, p, torque = mixed(asymmetric=False)
     lame = p.stiction.copy()
     lame[1, :, 1] *= 1.3
-    plant = Plant(panda(), MANY, parameters=p.replace(stiction=lame), threads=2)
-    plant.reset(np.arange(MANY), q)
-    plant.set_friction(np.arange(MANY), p.replace(stiction=lame))
-    out = plant.run(torque)
+    out = started(q, p.replace(stiction=lame), 2).run(torque)
     others = np.delete(np.arange(MANY), 1)
     assert out[others].tobytes() == reference(False)[others].tobytes()
     assert out[1].tobytes() != reference(False)[1].tobytes()
@@ -127,9 +130,7 @@ def test_subset_leaves_the_others_alone():
     """Simulations with clocks of their own: run in any order they end the same."""
     q, p, torque = mixed(asymmetric=False)
     rows = np.arange(4)
-    plant = Plant(panda(), 4, parameters=p.rows(rows), threads=2)
-    plant.reset(rows, q[rows])
-    plant.set_friction(rows, p.rows(rows))
+    plant = started(q[rows], p.rows(rows), 2)
     out = {i: [] for i in range(4)}
 
     def go(ids: list[int], a: int, b: int) -> None:
@@ -161,11 +162,8 @@ def test_reset_forgets_everything():
 
 def test_one_joint_report_is_the_column_of_all():
     q, p, torque = mixed(asymmetric=False)
-    plant = Plant(panda(), MANY, parameters=p, threads=2)
-    plant.reset(np.arange(MANY), q)
-    plant.set_friction(np.arange(MANY), p)
     joint = np.arange(MANY) % 7
-    out = plant.run(torque, joint=joint)
+    out = started(q, p, 2).run(torque, joint=joint)
     expected = reference(False)[np.arange(MANY), :, joint]
     np.testing.assert_array_equal(out, expected)
 

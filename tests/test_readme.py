@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.measured import read_amplitudes, read_sje
+from tests.command_line import ROOT, python
 from tests.gap.small_logs import hidden, panda, sliding, write_csv
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -107,28 +107,43 @@ def test_all_commands(place):
     assert {r.joint for r in read_sje(place / "runs" / "sje-panda" / "sje.csv")} == {7}
 
 
-def run_python(code: str, place: Path) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=place,
-        env=dict(os.environ, PYTHONPATH=str(ROOT)),
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-
-
 @pytest.mark.slow
 def test_the_library(place):
     """Dry friction of 0.5 N·m in a log is named, and holds the arm of the model that is loaded."""
     log = hidden(panda(), lambda q, dq, ddq: 0.5 * sliding(q) + 0.4 * dq)
     write_csv(place / "log.csv", log)
-    out = run_python(blocks("python")[1], place)
-    assert "coulomb_friction" in out
+    ran = python(blocks("python")[1], cwd=place)
+    assert "coulomb_friction" in ran.stdout, ran.stderr
     assert (place / "runs" / "why" / "report.html").is_file()
 
 
 def test_the_environment(place):
-    out = run_python(blocks("python")[0], place)
-    with_dither, without = map(float, re.findall(r"([\d.]+) N·m", out))
+    ran = python(blocks("python")[0], cwd=place)
+    with_dither, without = map(float, re.findall(r"([\d.]+) N·m", ran.stdout))
     assert 0 < with_dither < 0.8 * without
+
+
+# ---- the Makefile builds the environment of the Python that it is given, and of no other ---------
+
+
+def make_env(folder: Path) -> None:
+    """Build the environment without its packages."""
+    command = ["make", "env", "PIP=true", f"PYTHON={sys.executable}"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+
+@pytest.mark.slow
+def test_an_environment_of_another_python_is_rebuilt(tmp_path: Path):
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    left = tmp_path / ".venv" / "lib" / "python3.10" / "left"
+    left.parent.mkdir(parents=True)
+    left.touch()
+    for kind in ("run", "dev"):
+        (tmp_path / ".venv" / f".stamp-{kind}-3.10.1").touch()
+    make_env(tmp_path)
+    assert not left.exists()
+    stamp = tmp_path / ".venv" / f".stamp-dev-{platform.python_version()}"
+    made = stamp.stat().st_mtime_ns
+    make_env(tmp_path)
+    assert stamp.stat().st_mtime_ns == made  # nothing to do
