@@ -17,7 +17,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_final
-from tests.envs.test_randomise import KINDS
+from tests.envs.helpers import KINDS
 from tests.robots.arms import chain
 from tuning.search.bounds import bounds_of
 
@@ -69,7 +69,7 @@ def test_a_joint_breaks_away_under_it(arm):
 @pytest.mark.parametrize("kind", ["sje", "gte"])
 def test_an_environment_dithers_with_it(kind):
     """By name, alone and in a batch of the same bits; an agent's table may name it too."""
-    single, batch, arguments, options = KINDS[kind]
+    single, batch, arguments, options, *_ = KINDS[kind]
     arguments = {**arguments, "fixed_options": options}
     rows = [AmplitudeRow(6, 20.0, 0.5, waveform="sawtooth")]
     seen = {}

@@ -1,21 +1,97 @@
-"""Short episodes for the tests of the environments."""
+"""Both experiments in short episodes, for the tests of the environments."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 from stiction_envs.control.trajectory import MotionLimits
+from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
+from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from stiction_envs.errors import StictionError
 
 PANDA, IIWA = "stiction_envs:PandaSJE-v0", "stiction_envs:IiwaSJE-v0"
+PANDA_GTE, IIWA_GTE = "stiction_envs:PandaGTE-v0", "stiction_envs:IiwaGTE-v0"
 QUICK = {"joint": 6, "load": "no_load", "direction": "+"}
 """A configuration that breaks away early."""
+TRIANGLE = {"trajectory": "triangle", "stiffness": (400, 40, 0)}
+TWO_JOINTS = """
+<mujoco model="two">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="base"><geom type="cylinder" size="0.05 0.05"/>
+      <body name="a" pos="0 0 0.1">
+        <joint name="a" axis="0 0 1" range="-2 2"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0.08 0.3 0 0.08" mass="1.5"/>
+        <body name="b" pos="0.4 0 0.08">
+          <joint name="b" axis="0 1 0" range="-2 2"/>
+          <geom type="capsule" size="0.03" fromto="0.06 0 0 0.3 0 0" mass="1"/>
+          <site name="tip" pos="0.3 0 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 
 
-def make(name: str = PANDA, **arguments: Any) -> gym.Env:
-    return gym.make(name, control_interval_s=0.2, **arguments)
+def sprint() -> MotionLimits:
+    """Return movements some five times as fast as the thesis's, for short episodes."""
+    return MotionLimits(
+        translational_acceleration=5.0,
+        translational_deceleration=5.0,
+        rotational_acceleration=5.0,
+        rotational_deceleration=5.0,
+        rotational_speed=2.0,
+        patience=0.2,
+    )
+
+
+class Kind(NamedTuple):
+    """An experiment's environments, with what makes their episodes short."""
+
+    single: Any
+    batch: Any
+    arguments: dict[str, Any]
+    options: dict[str, Any]
+    """Everything that a reset may draw but the scatter."""
+    name: str
+    panda: str
+    iiwa: str
+
+    def make(self, name: str | None = None, **arguments: Any) -> gym.Env:
+        """Return a single environment."""
+        return gym.make(name or self.panda, **{**self.arguments, **arguments})
+
+    def make_vec(self, count: int, **arguments: Any) -> gym.vector.VectorEnv:
+        """Return a batch, as `gymnasium.make_vec` makes it."""
+        return gym.make_vec(self.panda, count, **{**self.arguments, **arguments})
+
+    def make_batch(self, count: int, **arguments: Any) -> Any:
+        """Return a batch."""
+        return self.batch(count, **{**self.arguments, **arguments})
+
+
+SJE = Kind(SJEEnv, SJEVectorEnv, {"control_interval_s": 0.2}, QUICK, "sje", PANDA, IIWA)
+LIMITS = {"control_interval_s": 0.2, "motion": sprint()}
+GTE = Kind(GTEEnv, GTEVectorEnv, LIMITS, TRIANGLE, "gte", PANDA_GTE, IIWA_GTE)
+KINDS = {"sje": SJE, "gte": GTE}
+make, make_gte = SJE.make, GTE.make
+
+
+@contextmanager
+def refused(*words: str) -> Iterator[None]:
+    """Expect an error of one line that has these words."""
+    with pytest.raises(StictionError) as error:
+        yield
+    message = str(error.value)
+    assert "\n" not in message
+    assert [w for w in words if w not in message] == []
 
 
 def quiet(env: gym.Env) -> np.ndarray:
@@ -51,25 +127,3 @@ def same(a: Any, b: Any) -> bool:
         x, y = np.asarray(a), np.asarray(b)
         return x.dtype == y.dtype and np.array_equal(x, y, equal_nan=True)
     return type(a) is type(b) and a == b
-
-
-# ---- GTE -----------------------------------------------------------------------------------------
-
-PANDA_GTE, IIWA_GTE = "stiction_envs:PandaGTE-v0", "stiction_envs:IiwaGTE-v0"
-TRIANGLE = {"trajectory": "triangle", "stiffness": (400, 40, 0)}
-
-
-def sprint() -> MotionLimits:
-    """Return movements some five times as fast as the thesis's, for short episodes."""
-    return MotionLimits(
-        translational_acceleration=5.0,
-        translational_deceleration=5.0,
-        rotational_acceleration=5.0,
-        rotational_deceleration=5.0,
-        rotational_speed=2.0,
-        patience=0.2,
-    )
-
-
-def make_gte(name: str = PANDA_GTE, **arguments: Any) -> gym.Env:
-    return gym.make(name, **{"control_interval_s": 0.2, "motion": sprint(), **arguments})

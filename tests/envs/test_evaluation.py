@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -11,18 +10,8 @@ import pytest
 
 from stiction_envs.envs.agents import ConstantTable, NoDither, RandomDither
 from stiction_envs.envs.evaluation import evaluate, write_rows
-from stiction_envs.envs.gte import GTEVectorEnv
-from stiction_envs.envs.sje import SJEVectorEnv
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import QUICK, TRIANGLE, episode, make, make_gte, same, sprint
-
-GTE = {"control_interval_s": 0.2, "motion": sprint()}
-SJE = {"control_interval_s": 0.2}
-
-
-def batch(kind: str, size: int, **more: Any) -> Any:
-    return GTEVectorEnv(size, **GTE, **more) if kind == "gte" else SJEVectorEnv(size, **SJE, **more)
-
+from tests.envs.helpers import GTE, KINDS, QUICK, SJE, TRIANGLE, episode, same
 
 OPTIONS = {
     "gte": [TRIANGLE, {"path": 101}, {"trajectory": "pentagon"}, TRIANGLE, {"path": 102}],
@@ -36,7 +25,7 @@ def test_rows_are_the_same_bits_in_any_batch(kind):
     seeds = [3, 1, 4, 1, 5]
     rows = []
     for size, mode in ((1, "NextStep"), (2, "SameStep"), (8, "Disabled")):
-        env = batch(kind, size, autoreset_mode=mode, randomise={"friction": 0.2})
+        env = KINDS[kind].make_batch(size, autoreset_mode=mode, randomise={"friction": 0.2})
         rows.append(evaluate(env, RandomDither(env), seeds, OPTIONS[kind]))
     assert same(rows[0], rows[1])
     assert same(rows[0], rows[2])
@@ -47,11 +36,11 @@ def test_rows_are_the_same_bits_in_any_batch(kind):
 
 @pytest.mark.parametrize("kind", ["gte", "sje"])
 def test_a_row_is_what_the_single_environment_says(kind):
-    env = batch(kind, 2)
+    env = KINDS[kind].make_batch(2)
     agent = ConstantTable(env)
     option = OPTIONS[kind][0]
     row = evaluate(env, agent, [4, 11], option)[1]
-    single = make_gte() if kind == "gte" else make()
+    single = KINDS[kind].make()
     steps = episode(
         single, agent.predict(np.zeros(single.observation_space.shape))[0], seed=11, options=option
     )
@@ -81,7 +70,7 @@ def test_a_row_is_what_the_single_environment_says(kind):
 
 
 def test_agents_meet_the_same_episodes_and_differ():
-    env = batch("gte", 4)
+    env = GTE.make_batch(4)
     seeds = range(4)
     rows = [evaluate(env, agent, seeds) for agent in (NoDither(env), ConstantTable(env))]
     for a, b in zip(*rows, strict=True):
@@ -92,7 +81,7 @@ def test_agents_meet_the_same_episodes_and_differ():
 
 
 def test_a_truncated_episode_has_no_error_left():
-    env = batch("gte", 2, max_episode_steps=3)
+    env = GTE.make_batch(2, max_episode_steps=3)
     row = evaluate(env, NoDither(env), [0], TRIANGLE)[0]
     assert (row["terminated"], row["steps"]) == (0, 3)
     assert np.isnan(row["position_left_m"])
@@ -108,7 +97,7 @@ def test_an_agent_with_a_state_is_told_where_episodes_start():
             state = np.zeros(len(observation)) if state is None else state
             return super().predict(observation)[0], np.where(episode_start, 0, state) + 1
 
-    env = batch("sje", 2)
+    env = SJE.make_batch(2)
     evaluate(env, Counter(env), [0, 1, 2], QUICK)
     starts = np.array(Counter.starts)
     assert starts[0].all()
@@ -116,7 +105,7 @@ def test_an_agent_with_a_state_is_told_where_episodes_start():
 
 
 def test_rows_are_written(tmp_path):
-    env = batch("sje", 2)
+    env = SJE.make_batch(2)
     rows = evaluate(env, NoDither(env), [0, 1], QUICK)
     write_rows(tmp_path / "evaluation.csv", rows)
     with open(tmp_path / "evaluation.csv", encoding="utf-8") as file:
@@ -139,7 +128,7 @@ def test_rows_are_written_by_name(tmp_path):
 
 
 def test_wrong_calls():
-    env = batch("sje", 2)
+    env = SJE.make_batch(2)
     agent = NoDither(env)
     assert evaluate(env, agent, []) == []
     with pytest.raises(StictionError, match="2 options: expected one, or 3"):

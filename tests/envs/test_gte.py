@@ -1,38 +1,35 @@
-from __future__ import annotations
+"""What is the GTE environment's own: iterations, what is seen, paths; see `test_environments`."""
 
-import warnings
+from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RescaleAction
 
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
-from stiction_envs.errors import StictionError
+from stiction_envs.envs.gte import GTEEnv
+from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
-from stiction_envs.experiments.gte.undithered import fingerprint
+from stiction_envs.experiments.gte.random_paths import random_paths
+from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.envs.helpers import (
+    GTE,
     IIWA_GTE,
-    PANDA,
     PANDA_GTE,
     TRIANGLE,
     episode,
-    make,
     make_gte,
     mild,
     quiet,
     same,
     sprint,
 )
-from tests.envs.test_sje import TWO_JOINTS
 
 QUIET = {"power_weight": 0.0, "torque_rate_weight": 0.0, "shaking_weight": 0.0}
 
@@ -57,23 +54,6 @@ def shaken(env: gym.Env, share: float = 0.3) -> np.ndarray:
     action[7:] = [50, 30, 30, 50, 15, 15, 15]
     action[2] = 0.0
     return action
-
-
-@pytest.mark.parametrize("name", [PANDA_GTE, IIWA_GTE])
-def test_gymnasium_check(name):
-    env = make_gte(name, fixed_options=TRIANGLE)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(env.unwrapped, skip_render_check=True)
-    # amplitudes in N·m and frequencies in Hz cannot be in [-1, 1]: RescaleAction is for that
-    assert all("symmetric and normalized" in str(w.message) for w in caught)
-
-
-def test_stable_baselines_check():
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        checker.check_env(RescaleAction(make_gte(fixed_options=TRIANGLE), -1, 1))
 
 
 def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> None:
@@ -148,46 +128,17 @@ def test_the_control_interval_does_not_matter_to_a_constant_action():
     assert finals[0]["settling_error"] == pytest.approx(finals[1]["settling_error"], rel=1e-12)
 
 
-def test_same_seed_same_episode_on_any_number_of_threads(panda):
-    action = shaken(panda)
-    first, again = (episode(panda, action, seed=5, options=TRIANGLE) for _ in range(2))
-    assert same(first, again)
-    one = make_gte(threads=1)
-    assert same(episode(one, action, seed=5, options=TRIANGLE), first)
-    other = episode(panda, action, seed=6, options=TRIANGLE)
-    assert not np.array_equal(other[-1][4]["error"], first[-1][4]["error"])
-
-
 def test_seeds_draw_every_option():
-    env = GTEVectorEnv(16, motion=sprint())
+    env = GTE.make_batch(16)
     _, infos = env.reset(seed=0)
     cases = {(t, *k) for t, k in zip(infos["trajectory"], infos["stiffness"], strict=True)}
     k = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
     assert cases == {(t, *x) for t in ("triangle", "pentagon") for x in k}
 
 
-def test_options_do_not_shift_the_random_stream(panda):
-    panda.reset(seed=3)
-    free = panda.reset()
-    panda.reset(seed=3, options={**TRIANGLE, "iteration": 4})
-    assert same(panda.reset(), free)
+def test_a_stiffness_may_be_a_list(panda):
     _, info = panda.reset(options={"stiffness": [400, 40, 0]})
     assert info["stiffness"].tolist() == [400.0, 40.0, 0.0]
-
-
-def test_amplitude_zero_is_no_dither_at_any_frequency(panda):
-    def wobble(k: int) -> np.ndarray:
-        action = quiet(panda)
-        action[7:] = 5 + 7 * (k % 13)
-        return action
-
-    still = episode(panda, quiet(panda), seed=4, options=TRIANGLE)
-    wobbling = episode(panda, wobble, seed=4, options=TRIANGLE)
-    names = panda.unwrapped.observation_names
-    physical = [k for k, n in enumerate(names) if not n.startswith("frequency")]
-    for a, b in zip(still, wobbling, strict=True):
-        assert np.array_equal(a[0][physical], b[0][physical])
-        assert a[1:4] == b[1:4]
 
 
 def test_dither_can_come_and_go_without_losing_its_phase(panda):
@@ -276,84 +227,6 @@ def test_observed_torque_is_the_impedance_laws_without_dither(panda):
     assert not observation[mine].any(), "nothing is left of the episode before"
 
 
-def test_actions_have_the_bounds_of_the_sje():
-    assert make_gte().action_space == make(PANDA).action_space
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"joint": 1}, ("joint", "trajectory, path, stiffness, iteration")),
-        ({"path": -1}, ("path -1", "whole number")),
-        ({"path": "1"}, ("path '1'", "whole number")),
-        ({"trajectory": "pentagon", "path": 1}, ("path 1", "pentagon", "expected 'random'")),
-        ({"trajectory": "square"}, ("square", "triangle, pentagon, random")),
-        ({"trajectory": 3}, ("3", "triangle, pentagon")),
-        ({"stiffness": (200, 20)}, ("stiffness", "three")),
-        ({"stiffness": (200, -20, 0)}, ("stiffness", "-20")),
-        ({"stiffness": (200, np.nan, 0)}, ("stiffness", "nan")),
-        ({"stiffness": 200}, ("stiffness", "three")),
-        ({"stiffness": ("a", 1, 2)}, ("stiffness", "three")),
-        ({"iteration": -1}, ("iteration", "-1")),
-        ({"iteration": 1.0}, ("iteration", "1.0")),
-        ({"iteration": True}, ("iteration", "True")),
-        (["trajectory"], ("list", "dict")),
-    ],
-)
-def test_wrong_options(panda, options, words):
-    with pytest.raises(StictionError) as error:
-        panda.unwrapped.reset(seed=0, options=options)
-    message = str(error.value)
-    assert "\n" not in message
-    assert all(w in message for w in words)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ((2, np.nan), ("amplitude of joint 3", "nan")),
-        ((0, 1e6), ("amplitude of joint 1", "expected 0 to")),
-        ((7, 4.0), ("frequency of joint 1", "expected 5 to 100 Hz")),
-    ],
-)
-def test_wrong_actions(panda, change, words):
-    panda.reset(seed=0, options=TRIANGLE)
-    action = quiet(panda)
-    action[change[0]] = change[1]
-    with pytest.raises(StictionError) as error:
-        panda.unwrapped.step(action)
-    assert all(w in str(error.value) for w in words)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
-        ({"shaking_weight": -1}, "shaking_weight"),
-        ({"settling_weight": 1.5}, "settling_weight 1.5: expected 0 to 1"),
-        ({"max_episode_steps": 0}, "max_episode_steps"),
-        ({"random_paths": 0}, "random_paths 0: expected a whole number from 1"),
-        ({"fixed_options": {"trajectory": "line"}}, "line"),
-        ({"robot": "fanuc"}, "fanuc"),
-        ({"friction": "nowhere.toml"}, "nowhere.toml"),
-        ({"start": [0.0] * 6}, "6 angles: expected 7"),
-        ({"start": "rest"}, "expected 7 angles"),
-        ({"tool": (0.0, 0.1)}, "three finite numbers"),
-        ({"compensation": "pull"}, "feedforward, push"),
-        ({"render_mode": "ascii"}, "rgb_array"),
-    ],
-)
-def test_wrong_arguments(arguments, word):
-    with pytest.raises(StictionError, match=word):
-        GTEEnv(**arguments)
-
-
-def test_step_needs_a_running_episode():
-    env = make_gte().unwrapped
-    with pytest.raises(StictionError, match="reset"):
-        env.step(quiet(env))
-
-
 def test_truncation_has_no_error_sums():
     env = GTEEnv(control_interval_s=0.2, motion=sprint(), max_episode_steps=4)
     steps = episode(env, quiet(env), seed=0, options=TRIANGLE)
@@ -365,8 +238,6 @@ def test_truncation_has_no_error_sums():
     assert np.isnan(final["duration"])
     assert np.isnan(final["error_left"]).all()
     assert 0 < final["tracking_error"] < 1
-    limited = gym.make(PANDA_GTE, motion=sprint(), max_episode_steps=2)
-    assert episode(limited, quiet(env), seed=0, options=TRIANGLE)[-1][3]
 
 
 def test_what_an_undithered_run_depends_on():
@@ -386,8 +257,8 @@ def test_what_an_undithered_run_depends_on():
         of(load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
         of("panda", controller_model=load_arm("panda", payload=(1.0, 0.0, 0.0, 0.05))),
     ]
-    assert len({fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
-    assert fingerprint(of("panda")) == fingerprint(usual)
+    assert len({gte_base.fingerprint(e) for e in [usual, *others]}) == 1 + len(others)
+    assert gte_base.fingerprint(of("panda")) == gte_base.fingerprint(usual)
 
 
 def test_a_wrong_controller_model_shows_in_the_error():
@@ -400,12 +271,104 @@ def test_a_wrong_controller_model_shows_in_the_error():
     assert wrong[2] > 1.5 * right[2], "an unknown payload pulls the flange down"
 
 
-def test_own_arm_with_two_joints(tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(TWO_JOINTS)
-    env = make_gte(robot=str(path))
-    assert env.action_space.shape == (4,)
-    assert env.observation_space.shape == (30,)
-    final = episode(env, mild(env, 2), seed=0, options=TRIANGLE)[-1][4]
-    assert np.isfinite(final["error"]).all()
-    assert final["goals_reached"] == 3
+# ---- random paths --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def few_paths():
+    """Draws from three random paths."""
+    env = make_gte(random_paths=3)
+    yield env
+    env.close()
+
+
+def test_a_numbered_path_is_what_the_arm_follows(few_paths):
+    _, info = few_paths.reset(seed=1, options={"path": 101})
+    core, e = few_paths.unwrapped.core, few_paths.unwrapped.core.experiment
+    path = random_paths(e.sticking, e.start, e.tool, [101])[101]
+    assert (info["trajectory"], info["path"]) == ("random", 101)
+    assert tuple(info["stiffness"]) == path.stiffness
+    assert core.path_points(0)[1:] - core.path_points(0)[0] == pytest.approx(path.path.position)
+    _, info = few_paths.reset(seed=1, options={"path": 101, "stiffness": (200, 20, 0)})
+    assert info["stiffness"].tolist() == [200, 20, 0]
+    _, info = few_paths.reset(seed=1, options=TRIANGLE)
+    assert (info["trajectory"], info["path"]) == ("triangle", -1)
+
+
+def test_an_undithered_episode_sums_to_about_minus_one(few_paths):
+    steps = episode(few_paths, quiet(few_paths), seed=1, options={"path": 101})
+    final = steps[-1][4]
+    assert final["goals_reached"] == few_paths.unwrapped.core.goals[0]
+    assert sum(s[1] for s in steps) == pytest.approx(-1.0, abs=0.15)
+    assert final["settling_error"] == pytest.approx(1.0, abs=0.15)
+
+
+def test_paths_are_drawn_from_the_first_numbers_by_seed():
+    env = GTE.make_batch(24, random_paths=3, fixed_options={"trajectory": "random"})
+    _, infos = env.reset(seed=0)
+    assert set(infos["trajectory"]) == {"random"}
+    assert set(infos["path"]) == {0, 1, 2}
+    one = make_gte(random_paths=3)
+    _, info = one.reset(seed=5, options={"trajectory": "random"})
+    assert info["path"] == infos["path"][5]
+    assert np.array_equal(info["stiffness"], infos["stiffness"][5])
+
+
+def test_options_of_one_reset_come_before_the_fixed_ones():
+    env = make_gte(fixed_options={"path": 101})
+    assert env.reset(seed=0)[1]["path"] == 101
+    assert env.reset(seed=0, options={"trajectory": "triangle"})[1]["trajectory"] == "triangle"
+    env = make_gte(fixed_options=TRIANGLE)
+    assert env.reset(seed=0, options={"path": 101})[1]["path"] == 101
+
+
+def test_options_of_paths_do_not_shift_the_random_stream(few_paths):
+    few_paths.reset(seed=3)
+    free = few_paths.reset()
+    for options in ({"path": 101}, {"trajectory": "random"}):
+        few_paths.reset(seed=3, options=options)
+        assert same(few_paths.reset(), free)
+
+
+def test_a_batch_on_random_paths_is_its_single_environments_bit_for_bit():
+    """Paths of different length and number, in batches of one, two and five."""
+    options = [{"path": k} for k in (101, 102, 103)]
+    options += [{"trajectory": "random"}, TRIANGLE]
+    seen = []
+    for parts in ([[0, 1, 2, 3, 4]], [[0, 1], [2, 3], [4]], [[4], [3], [2], [1], [0]]):
+        rows = {}
+        for ids in parts:
+            env = GTE.make_batch(len(ids), autoreset_mode="Disabled", random_paths=3)
+            observation, _ = env.reset(seed=[7 + i for i in ids], options=[options[i] for i in ids])
+            out = [observation]
+            rng = [np.random.default_rng(i) for i in ids]
+            low, high = env.single_action_space.low, env.single_action_space.high
+            for _ in range(6):
+                share = np.array([r.uniform(0, 0.4, low.shape) for r in rng])
+                observation, reward, *_ = env.step((low + share * (high - low)).astype("f4"))
+                out += [observation, reward]
+            rows |= {i: [x[k].tobytes() for x in out] for k, i in enumerate(ids)}
+        seen.append(rows)
+    assert seen[0] == seen[1] == seen[2]
+
+
+def test_the_unit_on_a_random_path_does_not_depend_on_who_asked_for_it(few_paths):
+    core = few_paths.unwrapped.core
+    keys = core._random_cases([101, 102, 103])
+    together = gte_base.undithered(core.experiment, keys)
+    alone = core.experiment.run([Case(trajectory=keys[1][0], stiffness=keys[1][1])], iterations=4)[
+        0
+    ]
+    left = gte_base._summary(core.experiment, alone)["left"]
+    assert left == together[keys[1]].left.tolist()
+    assert len(left) == len(core.experiment.path(keys[1][0]).position)
+
+
+def test_the_thesiss_dither_helps_on_a_path_as_slow_as_its_own():
+    """Table 4.9 on a random path at 241 N/m: less error is left than without dither."""
+    env = gym.make(PANDA_GTE)
+    action = quiet(env)
+    for row in thesis_final_dither():
+        action[row.joint - 1], action[row.joint + 6] = row.amplitude_nm, row.frequency_hz
+    final = episode(env, action, seed=0, options={"path": 1})[-1][4]
+    assert final["settling_error"] < 0.9

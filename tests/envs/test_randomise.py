@@ -2,54 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
-from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from stiction_envs.envs.gte import GTEEnv
+from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.randomise import FIELDS, draw, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import QUICK, TRIANGLE, episode, mild, quiet, same, sprint
+from tests.envs.helpers import GTE, QUICK, TRIANGLE, episode, mild, quiet, same
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
-KINDS: dict[str, tuple[Any, Any, dict[str, Any], dict[str, Any]]] = {
-    "sje": (SJEEnv, SJEVectorEnv, {"control_interval_s": 0.2}, QUICK),
-    "gte": (GTEEnv, GTEVectorEnv, {"control_interval_s": 0.2, "motion": sprint()}, TRIANGLE),
-}
-
-
-@pytest.fixture(params=KINDS)
-def kind(request: pytest.FixtureRequest) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
-    return KINDS[request.param]
 
 
 def test_no_spread_is_the_nominal_arm_bit_for_bit(kind):
-    single, _, arguments, options = kind
     runs = []
     for randomise in (None, {}, {"friction": 0.0, "load": 0}):
-        env = single(randomise=randomise, **arguments)
-        runs.append(episode(env, mild(env, 6), seed=3, options=options))
+        env = kind.make(randomise=randomise)
+        runs.append(episode(env, mild(env, 6), seed=3, options=kind.options))
         runs[-1].append(env.reset())  # the stream goes on alike
     assert same(runs[0], runs[1])
     assert same(runs[0], runs[2])
 
 
 def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    single, batch, arguments, options = kind
-    arguments = {**arguments, "randomise": SPREADS}
-    many = batch(3, autoreset_mode="Disabled", **arguments)
-    seen, _ = many.reset(seed=5, options=options)
+    many = kind.make_batch(3, autoreset_mode="Disabled", randomise=SPREADS)
+    seen, _ = many.reset(seed=5, options=kind.options)
     rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
     for _ in range(4):
         observation, reward, *_ = many.step(np.tile(action, (3, 1)))
         for row, o, r in zip(rows, observation, reward, strict=True):
             row += [o.copy(), r]
     for i in (0, 2):
-        env = single(threads=1, **arguments)
-        out = [env.reset(seed=5 + i, options=options)[0]]
+        env = kind.make(threads=1, randomise=SPREADS)
+        out = [env.reset(seed=5 + i, options=kind.options)[0]]
         for _ in range(4):
             observation, r, *_ = env.step(action)
             out += [observation, r]
@@ -58,11 +44,10 @@ def test_a_batch_is_its_single_environments_bit_for_bit(kind):
 
 
 def test_an_episode_before_leaves_nothing_behind(kind):
-    single, _, arguments, options = kind
-    fresh, used = (single(randomise=SPREADS, **arguments) for _ in range(2))
-    used.reset(seed=1, options=options)
+    fresh, used = (kind.make(randomise=SPREADS) for _ in range(2))
+    used.reset(seed=1, options=kind.options)
     used.step(mild(used, 6))
-    a, b = (episode(env, mild(env, 6), seed=3, options=options) for env in (fresh, used))
+    a, b = (episode(env, mild(env, 6), seed=3, options=kind.options) for env in (fresh, used))
     assert same(a, b)
 
 
@@ -84,7 +69,7 @@ def test_breakaway_torque_scales_with_the_friction_and_its_unit_does_not():
 
 def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
     """Only the unit of its reward is another's."""
-    arguments = KINDS["gte"][2]
+    arguments = GTE.arguments
     env = GTEEnv(randomise={"friction": 0.5, "load": 0.5}, **arguments)
     final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
     names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
@@ -146,12 +131,12 @@ def test_one_spread_does_not_shift_another():
 )
 def test_wrong_spreads(kind, randomise, words):
     with pytest.raises(StictionError, match=words):
-        kind[0](randomise=randomise)
+        kind.single(randomise=randomise)
 
 
 def test_a_friction_that_nobody_knows_of():
     """Bounds, units of observation and reward are the nominal arm's; what it does is not."""
-    arguments = KINDS["gte"][2]
+    arguments = GTE.arguments
     env, p = GTEEnv(friction_factor=1.3, **arguments), load_friction("panda")
     final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
     own = p.replace(stiction=1.3 * p.stiction, load_coefficient=1.3 * p.load_coefficient)
@@ -172,4 +157,4 @@ def test_a_friction_that_nobody_knows_of():
 @pytest.mark.parametrize("factor", [0, -1, float("nan"), float("inf"), "much", True])
 def test_friction_factors_that_are_none(factor):
     with pytest.raises(StictionError, match="friction_factor"):
-        GTEEnv(friction_factor=factor, **KINDS["gte"][2])
+        GTEEnv(friction_factor=factor, **GTE.arguments)

@@ -1,115 +1,156 @@
+"""A batch is its single environments, bit for bit, whatever its size, its threads and its tiles."""
+
 from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
-from stiction_envs.envs.sje import SJEVectorEnv
+from stiction_envs.envs.registration import EXPERIMENTS
+from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
 from stiction_envs.precomputed import store
-from tests.envs.helpers import PANDA, QUICK, make, same
+from tests.envs.helpers import QUICK, SJE, TRIANGLE, Kind, same
 
 N = 5
-# breaks away early, and at different times in the five environments
-FIXED = {"control_interval_s": 0.2, "fixed_options": {"joint": 6}}
+FIXED = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
+"""Arguments of each experiment with which episodes end at different times."""
 
 
-def actions(space: gym.spaces.Box, count: int) -> list[np.ndarray]:
-    """Return a fixed sequence of small dithers."""
-    rng = np.random.default_rng(1)
-    low, high = space.low, space.high
-    return [
-        low + rng.uniform(0, 0.4, low.shape).astype(np.float32) * (high - low) for _ in range(count)
-    ]
+def actions(env: VectorEnv, count: int) -> list[np.ndarray]:
+    """Return small dithers of each environment's own strength, so that episodes end apart."""
+    rng, space = np.random.default_rng(1), env.single_action_space
+    share = np.linspace(0.0, 0.4, env.num_envs, dtype=np.float32)[:, None]
+    drawn = rng.uniform(size=(count, env.num_envs, *space.shape)).astype(np.float32)
+    return list(space.low + share * drawn * (space.high - space.low))
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_batch_is_its_single_environments_bit_for_bit(mode):
+def test_a_batch_is_its_single_environments_bit_for_bit(kind, mode):
     """Against Gymnasium's own SyncVectorEnv of singles: values, masks, resets and all."""
-    batch = gym.make_vec(PANDA, N, autoreset_mode=mode, **FIXED)
-    singles = SyncVectorEnv([lambda: gym.make(PANDA, **FIXED)] * N, autoreset_mode=mode)
+    batch = kind.make_vec(N, autoreset_mode=mode, **FIXED[kind.name])
+    singles = SyncVectorEnv([lambda: kind.make(**FIXED[kind.name])] * N, autoreset_mode=mode)
     assert batch.metadata["autoreset_mode"] is AutoresetMode(mode)
     assert batch.observation_space == singles.observation_space
     assert batch.action_space == singles.action_space
     assert same(batch.reset(seed=7), singles.reset(seed=7))
     ended = np.zeros(N, dtype=int)
-    for action in actions(batch.action_space, 45):
+    together = 0
+    for action in actions(batch, {"sje": 45, "gte": 30}[kind.name]):
         mine, theirs = batch.step(action), singles.step(action)
         assert same(list(mine), list(theirs))
-        ended += mine[2] | mine[3]
+        over = mine[2] | mine[3]
+        ended += over
+        together += over.all()
     assert ended.min() >= 1, "every environment went through an autoreset"
+    assert together == 0, "some were reset while others went on"
 
 
-def test_infos_of_an_environment_do_not_depend_on_the_batch_size():
-    small, large = (SJEVectorEnv(n, **FIXED) for n in (1, 3))
-    small.reset(seed=2)
+def test_infos_of_an_environment_do_not_depend_on_the_batch_size_or_threads(kind):
+    small, large = (
+        kind.make_batch(n, threads=threads, fixed_options=kind.options)
+        for n, threads in ((1, 1), (N, 2))
+    )
+    small.reset(seed=4)
     large.reset(seed=0)
-    for action in actions(large.action_space, 10):
-        a, b = small.step(action[2:]), large.step(action)
-        assert np.array_equal(a[0][0], b[0][2])
-        assert a[1][0] == b[1][2]
+    for action in actions(large, 16):
+        a, b = small.step(action[4:]), large.step(action)
+        assert np.array_equal(a[0][0], b[0][4])
+        assert a[1][0] == b[1][4]
 
 
-def test_disabled_autoreset_wants_a_reset_mask():
-    env = SJEVectorEnv(2, autoreset_mode="Disabled", max_episode_steps=2, **FIXED)
+def test_disabled_autoreset_wants_a_reset_mask(kind):
+    last, drawn = {"sje": ("tau_sje", "_joint"), "gte": ("error", "_stiffness")}[kind.name]
+    options = {"fixed_options": kind.options, "max_episode_steps": 2}
+    env = kind.make_batch(2, autoreset_mode="Disabled", **options)
     env.reset(seed=0)
     still = np.tile(env.single_action_space.low, (2, 1))
     env.step(still)
-    assert env.step(still)[3].all()
+    _, _, _, truncated, infos = env.step(still)
+    assert truncated.all()
+    assert np.isnan(infos[last]).all()
     with pytest.raises(StictionError, match="reset"):
         env.step(still)
     _, infos = env.reset(options={"reset_mask": np.array([False, True])})
-    assert infos["_joint"].tolist() == [False, True]
+    assert infos[drawn].tolist() == [False, True]
     with pytest.raises(StictionError, match="environment 0"):
         env.step(still)
     with pytest.raises(StictionError, match="reset_mask"):
         env.reset(options={"reset_mask": [1, 0]})
 
 
-def test_options_for_all_and_for_each():
-    env = SJEVectorEnv(2, control_interval_s=0.2)
-    _, infos = env.reset(seed=0, options=QUICK)
-    assert infos["joint"].tolist() == [6, 6]
-    _, infos = env.reset(options=[{"joint": 2, "load": "load"}, {"joint": 7}])
-    assert infos["joint"].tolist() == [2, 7]
-    assert infos["load"][0] == "load"
-    for wrong in ([QUICK], "joint", {"axis": 1}, [{"joint": 9}, None]):
+def test_a_partial_first_reset_is_seen_and_not_stepped(kind):
+    env = kind.make_batch(2, fixed_options=kind.options)
+    observation, _ = env.reset(seed=0, options={"reset_mask": np.array([True, False])})
+    assert np.isfinite(observation).all()
+    with pytest.raises(StictionError, match="never started"):
+        env.step(np.tile(env.single_action_space.low, (2, 1)))
+
+
+def test_a_reset_of_some_leaves_the_others_alone(kind):
+    """An arm on its way is the same bits whether its neighbour was reset meanwhile or not."""
+    seen = []
+    for reset in (False, True):
+        env = kind.make_batch(2, autoreset_mode="Disabled", fixed_options=kind.options)
+        env.reset(seed=0)
+        rows = []
+        for k, action in enumerate(actions(env, 8)):
+            if reset and k == 3:
+                env.reset(seed=9, options={"reset_mask": np.array([False, True])})
+            rows.append(env.step(action)[0][0])
+        seen.append(rows)
+    assert np.array_equal(*seen)
+
+
+def test_options_for_all_and_for_each(kind):
+    each, wrong = {
+        "sje": ([{"joint": 2, "load": "load"}, {"joint": 7}], {"joint": 9}),
+        "gte": (
+            [{"trajectory": "pentagon", "stiffness": (200, 20, 0)}, TRIANGLE],
+            {"stiffness": 1},
+        ),
+    }[kind.name]
+    env = kind.make_batch(2)
+    for given in (kind.options, each):
+        _, infos = env.reset(seed=0, options=given)
+        for i, row in enumerate([given] * 2 if isinstance(given, dict) else given):
+            assert all(np.array_equal(infos[name][i], value) for name, value in row.items())
+    for refused in ([kind.options], "joint", {"axis": 1}, [wrong, None]):
         with pytest.raises(StictionError):
-            env.reset(options=wrong)  # type: ignore[arg-type]
+            env.reset(options=refused)
     with pytest.raises(StictionError, match="seeds"):
         env.reset(seed=[1, 2, 3])
 
 
-def test_wrong_actions_name_what_was_expected():
-    env = SJEVectorEnv(2, **FIXED)
+def test_wrong_actions_name_what_was_expected(kind):
+    env = kind.make_batch(2, fixed_options=kind.options)
     env.reset(seed=0)
     with pytest.raises(StictionError, match="shape"):
         env.step(np.zeros((3, 14)))
     with pytest.raises(StictionError, match="nan"):
         env.step(np.full((2, 14), np.nan))
     with pytest.raises(StictionError, match="NextStep, SameStep, Disabled"):
-        SJEVectorEnv(2, autoreset_mode="sometimes")
+        kind.batch(2, autoreset_mode="sometimes")
     with pytest.raises(StictionError, match="render mode"):
-        SJEVectorEnv(2, render_mode="human")
+        kind.batch(2, render_mode="human")
 
 
-def test_the_base_does_not_depend_on_who_asked_for_it(monkeypatch):
-    from stiction_envs.experiments.sje import undithered as base
-
-    alone = make()
-    alone.reset(seed=0, options=QUICK)
-    value = float(alone.unwrapped.core.tau_base[0])
+def test_the_unit_of_the_reward_does_not_depend_on_who_asked_for_it(kind, env, monkeypatch):
+    env.reset(seed=0, options=kind.options)
+    core = env.unwrapped.core
+    (case,) = core._cases(core._check_options(kind.options))
+    value = core._undithered([case])[case]
     monkeypatch.setenv("STICTION_CACHE", "off")
     store.forget()
-    env = SJEVectorEnv(3, **FIXED)
-    env.reset(seed=0)
-    configuration = alone.unwrapped.core.configuration[0]
-    assert base.base_torques(env.core.experiment, [configuration])[configuration] == value
+    batch = kind.make_batch(3, **FIXED[kind.name])
+    batch.reset(seed=0)
+    again = batch.core._undithered([case])[case]
+    assert same(getattr(again, "__dict__", again), getattr(value, "__dict__", value))
 
 
-def test_gymnasium_vector_wrappers_work():
-    env = gym.make_vec(PANDA, 2, **FIXED)
+def test_gymnasium_vector_wrappers_work(kind):
+    env = kind.make_vec(2, fixed_options=kind.options)
     env = gym.wrappers.vector.RescaleAction(env, -1, 1)
     env = gym.wrappers.vector.RecordEpisodeStatistics(env)
     env.reset(seed=0)
@@ -118,3 +159,90 @@ def test_gymnasium_vector_wrappers_work():
         if (terminated | truncated).any():
             break
     assert infos["episode"]["l"].max() > 5
+    undithered = EXPERIMENTS[kind.name].undithered_return
+    assert infos["episode"]["r"].min() == pytest.approx(undithered, abs=0.2)
+
+
+# ---- tiles ---------------------------------------------------------------------------------------
+
+
+def tiled(monkeypatch, kind: Kind, per_tile: int, mode: str = "NextStep", **more) -> VectorEnv:
+    """Return N environments on one thread, ``per_tile`` at most in a tile."""
+    with monkeypatch.context() as m:
+        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
+        options = {"fixed_options": kind.options, "autoreset_mode": mode, **more}
+        return kind.make_vec(N, threads=1, **options)
+
+
+@pytest.mark.parametrize("mode", [pytest.param("NextStep", marks=pytest.mark.slow), "SameStep"])
+def test_tiles_change_no_bit(kind, mode, monkeypatch):
+    """Through resets of single tiles and of all, in tiles of 5, of 2, 2 and 1, and of 1."""
+    envs = [tiled(monkeypatch, kind, k, mode) for k in (N, 2, 1)]
+    sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
+    assert sizes == [[5], [2, 2, 1], [1] * 5]
+    whole, *others = envs
+    first = whole.reset(seed=3)
+    assert all(same(list(e.reset(seed=3)), list(first)) for e in others)
+    ended = np.zeros(N, dtype=int)
+    for action in actions(whole, 40):
+        expected = whole.step(action)
+        assert all(same(list(e.step(action)), list(expected)) for e in others)
+        ended += expected[2] | expected[3]
+    assert ended.min() >= 1
+
+
+def test_a_reset_mask_finds_its_tiles(kind, monkeypatch):
+    envs = [tiled(monkeypatch, kind, k, "Disabled") for k in (N, 2)]
+    mask = np.array([False, False, False, True, True])
+    for env in envs:
+        env.reset(seed=3)
+        env.step(actions(env, 1)[0])
+    assert same(*(list(e.reset(seed=9, options={"reset_mask": mask})) for e in envs))
+    assert same(*(list(e.step(actions(e, 2)[1])) for e in envs))
+
+
+def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
+    env, other = (tiled(monkeypatch, kind, 2) for _ in range(2))
+    good = actions(env, 2)
+    bad = good[0].copy()
+    bad[-1, 0] = np.nan
+    for e in (env, other):
+        e.reset(seed=3)
+    with pytest.raises(StictionError, match="nan"):
+        env.step(bad)
+    with pytest.raises(StictionError, match="nonsense"):
+        env.reset(options=[None] * (N - 1) + [{"nonsense": 1}])
+    for action in good:
+        assert same(list(env.step(action)), list(other.step(action)))
+
+
+def test_a_frame_is_of_its_own_environment(monkeypatch):
+    envs = [tiled(monkeypatch, SJE, k, render_mode="rgb_array") for k in (N, 2)]
+    frames = []
+    for env in envs:
+        env.reset(seed=1, options=[{**QUICK, "joint": 1 + i, "load": "load"} for i in range(N)])
+        frames.append(env.render())
+        env.close()
+    assert len(frames[0]) == len(frames[1]) == N
+    # a renderer rounds some pixels by what it drew before
+    far = [[np.mean(np.abs(x.astype(int) - y) > 4) for x in frames[0]] for y in frames[1]]
+    assert np.array(far).argmin(axis=1).tolist() == list(range(N))
+    assert np.diag(far).max() < 1e-3 < 0.1 < np.sort(far, axis=1)[:, 1].min()
+
+
+def test_a_tile_has_its_arms_for_every_thread():
+    class Core:
+        arms_per_thread = 3
+
+        def __init__(self, num_envs: int, threads: int = 0) -> None:
+            self.num_envs = num_envs
+
+    def sizes(count: int, threads: int) -> list[int]:
+        return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]
+
+    assert sizes(1, 1) == [1]
+    assert sizes(6, 2) == [6]
+    assert sizes(7, 2) == [4, 3], "no tile is left with a few"
+    assert sizes(20, 2) == [5, 5, 5, 5]
+    found = Tiles(Core, 7, threads=2)  # type: ignore[arg-type]
+    assert [found.locate(i) for i in (0, 3, 4, 6)] == [(0, 0), (0, 3), (1, 0), (1, 2)]

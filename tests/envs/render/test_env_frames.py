@@ -1,45 +1,27 @@
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.render import env_frames as render
 from stiction_envs.envs.render import window
-from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import IIWA_GTE, PANDA, QUICK, TRIANGLE, make, make_gte, mild, sprint
-from tests.envs.test_sje import TWO_JOINTS
+from tests.command_line import python
+from tests.envs.helpers import (
+    IIWA_GTE,
+    PANDA,
+    QUICK,
+    TRIANGLE,
+    TWO_JOINTS,
+    make,
+    make_gte,
+    mild,
+)
+from tests.envs.render.conftest import blue, orange
 
 HEIGHT, SCENE, WIDTH = render.HEIGHT, render.SCENE_WIDTH, render.SCENE_WIDTH + render.PANEL_WIDTH
-
-
-def _gl() -> bool:
-    try:
-        env = SJEEnv(render_mode="depth_array")
-        env.reset(seed=0, options=QUICK)
-        env.render()
-        env.close()
-    except StictionError:
-        return False
-    return True
-
-
-@pytest.fixture(scope="module")
-def gl():
-    if not _gl():
-        pytest.skip("no OpenGL here")
-
-
-def orange(frame: np.ndarray) -> np.ndarray:
-    """Return where the scene is coloured as the marker is."""
-    r, g, b = (frame[:, :SCENE, k].astype(int) for k in range(3))
-    return (r > 150) & (r - g > 50) & (g - b > 30)
 
 
 @pytest.mark.usefixtures("gl")
@@ -54,7 +36,7 @@ def test_frames_show_arm_marker_and_plot():
     assert frame.shape == (HEIGHT, WIDTH, 3)
     assert frame.dtype == np.uint8
     assert frame[:, :SCENE].std() > 10
-    assert orange(frame).sum() > 100
+    assert orange(frame[:, :SCENE]).sum() > 100
     panel, before = frame[:, SCENE:], first[:, SCENE:]
     assert (panel != before).any(axis=2).sum() > 300, "the plots have grown"
     blue = (panel[:, :, 2].astype(int) - panel[:, :, 0]) > 100
@@ -69,7 +51,7 @@ def test_the_marker_is_seen_on_every_joint_and_inside_the_frame(joint):
     env = make(render_mode="rgb_array")
     for load in ("load", "no_load"):
         env.reset(seed=0, options={"joint": joint, "load": load})
-        mark = orange(env.render())
+        mark = orange(env.render()[:, :SCENE])
         assert mark.sum() > 60
         border = np.concatenate([mark[0], mark[-1], mark[:, 0], mark[:, -1]])
         assert not border.any()
@@ -77,9 +59,9 @@ def test_the_marker_is_seen_on_every_joint_and_inside_the_frame(joint):
 
 
 @pytest.mark.usefixtures("gl")
-def test_depth_is_in_metres():
-    env = make(render_mode="depth_array")
-    env.reset(seed=0, options=QUICK)
+def test_depth_is_in_metres(kind):
+    env = kind.make(render_mode="depth_array")
+    env.reset(seed=0, options=kind.options)
     depth = env.render()
     assert depth.shape == (HEIGHT, SCENE)
     assert depth.dtype == np.float32
@@ -90,9 +72,10 @@ def test_depth_is_in_metres():
 
 
 @pytest.mark.usefixtures("gl")
-def test_a_batch_gives_one_frame_each():
-    env = SJEVectorEnv(2, render_mode="rgb_array", control_interval_s=0.2)
-    env.reset(seed=0, options=[{"joint": 1}, {"joint": 4}])
+def test_a_batch_gives_one_frame_each(kind):
+    env = kind.make_batch(2, render_mode="rgb_array")
+    other = {"sje": {"joint": 4}, "gte": {"trajectory": "pentagon"}}[kind.name]
+    env.reset(seed=0, options=[kind.options, {**kind.options, **other}])
     frames = env.render()
     assert len(frames) == 2
     assert not np.array_equal(frames[0], frames[1])
@@ -100,20 +83,14 @@ def test_a_batch_gives_one_frame_each():
 
 
 @pytest.mark.usefixtures("gl")
-def test_an_own_arm_is_drawn(tmp_path):
+def test_an_own_arm_is_drawn(kind, tmp_path):
     path = tmp_path / "two.xml"
     path.write_text(TWO_JOINTS)
-    env = make(robot=str(path), render_mode="rgb_array")
-    env.reset(seed=0)
-    frame = env.render()
-    assert orange(frame).sum() > 60
+    env = kind.make(robot=str(path), render_mode="rgb_array")
+    env.reset(seed=0, options={} if kind.name == "sje" else TRIANGLE)
+    scene = env.render()[:, :SCENE]
+    assert orange(scene).sum() > 60 if kind.name == "sje" else blue(scene).sum() > 100
     env.close()
-
-
-def blue(frame: np.ndarray) -> np.ndarray:
-    """Return where the scene is coloured as the path is."""
-    r, g, b = (frame[:, :SCENE, k].astype(int) for k in range(3))
-    return (b - r > 60) & (b > 120) & (g - r > 20)
 
 
 @pytest.mark.usefixtures("gl")
@@ -123,54 +100,20 @@ def test_gte_frames_show_the_path_its_goal_the_trail_and_the_plots(trajectory):
     assert env.metadata["render_fps"] == 5
     env.reset(seed=0, options={**TRIANGLE, "trajectory": trajectory})
     first = env.render()
-    assert blue(first).sum() > 150
-    assert orange(first).sum() > 20, "the goal"
-    for mark in (blue(first), orange(first)):
+    assert blue(first[:, :SCENE]).sum() > 150
+    assert orange(first[:, :SCENE]).sum() > 20, "the goal"
+    for mark in (blue(first[:, :SCENE]), orange(first[:, :SCENE])):
         assert not np.concatenate([mark[0], mark[-1], mark[:, 0], mark[:, -1]]).any()
     for _ in range(6):
         env.step(mild(env, 6))
     frame = env.render()
     assert frame.shape == (HEIGHT, WIDTH, 3)
     assert frame.dtype == np.uint8
-    assert orange(frame).sum() > orange(first).sum(), "the trail has grown"
+    assert orange(frame[:, :SCENE]).sum() > orange(first[:, :SCENE]).sum(), "the trail has grown"
     panel, before = frame[:, SCENE:], first[:, SCENE:]
     assert (panel != before).any(axis=2).sum() > 300, "the plots have grown"
     assert np.array_equal(frame[:60, :60], first[:60, :60]), "the camera rests"
     env.close()
-
-
-@pytest.mark.usefixtures("gl")
-def test_a_gte_batch_gives_one_frame_each_and_depth():
-    env = GTEVectorEnv(2, render_mode="rgb_array", control_interval_s=0.2, motion=sprint())
-    pentagon = {"trajectory": "pentagon", "stiffness": (400, 40, 0)}
-    env.reset(seed=0, options=[TRIANGLE, pentagon])
-    frames = env.render()
-    assert len(frames) == 2
-    assert not np.array_equal(frames[0], frames[1])
-    env.close()
-    far = make_gte(render_mode="depth_array")
-    far.reset(seed=0, options=TRIANGLE)
-    assert far.render().shape == (HEIGHT, SCENE)
-    far.close()
-
-
-@pytest.mark.usefixtures("gl")
-def test_an_own_arm_is_drawn_on_its_path(tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(TWO_JOINTS)
-    env = make_gte(robot=str(path), render_mode="rgb_array")
-    env.reset(seed=0, options=TRIANGLE)
-    assert blue(env.render()).sum() > 100
-    env.close()
-
-
-def test_gte_rendering_does_not_touch_the_physics():
-    arguments = {"control_interval_s": 0.2, "motion": sprint()}
-    results = []
-    for e in (GTEEnv(**arguments), GTEEnv(render_mode="rgb_array", **arguments)):
-        e.reset(seed=1, options=TRIANGLE)
-        results.append([e.step(mild(e, 6))[0] for _ in range(3)])
-    assert np.array_equal(*results)
 
 
 @pytest.mark.usefixtures("gl")
@@ -193,12 +136,12 @@ def test_record_video(tmp_path):
         assert clip.duration == pytest.approx(7 / 5, abs=0.3)
 
 
-def test_rendering_does_not_touch_the_physics():
-    env, seen = make(), SJEEnv(control_interval_s=0.2, render_mode="rgb_array")
+def test_rendering_does_not_touch_the_physics(kind):
     results = []
-    for e in (env, seen):
-        e.reset(seed=1, options=QUICK)
-        results.append([e.step(mild(env, 6))[0] for _ in range(3)])
+    for mode in (None, "rgb_array"):
+        env = kind.make(render_mode=mode, disable_env_checker=True)
+        env.reset(seed=1, options=kind.options)
+        results.append([env.step(mild(env, 6))[0] for _ in range(3)])
     assert np.array_equal(*results)
 
 
@@ -220,13 +163,7 @@ def test_without_opengl_only_rendering_fails():
         "except StictionError as error:\n    print(error)\n"
         "env.step(env.action_space.low); env.close()\n"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "MUJOCO_GL": "glfw", "DISPLAY": "", "WAYLAND_DISPLAY": ""},
-        check=False,
-    )
+    run = python(code, MUJOCO_GL="glfw", DISPLAY="", WAYLAND_DISPLAY="")
     assert run.returncode == 0, run.stderr
     assert len(run.stdout.strip().splitlines()) == 1
     assert "rendering needs OpenGL" in run.stdout

@@ -13,12 +13,6 @@ from stiction_envs.envs.render.push_window import PushWindow
 from stiction_envs.errors import StictionError
 
 
-def test_without_a_display_one_line_names_what_needs_none(view, monkeypatch):
-    monkeypatch.setattr(window, "has_display", lambda: False)
-    with pytest.raises(StictionError, match=r"view: no display found: `stiction sje panda .*--vid"):
-        PushWindow(view)
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="DISPLAY is of X11")
 def test_a_display_that_is_not_there_is_one_line_too(view, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")

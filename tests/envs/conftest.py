@@ -1,0 +1,17 @@
+import pytest
+
+from tests.envs.helpers import KINDS, Kind
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def kind(request) -> Kind:
+    """SJE and GTE."""
+    return KINDS[request.param]
+
+
+@pytest.fixture(scope="module")
+def env(kind):
+    """The Panda's environment in short episodes."""
+    made = kind.make()
+    yield made
+    made.close()
