@@ -25,6 +25,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -43,8 +44,6 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(gt=0, le=1)]
 """Above 0 and at most 1."""
-Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
-"""From 0 to 1."""
 Count = Annotated[int, msgspec.Meta(ge=1)]
 Index = Annotated[int, msgspec.Meta(ge=0)]
 ENTRY = {"value", "unit", "source", "assumed"}
@@ -65,11 +64,10 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
     node: Any = _read(path)
     for part in filter(None, table.split(".")):
         node = node.get(part) if isinstance(node, dict) else None
-    above = f"{table}." if table else ""
     if not isinstance(node, dict):
-        raise StictionError(f"{path.name}: {above or 'the file'}: expected a table")
-    settings = _converted(cls, _values(node, f"{path.name}: {above}"), f"{path.name}: {above}")
-    return settings
+        raise StictionError(f"{path.name}: {table or 'the file'}: expected a table")
+    where = f"{path.name}: {table}." if table else f"{path.name}: "
+    return _converted(cls, _values(node, where), where)
 
 
 def override(settings: T, changes: T | Changes | None) -> T:
@@ -90,12 +88,15 @@ def override(settings: T, changes: T | Changes | None) -> T:
     if isinstance(changes, type(settings)):
         return changes
     if isinstance(changes, Mapping):
-        return _changed(settings, _nested(changes, "settings"), "settings: ")
-    if not isinstance(changes, str | os.PathLike):
+        where, given = "settings: ", changes
+    elif isinstance(changes, str | os.PathLike):
+        where, given = f"{os.fspath(changes)}: ", _read(Path(changes))
+    else:
         expected = f"names and values, a TOML file, or {type(settings).__name__}"
         raise StictionError(f"settings {changes!r}: expected {expected}")
-    where = os.fspath(changes)
-    return _changed(settings, _nested(_read(Path(where)), where), f"{where}: ")
+    values = dataclasses.asdict(settings)  # type: ignore[call-overload]
+    _merge(values, given, where)
+    return _converted(type(settings), values, where)
 
 
 def fingerprint(settings: Any) -> str:
@@ -106,7 +107,9 @@ def fingerprint(settings: Any) -> str:
 
 def flat(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted names and values of all numbers, nested ones included."""
-    for name, value in _items(settings).items():
+    if not isinstance(settings, Mapping):
+        settings = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+    for name, value in settings.items():
         if dataclasses.is_dataclass(value) or isinstance(value, Mapping):
             yield from flat(value, f"{above}{name}.")
         else:
@@ -121,13 +124,6 @@ def _read(path: Path) -> dict[str, Any]:
         raise StictionError(f"{path}: {reason}: expected a TOML file of settings") from None
     except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
-
-
-def _items(settings: Any) -> Mapping[str, Any]:
-    """Return names and values of a dataclass or of several by name."""
-    if isinstance(settings, Mapping):
-        return settings
-    return {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
 
 
 def _values(table: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -147,6 +143,23 @@ def _values(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     return out
 
 
+def _merge(into: dict[str, Any], given: Mapping[str, Any], where: str) -> None:
+    """Put changes into tables in tables; a name may be dotted, a value ``{ value = … }``."""
+    for name, value in given.items():
+        *tables, last = str(name).split(".")
+        node: Any = into
+        for part in tables:
+            node = node.setdefault(part, {})
+            if not isinstance(node, dict):
+                raise StictionError(f"{where}{name}: no such setting: {part} is {node!r}, no table")
+        if isinstance(value, Mapping) and "value" in value:
+            value = value["value"]
+        if isinstance(value, Mapping) and isinstance(node.get(last), dict):
+            _merge(node[last], value, f"{where}{name}.")
+        else:
+            node[last] = value
+
+
 def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:
     """Return checked settings: names, types, ranges, and every number finite.
 
@@ -154,89 +167,44 @@ def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:
         StictionError: one line that names the value and what is expected.
     """
     _check_names(cls, values, where)
-    _check_finite(values, where)
+    for name, value in flat(values):
+        for number in _leaves(value):
+            if isinstance(number, int) and abs(number) > sys.float_info.max:
+                raise StictionError(f"{where}{name}: a number of hundreds of digits: expected less")
+            if isinstance(number, float) and not math.isfinite(number):
+                raise StictionError(f"{where}{name} is {number!r}: expected finite numbers")
     try:
         return msgspec.convert(values, cls)
     except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$.")
-        place = f"{place.removesuffix('`')}: " if place else ""
-        raise StictionError(f"{where}{place}{said[:1].lower()}{said[1:]}") from None
+        text, _, place = str(error).partition(" - at `$.")
+        found = re.match(r"[\w.]+", place)
+        if found:
+            where += f"{found[0]} is {dict(flat(values)).get(found[0])!r}: "
+        raise StictionError(f"{where}{text[:1].lower()}{text[1:]}") from None
 
 
-def _check_names(cls: Any, values: Mapping[str, Any], where: str) -> None:
-    """msgspec passes unknown names of dataclasses."""
+def _leaves(value: Any) -> Iterator[Any]:
+    """Yield the values in lists in lists."""
+    if isinstance(value, list | tuple):
+        for inner in value:
+            yield from _leaves(inner)
+    else:
+        yield value
+
+
+def _check_names(cls: Any, values: Any, where: str) -> None:
+    """Raise for an unknown or a missing name: msgspec accepts unknown names of dataclasses."""
     kinds = get_type_hints(cls)
     names = [f.name for f in dataclasses.fields(cls)]
+    if not isinstance(values, Mapping):
+        place = where.removesuffix(".")
+        raise StictionError(f"{place} is {values!r}: expected a table of {', '.join(names)}")
     for name, value in values.items():
         if name not in names:
-            raise StictionError(f"{where}{name} is unknown: expected {', '.join(names)}")
-        inner = kinds[name]
-        if dataclasses.is_dataclass(inner):
-            if not isinstance(value, Mapping):
-                raise StictionError(f"{where}{name} is {value!r}: expected a table")
-            _check_names(inner, value, f"{where}{name}.")
+            expected = ", ".join(names)
+            raise StictionError(f"{where}{name}: no such setting: expected one of {expected}")
+        if dataclasses.is_dataclass(kinds[name]):
+            _check_names(kinds[name], value, f"{where}{name}.")
     for name in names:
         if name not in values:
             raise StictionError(f"{where}{name} is missing: expected {', '.join(names)}")
-
-
-def _check_finite(value: Any, where: str) -> None:
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            dot = "" if where.endswith((" ", ".")) else "."
-            _check_finite(inner, f"{where}{dot}{name}")
-    elif isinstance(value, list | tuple):
-        for inner in value:
-            _check_finite(inner, where)
-    elif isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise StictionError(f"{where}: a number of hundreds of digits: expected less")
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise StictionError(f"{where} is {value!r}: expected finite numbers")
-
-
-def _nested(given: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return changes as tables in tables: dotted names taken apart, plain values."""
-    out: dict[str, Any] = {}
-    for name, value in given.items():
-        *tables, last = str(name).split(".")
-        node = out
-        for part in tables:
-            node = node.setdefault(part, {})
-            if not isinstance(node, dict):
-                raise StictionError(f"{where}: {name} is given twice: expected once")
-        if isinstance(value, Mapping):
-            value = value["value"] if "value" in value else _nested(value, where)
-        if isinstance(node.get(last), dict) and isinstance(value, dict):
-            value = {**node[last], **value}
-        node[last] = value
-    return out
-
-
-def _changed(settings: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return settings of the same kind; tables in them are changed first."""
-    old = dict(_items(settings))
-    for name, value in changes.items():
-        if name not in old:
-            expected = ", ".join(old)
-            raise StictionError(f"{where}{name}: no such setting: expected one of {expected}")
-        if dataclasses.is_dataclass(old[name]) or isinstance(old[name], Mapping):
-            if not isinstance(value, Mapping):
-                expected = ", ".join(_items(old[name]))
-                raise StictionError(f"{where}{name} is {value!r}: expected a table of {expected}")
-            old[name] = _changed(old[name], value, f"{where}{name}.")
-        else:
-            old[name] = _one(type(settings), name, value, where)
-    if isinstance(settings, Mapping):
-        return old  # type: ignore[return-value]
-    return dataclasses.replace(settings, **{k: old[k] for k in changes})  # type: ignore[type-var]
-
-
-def _one(cls: Any, name: str, value: Any, where: str) -> Any:
-    """Return one checked value of a field."""
-    _check_finite(value, f"{where}{name}")
-    kind = get_type_hints(cls, include_extras=True)[name]
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError as error:
-        said = str(error).partition(" - at ")[0]
-        raise StictionError(f"{where}{name} is {value!r}: {said[:1].lower()}{said[1:]}") from None
