@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ class GTEEnv(ArmEnv):
     ## Description
     The Generated Trajectory Experiment (thesis 3.2, 4.2): an arm under Cartesian impedance control
     follows straight lines from goal to goal: a triangle in space, a pentagon in a plane, or one of
-    many random paths, so that a policy cannot learn a path by heart. Its
+    many random paths, so that a policy cannot memorise a path. Its
     joints stick, so the hand lags behind the reference and stops short of the corners. Dither – a
     sine on the commanded torque of any joint – frees the joints, and shakes the arm. An episode is
     one run along the path. Every step sets the dither of all joints for the next
@@ -73,8 +73,8 @@ class GTEEnv(ArmEnv):
     0.25 rad, v_max is 0.5 m/s, ω_max 0.5 rad/s. The torque is what controller and compensation
     asked for in their last cycle, before the limits; its unit is the nominal arm's stiction at the
     start. After a reset, amplitude and frequency are −1. The nullspace stiffness, 0 unless an
-    option says otherwise, is not among it. The path is told by its next two goals alone, relative
-    to the tool point, so that it means the same on a path that was never seen.
+    option says otherwise, is not among it. Of the path, only the next two goals are observed,
+    relative to the tool point, so that a policy can follow paths that it has never seen.
 
     | index | name | min | max | unit | meaning |
     |---|---|---|---|---|---|
@@ -192,8 +192,8 @@ class GTEEnv(ArmEnv):
       in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
       joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
       observation and reward, bounds and controller remain the nominal arm's. Default none.
-    * `friction_factor`: true stiction and load coefficient over the nominal ones: a friction that
-      nobody knows of, as in `randomise`. Default 1.
+    * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
+      units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
     * `threads`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
@@ -206,11 +206,11 @@ class GTEEnv(ArmEnv):
     episodes = GTEEpisodes
     renderer = PathRenderer
 
-    def __init__(
-        self, *, render_mode: str | None = None, **arguments: Unpack[GTEArguments]
-    ) -> None:
-        """Make the environment; the class explains the arguments."""
-        super().__init__(render_mode=render_mode, **arguments)
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, *, render_mode: str | None = None, **arguments: Unpack[GTEArguments]
+        ) -> None: ...
 
 
 class GTEVectorEnv(ArmVectorEnv):
@@ -219,15 +219,13 @@ class GTEVectorEnv(ArmVectorEnv):
     episodes = GTEEpisodes
     renderer = PathRenderer
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        render_mode: str | None = None,
-        **arguments: Unpack[GTEArguments],
-    ) -> None:
-        """Make the environments; see `ArmVectorEnv`."""
-        super().__init__(
-            num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode, **arguments
-        )
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            num_envs: int = 1,
+            *,
+            autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+            render_mode: str | None = None,
+            **arguments: Unpack[GTEArguments],
+        ) -> None: ...

@@ -1,6 +1,6 @@
-"""Gymnasium's `Env` and `VectorEnv` over any experiment: what every environment shares.
+"""Gymnasium's `Env` and `VectorEnv` of any experiment.
 
-An environment is a class with a page as its docstring and ``episodes``, the experiment's
+An environment is a class whose docstring is its page and whose ``episodes`` are the experiment's
 `Episodes`; see `sje` and `gte`.
 """
 
@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar, TypedDict
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import gymnasium
 import numpy as np
@@ -52,33 +52,63 @@ class ArmArguments(TypedDict, total=False):
     threads: int
 
 
-class ArmEnv(gymnasium.Env[Observation, Action]):
-    """One arm in an experiment as a Gymnasium environment; subclasses say which experiment."""
+class _Experiment:
+    """What a single environment and a batch know of their experiment."""
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
     episodes: ClassVar[type[Episodes]]
     """Of the experiment."""
     renderer: ClassVar[type[Any] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
+    core: Any
+    """Episodes: of the environment, or of a batch's first tile, whose spaces are those of all."""
 
     def __init_subclass__(cls) -> None:
-        _show_arguments(cls)
-
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
-        """Make the environment; the class explains the arguments."""
-        check_render_mode(render_mode)
-        self.render_mode = render_mode
-        self.core: Any = self.episodes(1, record=render_mode is not None, **arguments)
-        self.metadata = _metadata(self.core)
-        self.action_space = self.core.action_space
-        self.observation_space = self.core.observation_space
-        self._renderer: Renderer | None = None
+        """Show every argument with its default in the signature of a class."""
+        if not hasattr(cls, "episodes"):
+            return
+        known = [
+            inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
+            for f in fields(cls.episodes.arguments)
+            if f.name != "record"
+        ]
+        own = list(inspect.signature(cls.__init__).parameters.values())[1:-1]
+        cls.__signature__ = inspect.Signature([*own, *known])  # type: ignore[attr-defined]
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Name of every element of the observation."""
+        """Name of every element of an observation."""
         names: tuple[str, ...] = self.core.observation_names
         return names
+
+    def _metadata(self) -> dict[str, Any]:
+        return {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": max(1, round(1 / self.core.interval)),
+        }
+
+    def _make_renderer(self, core: Episodes) -> Renderer:
+        if self.renderer is None:
+            raise StictionError(f"{type(self).__name__} has no pictures: expected no render_mode")
+        made: Renderer = self.renderer(core)
+        return made
+
+
+class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
+    """One arm in an experiment as a Gymnasium environment; subclasses say which experiment."""
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self, *, render_mode: str | None = None, **arguments: Unpack[ArmArguments]
+    ) -> None:
+        """Make the environment; the class explains the arguments."""
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
+        self.core = self.episodes(1, record=render_mode is not None, **arguments)
+        self.metadata = self._metadata()
+        self.action_space = self.core.action_space
+        self.observation_space = self.core.observation_space
+        self._renderer: Renderer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -110,7 +140,7 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = _renderer(self, self.core)
+            self._renderer = self._make_renderer(self.core)
         return self._renderer.frame(0, self.render_mode)
 
     def _show(self) -> None:
@@ -124,22 +154,14 @@ class ArmEnv(gymnasium.Env[Observation, Action]):
             self._renderer = None
 
 
-class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
+class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
     """N arms, stepped in tiles of one batch each; infos are Gymnasium's dict of arrays.
 
     `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
     those of the single environment for all, or a sequence with one dict per environment;
-    ``"reset_mask"`` (bool array) among them resets only some. An episode that autoreset starts
-    knows `fixed_options` only.
+    ``"reset_mask"`` (bool array) among them resets only some. Episodes that an autoreset starts
+    have `fixed_options` only.
     """
-
-    episodes: ClassVar[type[Episodes]]
-    """Of the experiment."""
-    renderer: ClassVar[type[Any] | None] = None
-    """As of `ArmEnv`."""
-
-    def __init_subclass__(cls) -> None:
-        _show_arguments(cls)
 
     def __init__(
         self,
@@ -147,7 +169,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **arguments: Any,
+        **arguments: Unpack[ArmArguments],
     ) -> None:
         """Make the environments.
 
@@ -166,9 +188,8 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.tiles = Tiles(self.episodes, num_envs, record=render_mode is not None, **arguments)
-        # of one tile; spaces, names and experiment are those of all
         self.core = self.tiles.cores[0]
-        self.metadata = {**_metadata(self.core), "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**self._metadata(), "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self.core.action_space
         self.single_observation_space = self.core.observation_space
         self.action_space = batch_space(self.core.action_space, num_envs)
@@ -178,16 +199,10 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self._renderers: dict[int, Renderer] = {}
 
     @property
-    def observation_names(self) -> tuple[str, ...]:
-        """Name of every element of an observation."""
-        names: tuple[str, ...] = self.core.observation_names
-        return names
-
-    @property
     def generators(self) -> list[np.random.Generator]:
-        """Random generator of each environment, once it was reset: its episodes are drawn from it.
+        """Random generator of each environment that was reset.
 
-        Each draws when an episode starts, never within one.
+        Numbers are drawn from it when an episode starts, never within one.
         """
         return [rng for rng in self._rngs if rng is not None]
 
@@ -245,7 +260,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
     def step(
         self, actions: Action
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Step all environments; those whose episode is over start anew, per `autoreset_mode`."""
+        """Step all environments; finished episodes are reset according to `autoreset_mode`."""
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
             raise StictionError(
@@ -283,7 +298,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         result: Outcome | None,
         infos: dict[str, Any],
     ) -> Observation:
-        """Reset what has ended; its last observation and info become `final_obs`, `final_info`."""
+        """Reset finished episodes; `final_obs` and `final_info` are of their last step."""
         assert result is not None
         over = np.flatnonzero(ended)
         last: dict[str, Any] = {}
@@ -308,7 +323,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
     def _add_step(
         self, infos: dict[str, Any], ids: Index, step: Outcome, which: NDArray[np.bool_]
     ) -> None:
-        """Add what ``step`` of environments ``ids`` says about those of ``which``."""
+        """Add the infos of a step of environments ``ids``, of those in the mask ``which``."""
         for name in self.core.each:
             self._put(infos, name, ids[which], step.measures[name][which])
         terms: dict[str, Any] = {}
@@ -322,7 +337,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
                 self._put(infos, name, ids[final], step.measures[name][final])
 
     def _put(self, infos: dict[str, Any], name: str, ids: Index, values: NDArray[Any]) -> None:
-        """Add an info of some environments, with its mask: what `_add_info` makes, at once."""
+        """Add an info of some environments and its mask, as Gymnasium's `_add_info` does."""
         fill = None if values.dtype == object else values.dtype.type(0)
         infos[name] = np.full((self.num_envs, *values.shape[1:]), fill, dtype=values.dtype)
         infos[name][ids] = values
@@ -338,7 +353,7 @@ class ArmVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
     def _frame(self, i: int, mode: str) -> Any:
         tile, place = self.tiles.locate(i)
         if tile not in self._renderers:
-            self._renderers[tile] = _renderer(self, self.tiles.cores[tile])
+            self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
         return self._renderers[tile].frame(place, mode)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -357,25 +372,3 @@ def _first(values: NDArray[Any]) -> Any:
     if isinstance(row, np.ndarray):
         return row.copy()
     return row.item() if isinstance(row, np.generic) else row
-
-
-def _metadata(core: Episodes) -> dict[str, Any]:
-    return {**ArmEnv.metadata, "render_fps": max(1, round(1 / core.interval))}
-
-
-def _renderer(env: ArmEnv | ArmVectorEnv, core: Episodes) -> Renderer:
-    if env.renderer is None:
-        raise StictionError(f"{type(env).__name__} has no pictures: expected no render_mode")
-    made: Renderer = env.renderer(core)
-    return made
-
-
-def _show_arguments(cls: Any) -> None:
-    """Give a class the signature that it has in fact: every argument, with its default."""
-    known = [
-        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
-        for f in fields(cls.episodes.arguments)
-        if f.name != "record"
-    ]
-    own = list(inspect.signature(cls.__init__).parameters.values())[1:-1]
-    cls.__signature__ = inspect.Signature([*own, *known])

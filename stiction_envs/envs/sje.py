@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Unpack
-
-from gymnasium.vector import AutoresetMode
-
-from stiction_envs.envs.gym_env import ArmArguments, ArmEnv, ArmVectorEnv
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.envs.render.sje_frames import JointRenderer
 from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
@@ -120,8 +116,8 @@ class SJEEnv(ArmEnv):
       in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
       joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
       observation and reward, bounds and controller remain the nominal arm's. Default none.
-    * `friction_factor`: true stiction and load coefficient over the nominal ones: a friction that
-      nobody knows of, as in `randomise`. Default 1.
+    * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
+      units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
     * `threads`: threads of the physics, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
@@ -134,28 +130,9 @@ class SJEEnv(ArmEnv):
     episodes = SJEEpisodes
     renderer = JointRenderer
 
-    def __init__(
-        self, *, render_mode: str | None = None, **arguments: Unpack[ArmArguments]
-    ) -> None:
-        """Make the environment; the class explains the arguments."""
-        super().__init__(render_mode=render_mode, **arguments)
-
 
 class SJEVectorEnv(ArmVectorEnv):
     """N arms of `SJEEnv`, stepped in one batch; see `ArmVectorEnv`."""
 
     episodes = SJEEpisodes
     renderer = JointRenderer
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        render_mode: str | None = None,
-        **arguments: Unpack[ArmArguments],
-    ) -> None:
-        """Make the environments; see `ArmVectorEnv`."""
-        super().__init__(
-            num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode, **arguments
-        )
