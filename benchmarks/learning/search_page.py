@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from benchmarks.harness import Row
 from stiction_envs.reporting.markdown import number, table_text
@@ -20,7 +19,6 @@ Measured = dict[str, dict[str, dict[str, Row]]]
 PICTURED = 3
 """Conditions that are drawn: known friction, and two that are believed wrong."""
 PARTS = ("position", "orientation")
-LONGER = "common gate, 1600 evaluations", "the same from another seed"
 LOOKS = {
     "nothing": ("o", "0.4"),
     "Table 4.9": ("s", "#d1701a"),
@@ -53,28 +51,20 @@ def page(
         hunting: vibration at rest [m] of pushes, per width, by gain.
         gains: of these, over the friction.
     """
-    panda = paths["panda"]
-    names = list(panda)
+    known = next(iter(paths["panda"].values()))
     pushes = [[w, *(f"{1e3 * x:.3f}" for x in shaken)] for w, shaken in hunting.items()]
-    iiwas = [robot for robot in paths if robot != "panda"]
     return {
         "settings": tuning_settings(),
-        "wins": _wins(panda[names[0]]),
-        "both": lambda *a, robot="panda", **k: _both(paths[robot], *a, **k),
-        "shaken": lambda name, condition=names[0]: _shaken(panda[condition], name),
-        "conditions": names,
-        "tables": {name[0].upper() + name[1:]: _tracking(panda[name]) for name in names},
-        "joints": _joints(joints["panda"]),
-        "pushes": table_text(["width", *(f"× {gain:g}" for gain in gains)], pushes),
-        "nothing_at_rest": next(iter(panda[names[0]].values()))["nothing"]["vibration_at_rest_m"],
-        "better": {name: _better(panda, name) for name in LONGER},
-        "less": lambda *a: _less(panda, *a),
-        "changes": _changes(panda),
-        "gate_points": _gate_points(panda),
-        "iiwas": {
-            r: {"joints": _joints(joints[r]), "paths": _tracking(paths[r][names[0]])} for r in iiwas
+        "treatments": _treatments(known),
+        "push": [number(_ratio(known, "push, searched", part), 0) for part in PARTS],
+        "tables": {
+            f"{robot}, {name}": _tracking(results)
+            for robot, conditions in paths.items()
+            for name, results in conditions.items()
         },
-        "reduced": {r: {name: _reduction(x) for name, x in joints[r].items()} for r in iiwas},
+        "joints": {robot: _joints(tables) for robot, tables in joints.items()},
+        "pushes": table_text(["width", *(f"× {gain:g}" for gain in gains)], pushes),
+        "nothing_at_rest": next(iter(known.values()))["nothing"]["vibration_at_rest_m"],
     }
 
 
@@ -88,90 +78,18 @@ def _shaken(results: dict[str, dict[str, Row]], name: str) -> float:
     return 1e3 * float(np.mean([rows[name]["vibration_at_rest_m"] for rows in results.values()]))
 
 
-def _both(
-    measured: Measured, name: str, condition: str = "", path: str = "", rest: bool = False
-) -> str:
-    """Return position and orientation error left [%]; of one path or of all."""
-    results = measured[condition or next(iter(measured))]
-    some = {path: results[path]} if path else results
-    parts = (f"resting_{part}" if rest else part for part in PARTS)
-    return " / ".join(number(_ratio(some, name, part), 0) for part in parts)
+def _treatments(results: dict[str, dict[str, Row]]) -> str:
+    """Return a table: what every treatment leaves and how it shakes, over all paths."""
 
+    def both(name: str, when: str) -> str:
+        return " / ".join(number(_ratio(results, name, f"{when}{part}"), 0) for part in PARTS)
 
-def _wins(results: dict[str, dict[str, Row]]) -> bool:
-    """Whether a searched push leaves less of both errors than any dither."""
     names = next(iter(results.values()))
-    dithers = [name for name in names if "push" not in name and "feedforward" not in name]
-    return all(
-        _ratio(results, "push, searched", part) < min(_ratio(results, d, part) for d in dithers)
-        for part in PARTS
-    )
-
-
-def _gate_points(panda: Measured) -> float:
-    """Return by how much the longest search's table needs its gate: largest change [points]."""
-    one, other = LONGER[0], "the same without its gate"
-    return 100 * max(
-        abs(rows[one][f"{rest}{part}"] - rows[other][f"{rest}{part}"])
-        for results in panda.values()
-        for rows in results.values()
-        for rest in ("", "resting_")
-        for part in PARTS
-    )
-
-
-def _at_rest(panda: Measured, name: str, condition: str, path: str) -> list[float]:
-    """Return position and orientation error left at rest [-]."""
-    return [panda[condition][path][name][f"resting_{part}"] for part in PARTS]
-
-
-def _less(panda: Measured, name: str, condition: str, path: str) -> str:
-    """Return by how much less than Table 4.9 a treatment leaves at rest [%]."""
-    ours, thesis = (_at_rest(panda, x, condition, path) for x in (name, "Table 4.9"))
-    return " / ".join(number(100 * (1 - a / b), 0) for a, b in zip(ours, thesis, strict=True))
-
-
-def _better(panda: Measured, name: str) -> list[int]:
-    """Count how often a longer search leaves less at rest than the constant table, and more.
-
-    By more than a point; of two paths, two parts, the arm's rest and other start poses.
-    """
-    known, *_, elsewhere = panda
-    names = "search, constant", name
-    points = [
-        100 * (a - b)
-        for condition in (known, elsewhere)
-        for path in panda[condition]
-        for a, b in zip(*(_at_rest(panda, x, condition, path) for x in names), strict=True)
+    rows = [
+        [name, both(name, ""), both(name, "resting_"), f"{_shaken(results, name):.3f}"]
+        for name in names
     ]
-    return [sum(x > 1 for x in points), sum(x < -1 for x in points), len(points)]
-
-
-def _changes(panda: Measured) -> dict[str, float]:
-    """Return by how much errors left at rest differ [points], means over the same as `_better`.
-
-    ``longer``: how much less a longer search leaves than the constant table; ``seed``: how far the
-    same from another seed is from it, either way; ``start``: other start poses likewise.
-    """
-    known, *_, elsewhere = panda
-
-    def left(name: str, condition: str) -> NDArray[np.float64]:
-        return 100 * np.array([_at_rest(panda, name, condition, p) for p in panda[condition]])
-
-    def difference(one: str, other: str) -> NDArray[np.float64]:
-        return np.array([left(one, c) - left(other, c) for c in (known, elsewhere)])
-
-    longer, other = LONGER
-    return {
-        "longer": float(difference("search, constant", longer).mean()),
-        "seed": float(np.abs(difference(other, longer)).mean()),
-        "start": float(np.abs(left(longer, elsewhere) - left(longer, known)).mean()),
-    }
-
-
-def _reduction(rows: list[Row]) -> float:
-    """Return by how much less torque moves a joint [%], mean of all joints."""
-    return 100 * float(np.mean([1 - row["left"] for row in rows]))
+    return table_text(["treatment", "over all goals", "at rest", "vibration at rest [mm]"], rows)
 
 
 def _tracking(results: dict[str, dict[str, Row]]) -> str:
@@ -194,12 +112,13 @@ def _joints(tables: dict[str, list[Row]]) -> str:
     """Return a table: every joint's reduction and displacement, per amplitude table."""
     lines = []
     for name, rows in tables.items():
+        less = [100 * (1 - row["left"]) for row in rows]
         cells = [
-            f"{number(100 * (1 - row['left']))} %, {1e3 * row['displacement_rad']:.3f} mrad"
-            for row in rows
+            f"{number(x)} %, {1e3 * row['displacement_rad']:.3f} mrad"
+            for x, row in zip(less, rows, strict=True)
         ]
-        lines.append([name, *cells, f"{number(_reduction(rows))} %"])
-    numbers = range(1, 1 + len(lines[0][1:-1]))
+        lines.append([name, *cells, f"{number(float(np.mean(less)))} %"])
+    numbers = range(1, len(lines[0]) - 1)
     return table_text(["table", *(f"joint {j}" for j in numbers), "mean"], lines)
 
 
