@@ -1,6 +1,6 @@
 """Asking a real robot: Tables 4.6, 4.7 and 4.8 as the robot that answers.
 
-    python -m benchmarks.accuracy.ask_tell [--seeds 2000] [--fit]
+    python -m benchmarks.accuracy.ask_tell [--fit]
 
 Every joint of the Panda has nine measured settings (frequency, scale), each in four configurations:
 252 cells. A strategy measures one setting after the other until the one it estimates to be best is
@@ -11,7 +11,7 @@ of ``[robot]`` in the tuner's settings.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,11 +38,8 @@ from tuning.settings import RobotSettings, tuning_settings
 Array = NDArray[np.float64]
 MADE_BY = (*EPISODES, "!stiction_envs/envs", "benchmarks/accuracy/ask_tell.py")
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
-PRIORS = {
-    "shipped": "friction fitted to Tables 4.3 and 4.6",
-    "base torques": "friction from Table 4.3 alone",
-}
-NO_PRIOR = "no simulation"
+PRIORS = ("shipped", "base torques")
+"""Friction fitted to Tables 4.3 and 4.6; friction from Table 4.3 alone."""
 FITTED = ("offset", "configuration", "shape", "frequency_length", "displacement_length", "setting")
 GUESS = {
     "offset": (0.03, 1.0),
@@ -52,8 +49,9 @@ GUESS = {
     "frequency_length": (0.7, 0.5),
     "displacement_length": (0.5, 0.5),
 }
-"""Median and standard deviation of the logarithm of every number before it is fitted."""
+"""Median and standard deviation of the logarithm of every number before it is fitted; assumed."""
 ITERATIONS = 4
+"""Of the simulation; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,9 +151,9 @@ def without_simulation(joints: Sequence[Measured]) -> list[Measured]:
     out = []
     for k, m in enumerate(joints):
         mean = np.mean([x.ratio.mean() for i, x in enumerate(joints) if i != k])
-        constant = np.full(m.ratio.shape, mean)
-        m = with_amplitude(m)
-        candidates = dataclasses.replace(m.candidates, predicted=constant)
+        scale = np.repeat(m.scale[:, None], 4, axis=1)
+        known = {"predicted": np.full(m.ratio.shape, mean), "displacement": scale}
+        candidates = dataclasses.replace(m.candidates, **known)
         out.append(dataclasses.replace(m, candidates=candidates))
     return out
 
@@ -186,13 +184,6 @@ def log_likelihood(m: Measured, s: RobotSettings) -> float:
     factor = cho_factor(discrepancy_kernel(s)(x) + s.noise**2 * np.eye(len(d)), lower=True)
     logs = np.log(np.diag(factor[0])).sum()
     return float(-d @ cho_solve(factor, d) / 2 - logs - len(d) / 2 * np.log(2 * np.pi))
-
-
-def with_amplitude(m: Measured) -> Measured:
-    """Return a joint whose posterior looks at amplitude over base torque, not at displacement."""
-    scale = np.repeat(m.scale[:, None], 4, axis=1)
-    candidates = dataclasses.replace(m.candidates, displacement=scale)
-    return dataclasses.replace(m, candidates=candidates)
 
 
 def left_out(joints: Sequence[Measured], start: RobotSettings) -> list[RobotSettings]:
@@ -248,114 +239,60 @@ def in_order(m: Measured, order: Sequence[int]) -> Replay:
 # ---- page ----------------------------------------------------------------------------------------
 
 
-def counts(
-    strategies: dict[str, list[Replay]], what: Callable[[Replay], int]
-) -> dict[str, list[int]]:
-    return {name: [what(r) for r in replays] for name, replays in strategies.items()}
-
-
-def draw(strategies: dict[str, list[Replay]], needed: dict[str, list[float]], path: Path) -> None:
-    """Draw regret against settings measured, and settings needed per joint."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    colours = ["#1f5fa8", "#5fa8d3", "#8a8a8a", "#d1701a", "#4a9a4a"]
-    for (name, replays), colour in zip(strategies.items(), colours, strict=True):
+def draw(strategies: dict[str, list[Replay]], path: Path) -> None:
+    """Draw regret against settings measured, mean of the joints."""
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axes = figure.subplots()
+    for name, replays in strategies.items():
         mean = 100 * np.mean([r.regret for r in replays], axis=0)
-        left.plot(range(1, 10), mean, "o-", ms=4, color=colour, label=name)
-    left.axhline(100 * tuning_settings().robot.tolerance, color="0.3", lw=0.8, ls=":")
-    left.set_xlabel("settings measured of a joint (four cells each)")
-    left.set_ylabel("choice above the best of nine [% of base torque]")
-    left.set_title("mean of seven joints")
-    left.legend(frameon=False, fontsize=8)
-    left.grid(alpha=0.3)
-    width = 0.16
-    for k, ((name, values), colour) in enumerate(zip(needed.items(), colours, strict=True)):
-        x = np.arange(1, 8) + (k - 2) * width
-        right.bar(x, values, width, color=colour, label=name)
-    right.axhline(4.5, color="0.3", lw=0.8, ls=":")
-    right.set_xlabel("joint")
-    right.set_ylabel("settings until within the noise for good")
-    right.set_title("dotted: half of what the thesis measured")
-    right.grid(axis="y", alpha=0.3)
+        axes.plot(range(1, 10), mean, "o-", ms=4, label=name)
+    axes.axhline(100 * tuning_settings().robot.tolerance, color="0.3", lw=0.8, ls=":")
+    axes.set_xlabel("settings measured of a joint (four cells each)")
+    axes.set_ylabel("choice above the best of nine [% of base torque]")
+    axes.set_title("mean of seven joints")
+    axes.legend(frameon=False, fontsize=8)
+    axes.grid(alpha=0.3)
     save_full(figure, path)
-
-
-def blind_part(m: Measured, x: RobotSettings, s: RobotSettings) -> tuple[int, int]:
-    """Return settings needed among those of Tables 4.7 and 4.8 only: asked, thesis's order."""
-    keep = m.scale != 1.0
-    c = m.candidates
-    part = dataclasses.replace(
-        m,
-        candidates=dataclasses.replace(
-            c,
-            frequency_hz=c.frequency_hz[keep],
-            amplitude_nm=c.amplitude_nm[keep],
-            predicted=c.predicted[keep],
-            displacement=c.displacement[keep],
-            eligible=c.eligible[keep],
-        ),
-        ratio=m.ratio[keep],
-        scale=m.scale[keep],
-        refuted=m.refuted[keep],
-    )
-    order = range(int(keep.sum()))
-    return ask(part, x).needed(s.tolerance), in_order(part, order).needed(s.tolerance)
 
 
 def page(
     strategies: dict[str, list[Replay]],
-    needed: dict[str, list[float]],
     joints: dict[str, list[Measured]],
-    blind: list[tuple[int, int]],
-    density: dict[str, list[float]],
     own: list[RobotSettings],
     s: RobotSettings,
 ) -> dict[str, object]:
     """Return what the page's template asks for."""
-    names = list(strategies)
-    asked = [n for n in names if n.startswith("asked")]
-    per_joint = [[str(j + 1), *(number(needed[n][j], 0) for n in names)] for j in range(7)]
-    per_joint.append(["**settings, of 63**", *(f"**{sum(needed[n]):.0f}**" for n in names)])
-    per_joint.append(["cells, of 252", *(f"{4 * sum(needed[n]):.0f}" for n in names)])
+    needed = {name: [r.needed(s.tolerance) for r in x] for name, x in strategies.items()}
+    total = {name: sum(values) for name, values in needed.items()}
+    rows = [[str(j + 1), *(f"{x[j]:g}" for x in needed.values())] for j in range(7)]
+    rows.append(["**settings, of 63**", *(f"**{x:g}**" for x in total.values())])
     stops = [
         [
-            n,
-            ", ".join(str(r.stopped) for r in strategies[n]),
-            f"{sum(r.stopped for r in strategies[n])}",
-            ", ".join(number(100 * r.regret[r.stopped - 1]) for r in strategies[n]),
-            f"{sum(sum(r.inside) for r in strategies[n])} of 63",
+            name,
+            ", ".join(str(r.stopped) for r in replays),
+            str(sum(r.stopped for r in replays)),
+            ", ".join(number(100 * r.regret[r.stopped - 1]) for r in replays),
+            f"{sum(sum(r.inside) for r in replays)} of 63",
         ]
-        for n in asked
+        for name, replays in strategies.items()
+        if replays[0].inside
     ]
-    mean_error = {
-        prior: 100 * float(np.mean([np.abs(m.ratio - m.candidates.predicted).mean() for m in g]))
-        for prior, g in joints.items()
-    }
+    header = ["strategy", "settings per joint when it stops", "sum"]
+    header += ["choice above the best then [%]", "means within the 95 % interval estimated before"]
     spans = [
         [name, *(f"{getattr(x, name):.3f}" for x in own), f"{getattr(s, name):.3f}"]
         for name in FITTED
     ]
     return {
-        "priors": PRIORS,
-        "per_joint": table_text(["joint", *names], per_joint),
-        "stops": table_text(
-            [
-                "strategy",
-                "settings per joint when it stops",
-                "sum",
-                "choice above the best then [%]",
-                "means within the 95 % interval estimated before",
-            ],
-            stops,
-        ),
+        "per_joint": table_text(["joint", *strategies], rows),
+        "total": total,
+        "upper": {name: sum(values[:4]) for name, values in needed.items()},
+        "error": {
+            prior: 100 * float(np.mean([np.abs(m.ratio - m.candidates.predicted) for m in group]))
+            for prior, group in joints.items()
+        },
+        "stops": table_text(header, stops),
         "spans": table_text(["", *(f"without joint {j}" for j in range(1, 8)), "shipped"], spans),
-        "total": {n: sum(v) for n, v in needed.items()},
-        "upper": {n: sum(v[:4]) for n, v in needed.items()},
-        "most": {n: max(v) for n, v in needed.items()},
-        "over": {n: [j + 1 for j, x in enumerate(v) if x > 4.5] for n, v in needed.items()},
-        "error": mean_error,
-        "blind": [sum(b[k] for b in blind) for k in (0, 1)],
-        "density": density,
         "tolerance": 100 * s.tolerance,
         "confidence": 100 * s.confidence,
     }
@@ -363,11 +300,9 @@ def page(
 
 def main() -> None:
     parser = STUDY.parser()
-    parser.add_argument("--seeds", type=int, default=2000)
     parser.add_argument("--fit", action="store_true")
     options = parser.parse_args()
-    s = tuning_settings().robot
-    rows = STUDY.rows(options)
+    s, rows = tuning_settings().robot, STUDY.rows(options)
     joints = {prior: measured(prior, rows) for prior in PRIORS}
     pooled = [m for group in joints.values() for m in group]
     if options.fit:
@@ -375,43 +310,17 @@ def main() -> None:
         for name in FITTED:
             print(f"{name} = {getattr(best, name):.4f}")
         return
-    own = left_out(pooled, s)
-    plain = without_simulation(joints["shipped"])
-    plain_own = left_out(plain, s)
-    rng = np.random.default_rng(0)
-    truth = joints["shipped"]
-    orders = [[in_order(m, rng.permutation(9)) for _ in range(options.seeds)] for m in truth]
+    own, plain = left_out(pooled, s), without_simulation(joints["shipped"])
     strategies = {
-        f"asked, {prior}": [ask(m, x) for m, x in zip(group, own, strict=True)]
-        for prior, group in joints.items()
+        **{
+            f"asked, {prior}": [ask(m, x) for m, x in zip(group, own, strict=True)]
+            for prior, group in joints.items()
+        },
+        "thesis's order": [in_order(m, range(9)) for m in plain],
+        "asked, no simulation": [ask(m, x) for m, x in zip(plain, left_out(plain, s), strict=True)],
     }
-    strategies |= {
-        "thesis's order": [in_order(m, range(9)) for m in truth],
-        "random order": [
-            Replay(regret=tuple(np.mean([r.regret for r in group], axis=0)), stopped=9)
-            for group in orders
-        ],
-        "asked, " + NO_PRIOR: [ask(m, x) for m, x in zip(plain, plain_own, strict=True)],
-    }
-    needed: dict[str, list[float]] = {
-        name: [float(r.needed(s.tolerance)) for r in replays]
-        for name, replays in strategies.items()
-    }
-    needed["random order"] = [
-        float(np.median([r.needed(s.tolerance) for r in group])) for group in orders
-    ]
-    amplitude = {prior: [with_amplitude(m) for m in group] for prior, group in joints.items()}
-    other = left_out([m for group in amplitude.values() for m in group], s)
-    density = {
-        prior: [
-            sum(log_likelihood(m, x) for m, x in zip(group[prior], fitted, strict=True))
-            for group, fitted in ((joints, own), (amplitude, other))
-        ]
-        for prior in PRIORS
-    }
-    blind = [blind_part(m, x, s) for m, x in zip(truth, own, strict=True)]
-    draw(strategies, needed, options.out / "ask_tell.png")
-    STUDY.write_page(options, **page(strategies, needed, joints, blind, density, own, s))
+    draw(strategies, options.out / "ask_tell.png")
+    STUDY.write_page(options, **page(strategies, joints, own, s))
 
 
 if __name__ == "__main__":

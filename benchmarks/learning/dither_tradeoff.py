@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmarks.harness import Benchmark
+from benchmarks.thesis.items import plain_axes
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
@@ -29,9 +30,11 @@ STUDY = Benchmark(__file__, __doc__)
 FINAL = thesis_final_dither()
 PLACES = [(t, k) for t in TRAJECTORIES for k in thesis_stiffness()]
 SCALES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+"""Over the thesis's amplitudes [-]; assumed."""
 TOGETHER = 32
 """Cases at once."""
 GATES = (0.02, 0.05, 0.1, 0.2)
+"""Speeds above which a gated dither is off [rad/s]; assumed."""
 FAMILIES = {
     "sine (thesis)": ("#d1701a", "o", "-"),
     "triangle": ("#2b7bba", "^", "-"),
@@ -175,76 +178,28 @@ MEASURES = {
 }
 
 
-def _name(axes: Any, best: list[Outcome], of: Callable[[Outcome], float]) -> None:
-    """Write names beside the front, where there is room for them."""
-    low, high = np.quantile([100 * of(o) for o in best], [0, 1])
-    last = np.inf
-    for o in best:
-        y = 100 * of(o)
-        if last - y < 0.035 * (high - low + 1):
-            continue
-        last = y
-        text = o.name.replace(" (thesis)", "").replace(" rad/s", "")
-        axes.annotate(
-            text,
-            (1e3 * o.vibration, y),
-            xytext=(-9, -4),
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            fontsize=7.5,
-            color="0.25",
-            zorder=5,
-        )
-
-
 def draw(outcomes: list[Outcome], path: Path) -> None:
     """Draw the error over that without dither, against vibration; the front is drawn through."""
     figure = Figure(figsize=(12.6, 6.2), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True)
-    left, right = (1e3 * f(o.vibration for o in outcomes) for f in (min, max))
+    plain = outcomes[0]
     for axes, (name, of) in zip(panels, MEASURES.items(), strict=True):
-        best = sorted(
-            (o for o in outcomes if o.name in front(outcomes, of)), key=lambda o: o.vibration
-        )
-        axes.step(
-            [1e3 * o.vibration for o in best],
-            [100 * of(o) for o in best],
-            where="post",
-            color="0.8",
-            lw=6,
-            zorder=1,
-            solid_capstyle="round",
-            label="Pareto front",
-        )
-        plain = outcomes[0]
-        axes.plot(
-            1e3 * plain.vibration, 100.0, "o", ms=9, mfc="white", mec="0.2", mew=1.6,
-            zorder=4, label="no dither",
-        )  # fmt: skip
+        on_front = front(outcomes, of)
+        best = sorted((o for o in outcomes if o.name in on_front), key=lambda o: o.vibration)
+        x, y = [1e3 * o.vibration for o in best], [100 * of(o) for o in best]
+        axes.step(x, y, where="post", color="0.8", lw=6, zorder=1, label="Pareto front")
+        style: dict[str, Any] = {"ms": 9, "mfc": "white", "mec": "0.2", "zorder": 4}
+        axes.plot(1e3 * plain.vibration, 100.0, "o", label="no dither", **style)
         for family, (shade, marker, line) in FAMILIES.items():
             mine = [o for o in outcomes if o.family == family]
-            size = 11 if marker == "*" else 7
-            axes.plot(
-                [1e3 * o.vibration for o in mine],
-                [100 * of(o) for o in mine],
-                color=shade,
-                marker=marker,
-                ms=size,
-                ls=line,
-                lw=1.2,
-                zorder=3,
-                label=family,
-            )
-        _name(axes, best[1:], of)
+            x, y = [1e3 * o.vibration for o in mine], [100 * of(o) for o in mine]
+            style = {"ms": 11 if marker == "*" else 7, "lw": 1.2, "zorder": 3}
+            axes.plot(x, y, color=shade, marker=marker, ls=line, label=family, **style)
         axes.axhline(100, color="0.6", lw=0.8, ls=(0, (4, 3)), zorder=0)
         axes.set_title(name, loc="left", fontsize=10.5)
         axes.set_xlabel("vibration of the flange above 8 Hz [mm RMS]")
         axes.set_ylabel("error, no dither = 100 [%]")
-        axes.grid(alpha=0.25, lw=0.6)
-        axes.set_xlim(left - 0.55 * (right - left), right + 0.06 * (right - left))  # for the names
-        axes.margins(y=0.06)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes)
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
     figure.suptitle(
@@ -258,32 +213,24 @@ def page(outcomes: list[Outcome]) -> dict[str, Any]:
     plain, named = outcomes[0], {o.name: o for o in outcomes}
     thesis = named["sine (thesis) × 1"]
     limit = 0.5 * (thesis.vibration + plain.vibration)
-    gated = [o for o in outcomes if o.family == "sine, gated"]
     best = front(outcomes, lambda o: o.standing)
     header = ["dither", "error left, position", "orientation", "window sum", "RMS along the path"]
-    header += ["vibration [mm]", "at rest [mm]", "dither power [W]", "front"]
+    header += ["vibration [mm]", "added", "at rest [mm]", "dither power [W]", "front"]
     rows = [
         [
             o.name,
             *(percent(100 * (x - 1)) for x in (o.standing, o.turned, o.window, o.tracking)),
-            *(f"{1e3 * x:.3f}" for x in (o.vibration, o.at_rest)),
-            f"{o.energy:.2f}",
-            "yes" if o.name in best else "",
+            *(f"{1e3 * o.vibration:.3f}", signed(1e3 * (o.vibration - plain.vibration), 3)),
+            *(f"{1e3 * o.at_rest:.3f}", f"{o.energy:.2f}", "yes" if o.name in best else ""),
         ]
         for o in outcomes
     ]
-    path = [o.tracking for o in outcomes[1:]]
     return {
-        "outcomes": named,
         "plain": plain,
         "thesis": thesis,
         "quiet": min((o for o in outcomes if o.vibration < limit), key=lambda o: o.standing),
-        "strong": min(outcomes, key=lambda o: o.standing),
-        "calm": min(gated, key=lambda o: o.vibration),
-        "path": [max(path), min(path)],
         "change": lambda x: percent(100 * (x - 1)),
         "added": lambda o: f"{signed(1e3 * (o.vibration - plain.vibration), 3)} mm",
-        "resting": lambda o: f"{1e3 * (o.at_rest - plain.at_rest):.3f} mm",
         "table": table_text(header, rows),
     }
 
