@@ -55,9 +55,9 @@ def all_named(row: Row) -> bool:
     return set(row["expected"]) <= set(row["named"])
 
 
-def _rate(hits: list[bool], target: str) -> str:
-    if not hits:
-        return "no case"
+def _rate(hits: list[bool], target: str = "") -> str:
+    if not hits or not target:
+        return f"{sum(hits)}/{len(hits)}"
     most, limit = target == "false", TARGETS[target]
     rate = sum(hits) / len(hits)
     words = f"target {'≤' if most else '≥'} {100 * limit:.0f} %: {met(rate, limit, most=most)}"
@@ -71,59 +71,47 @@ def page(rows: list[Row], honest: list[bool]) -> dict[str, Any]:
         rows: of the cases.
         honest: (len(rows),) whether the ambiguity of an ambiguous case is named.
     """
-    fair_of = {id(r) for r, yes in zip(rows, honest, strict=True) if yes}
+    fair = {id(r) for r, yes in zip(rows, honest, strict=True) if yes}
     whole = [r for r in rows if "broken" not in r]
     clear = [r for r in whole if r["unclear"] < 0]
     unclear = [r for r in whole if r["unclear"] >= 0]
-    single, pairs, triples = ([r for r in clear if len(r["hidden"]) == k] for k in (1, 2, 3))
+    none, single, pairs, triples = ([r for r in clear if len(r["hidden"]) == k] for k in range(4))
     seen = [r for r in single if visible(r)]
-    # a missed cause is told honestly where the right partner is named, or "cannot tell"
-    fair = [
-        r
-        for r in seen
-        if not first(r)
-        and (
-            r["verdict"] == "cannot tell" or any(r["expected"][0] in c for c in r["confused_with"])
-        )
-    ]
-    alone = [r for r in unclear if id(r) not in fair_of and r["named"] == r["expected"]]
-    none = [r for r in whole if not r["hidden"]]
-    second = [r for r in clear if "second" in r]
-    held = [r for r in second if r["hidden"] and visible(r)]
-    over = [np.mean(np.divide(r["second"]["extended_nm"], r["second"]["nominal_nm"])) for r in held]
-    still = [transfer(r) for r in second if not r["hidden"]]
+    held = [r for r in clear if "second" in r and r["hidden"] and visible(r)]
     missed = [r for r in held if transfer(r, truth=True) >= HOLDS]
-    right = [r for r in held if all_named(r)]
-
-    def together(many: list[Row], target: str) -> dict[str, str]:
-        return {
-            "seen": _rate([all_named(r) for r in many if visible(r)], target),
-            "all": f"{sum(map(all_named, many))}/{len(many)}",
-        }
-
+    inside = [ok for r in seen for ok in r["inside"].values()]
+    strongest = _rate([first(r) for r in seen], "strongest")
+    scores = {
+        "one cause is hidden: the strongest named is the hidden one": strongest,
+        "the true parameter is within its interval": _rate(inside, "interval"),
+        "nothing is hidden, yet a cause is named": _rate([bool(r["named"]) for r in none], "false"),
+    }
+    for count, many, target in (("two", pairs, "pairs"), ("three", triples, "triples")):
+        named = _rate([all_named(r) for r in many if visible(r)], target)
+        scores[f"{count} causes are hidden, and all are named"] = named
+        everything = f"the same, with all {target}"
+        scores[everything] = _rate([all_named(r) for r in many])
+    scores |= {
+        "an ambiguity is named, or the verdict is cannot tell": _rate(
+            [id(r) in fair for r in unclear]
+        ),
+        "the model holds on a second motion": _rate([transfer(r) < HOLDS for r in held], "second"),
+        "the same, over what the true model leaves there": _rate(
+            [transfer(r, truth=True) < HOLDS for r in held], "second"
+        ),
+    }
     return {
         "cases": len(whole),
         "broken": len(rows) - len(whole),
         "seconds": float(np.median([r["seconds"] for r in whole])),
         "visible": VISIBLE,
         "holds": HOLDS,
-        "strongest": _rate([first(r) for r in seen], "strongest"),
-        "fair": len(fair),
-        "inside": _rate([ok for r in seen for ok in r["inside"].values()], "interval"),
-        "false": _rate([bool(r["named"]) for r in none], "false"),
-        "pairs": together(pairs, "pairs"),
-        "triples": together(triples, "triples"),
-        "second": _rate([transfer(r) < HOLDS for r in held], "second"),
-        "second_truth": _rate([transfer(r, truth=True) < HOLDS for r in held], "second"),
-        "right": f"{sum(transfer(r, truth=True) < HOLDS for r in right)}/{len(right)}",
-        "still": [float(np.median(still)), max(still)] if still else [],
-        "over": float(np.median(over)) if over else float("nan"),
+        "strongest": strongest,
+        "scores": table_text(["", "cases"], [list(x) for x in scores.items()]),
         "missed": [line(r) for r in sorted(missed, key=transfer, reverse=True)],
-        "honest": f"{sum(id(r) in fair_of for r in unclear)}/{len(unclear)}",
-        "alone": len(alone),
         "by_cause": _by_cause(single),
         "together": _together([*pairs, *triples]),
-        "unclear": _unclear(unclear, fair_of, alone),
+        "unclear": _unclear(unclear, fair),
     }
 
 
@@ -160,15 +148,14 @@ def _together(rows: list[Row]) -> str:
     )
 
 
-def _unclear(rows: list[Row], honest: set[int], alone: list[Row]) -> str:
+def _unclear(rows: list[Row], honest: set[int]) -> str:
     lines = []
     for r in rows:
         named = "; ".join(
             f"{n} ({', '.join(c) or '–'})"
             for n, c in zip(r["named"], r["confused_with"], strict=True)
         )
-        mark = " the hidden one alone" if r in alone else " **wrong**"
-        mark = "" if id(r) in honest else mark
+        mark = "" if id(r) in honest else " **not said**"
         lines.append([r["hidden"][0], r["motion"], r["verdict"], named + mark])
     return table_text(["ambiguous", "motion", "verdict", "named (may also be)"], lines)
 
