@@ -150,7 +150,7 @@ def excitation(work: Path) -> Iterable[tuple[str, str]]:
         yield f"excite.{path.stem}", file_hash(path)
 
 
-def rollouts(_: Path) -> Iterable[tuple[str, str]]:
+def rollouts(work: Path) -> Iterable[tuple[str, str]]:
     """Yield what every environment says of the same actions, alone and as a batch."""
     import gymnasium as gym
 

@@ -61,10 +61,14 @@ SEED = 12
 TIMES_NORMAL, START_S = 4, 30
 """A fault counts as noticed after so many times the processor time of the sound tests [-], and the
 time to import and compile everything [s]; assumed."""
-COMPARISONS = ("Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is", "Lt_LtE", "Lt_GtE", "LtE_Lt")
-COMPARISONS += ("LtE_Gt", "Gt_GtE", "Gt_LtE", "GtE_Gt", "GtE_Lt")
-ARITHMETIC = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "FloorDiv_Mul", "Mod_Mul")
-ARITHMETIC += ("BitAnd_BitOr", "BitOr_BitAnd")
+COMPARISONS = (
+    *("Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is", "Lt_LtE", "Lt_GtE", "LtE_Lt"),
+    *("LtE_Gt", "Gt_GtE", "Gt_LtE", "GtE_Gt", "GtE_Lt"),
+)
+ARITHMETIC = (
+    *("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "FloorDiv_Mul", "Mod_Mul"),
+    *("BitAnd_BitOr", "BitOr_BitAnd"),
+)
 OPERATORS = (
     *("AddNot", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr"),
     *("ReplaceOrWithAnd", "ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
@@ -110,7 +114,7 @@ def operators() -> dict[str, Any]:
         """
 
         def mutation_positions(self, node: Any) -> Iterator[Any]:
-            kind, parts = node.type, getattr(node, "children", ())
+            kind, parts = node.type, list(getattr(node, "children", ()))
             called = kind in ("atom_expr", "power") and node.parent.type == "simple_stmt"
             plain = kind == "expr_stmt" and parts[0].type == "name"
             plain = plain and not (parts[1].type == "operator" and parts[1].value not in "=:")

@@ -14,6 +14,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -152,7 +153,7 @@ def without_simulation(joints: Sequence[Measured]) -> list[Measured]:
     for k, m in enumerate(joints):
         mean = np.mean([x.ratio.mean() for i, x in enumerate(joints) if i != k])
         scale = np.repeat(m.scale[:, None], 4, axis=1)
-        known = {"predicted": np.full(m.ratio.shape, mean), "displacement": scale}
+        known: dict[str, Any] = {"predicted": np.full(m.ratio.shape, mean), "displacement": scale}
         candidates = dataclasses.replace(m.candidates, **known)
         out.append(dataclasses.replace(m, candidates=candidates))
     return out
@@ -165,7 +166,8 @@ def fit(joints: Sequence[Measured], start: RobotSettings) -> RobotSettings:
     """Return settings of largest marginal likelihood over joints; the noise stays."""
 
     def changed(x: Array) -> RobotSettings:
-        return dataclasses.replace(start, **dict(zip(FITTED, map(float, np.exp(x)), strict=True)))
+        values: dict[str, Any] = dict(zip(FITTED, map(float, np.exp(x)), strict=True))
+        return dataclasses.replace(start, **values)
 
     def loss(x: Array) -> float:
         apart = [(v - np.log(GUESS[k][0])) / GUESS[k][1] for k, v in zip(FITTED, x, strict=True)]
@@ -260,7 +262,7 @@ def page(
     joints: dict[str, list[Measured]],
     own: list[RobotSettings],
     s: RobotSettings,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Return what the page's template asks for."""
     needed = {name: [r.needed(s.tolerance) for r in x] for name, x in strategies.items()}
     total = {name: sum(values) for name, values in needed.items()}
@@ -319,8 +321,8 @@ def main() -> None:
         "thesis's order": [in_order(m, range(9)) for m in plain],
         "asked, no simulation": [ask(m, x) for m, x in zip(plain, left_out(plain, s), strict=True)],
     }
-    draw(strategies, options.out / "ask_tell.png")
     STUDY.write_page(options, **page(strategies, joints, own, s))
+    draw(strategies, options.out / "ask_tell.png")
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ def second(case: Case, found: Diagnosis) -> Row:
         weight = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         weight *= (data.block >= 0)[:, None]
         off = (weight * np.square(data.tau - model.nominal)).sum(axis=0) / weight.sum(axis=0)
-        return np.sqrt(off).tolist()  # type: ignore[no-any-return]
+        return np.sqrt(off).tolist()
 
     data = against(case.second, case.robot)
     truth = against(case.unhidden, load_arm("panda"))
@@ -182,9 +182,9 @@ class Job:
             )
         if len(self.causes) > 1:
             same = len(self.causes) == 2 and self.seed % 2
-            joint = int(rng.choice(common_joints(*self.causes))) if same else None
+            where = int(rng.choice(common_joints(*self.causes))) if same else None
             size = float(rng.uniform(0.4, 1.0))
-            return make_case(self.seed, self.causes, joint=joint, size=size, second=SECOND)
+            return make_case(self.seed, self.causes, joint=where, size=size, second=SECOND)
         return make_case(self.seed, self.causes, second=SECOND)
 
 

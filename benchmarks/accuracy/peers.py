@@ -113,8 +113,6 @@ def rms(parts: Parts, model: Any) -> dict[str, list[float]]:
 class Rigid:
     """The published model as it is."""
 
-    name = "published masses"
-
     def __init__(self, arm: Arm) -> None:
         """Take its masses for true."""
         self.arm = arm

@@ -83,8 +83,6 @@ tasks:
 class Figaroh:
     """A model that FIGAROH identified, and what it says of it."""
 
-    name = "FIGAROH"
-
     def __init__(self, arm: Arm, signals: list[Any], dt: float) -> None:
         """Identify from stretches of signals (q, dq, ddq, tau, each (K, n)) on even times."""
         from figaroh.data.trajectory import TrajectoryData
@@ -98,7 +96,7 @@ class Figaroh:
         inner = np.concatenate([_inner(len(s.q)) for s in signals])
 
         class Identification(BaseIdentification):
-            def load_trajectory_data(self, data_source=None):
+            def load_trajectory_data(self, data_source: Any = None) -> Any:
                 return TrajectoryData(
                     t=np.arange(len(q)) * dt,
                     joint_names=tuple(f"joint{j}" for j in range(1, q.shape[1] + 1)),

@@ -5,6 +5,7 @@ pip install "mujoco[sysid]"; Gauss–Newton on rollouts, whose Jacobian is of fi
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -27,12 +28,12 @@ STILL = 1e-3
 class Sysid:
     """A model that `mujoco.sysid` identified, and what it says of it."""
 
-    name = "mujoco.sysid"
-
     def __init__(self, arm: Arm, signals: list[Any], dt: float) -> None:
         """Identify from stretches of signals (q, dq, ddq, tau, each (K, n)) on even times."""
         from absl import logging
-        from mujoco import sysid
+
+        # by name: mypy would take all of mujoco for what this package types
+        sysid = import_module("mujoco.sysid")
 
         logging.set_verbosity(logging.ERROR)
         spec = arm.spec()
@@ -90,7 +91,6 @@ class Sysid:
                 for q, dq, _ in windows
             ],
         )
-        self.start = params.as_vector().copy()
         # residuals are over each signal's own size, which a joint that holds still has not
         sizes = [np.abs(x).max(axis=0).min() for q, dq, _ in windows for x in (q, dq)]
         moving = min(sizes) > STILL
@@ -106,7 +106,6 @@ class Sysid:
         _, self.half = sysid.calculate_intervals([x.ravel() for x in left], result.jac)
         self.model = sysid.apply_param_modifiers(self.params, spec)
         self.dof = np.array([self.model.joint(x).dofadr[0] for x in arm.joint_names])
-        self.windows = len(windows)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return (T, n) torque of what it identified (`mj_inverse`) [N·m]."""

@@ -8,6 +8,7 @@ Reads ../shared/measured, of which nothing is copied; without it nothing is done
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 
 
 def panda() -> Row:
-    return row_of(diagnose_logs([MEASURED / PANDA], "panda", torque="link"), range(1, 8))
+    arm = load_arm("panda")
+    logs = read_logs([MEASURED / PANDA], arm.n, limits=arm.limits)
+    return row_of(diagnose_logs(logs, arm, torque="link"), range(1, 8))
 
 
 def iiwa_logs() -> tuple[list[JointLog], JointLog]:
@@ -87,7 +90,7 @@ def tx40() -> Row:
 
 CASES: dict[str, Callable[[], Row]] = {
     "panda": panda,
-    **{f"iiwa14 joint{j}": lambda j=j: iiwa_sweep(j) for j in SWEEPS},
+    **{f"iiwa14 joint{j}": partial(iiwa_sweep, j) for j in SWEEPS},
     "iiwa14 poses": iiwa_poses,
     "iiwa14 together": iiwa_together,
     "tx40": tx40,

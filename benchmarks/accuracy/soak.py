@@ -37,12 +37,12 @@ PLACES = (
 )
 STUDY = Benchmark(__file__, __doc__, made_by=PLACES)
 BLOCK = 50
-"""Control steps between two checks."""
+"""Control steps between two checks; assumed."""
 PHASES = {"rest": 120, "dither": 40, "shaken": 10, "let go": 30, "stops": 20}
 """Blocks of each phase, in order; assumed. Bristles take seconds at rest to balance all
 joints' ripples."""
 WATCHED = 20
-"""Blocks at the end of rest in which nothing may creep."""
+"""Blocks at the end of rest in which nothing may creep; assumed."""
 ROUND = NSIM * BLOCK * sum(PHASES.values())
 """Plant steps of a round."""
 CONFORMANCE_EVERY = 16
@@ -63,7 +63,8 @@ class Checks:
     """What must hold of a plant after every block; what did not is in `violations`."""
 
     def __init__(self, plant: Plant, friction: FrictionParameters) -> None:
-        self.plant, self.friction, self.violations = plant, friction, list[dict[str, Any]]()
+        self.plant, self.friction = plant, friction
+        self.violations: dict[tuple[str, str], Row] = {}
         self.steps = 0
         self.largest = dict.fromkeys(KINDS, 0.0)
         self._level = np.zeros((plant.nsim, plant.n))
@@ -73,33 +74,28 @@ class Checks:
 
     def judge(self, what: str, phase: str, value: Array, bound: float | Array) -> None:
         """Note the largest value over its bound (N,) or (N, n); NaN is over every bound."""
-        ratio = value / bound
-        ratio = np.where(np.isnan(ratio), np.inf, ratio).reshape(len(value), -1).max(axis=1)
-        worst = float(ratio.max())
-        self.largest[what] = max(self.largest.get(what, 0.0), worst)
-        if worst > 1:
-            self.note(what, phase, int(ratio.argmax()), worst, int((ratio > 1).sum()))
+        ratio = (
+            np.nan_to_num(value / bound, nan=np.inf, posinf=np.inf)
+            .reshape(len(value), -1)
+            .max(axis=1)
+        )
+        self.largest[what] = max(self.largest[what], float(ratio.max()))
+        if ratio.max() > 1:
+            self.note(what, phase, int(ratio.argmax()), float(ratio.max()))
 
-    def note(self, what: str, phase: str, sim: int, ratio: float, sims: int = 1) -> None:
-        """Note a violation: the worst of its kind and phase, and in how many simulations at once.
-
-        ``sim`` is −1 and ``ratio`` infinite where there is none.
-        """
-        over = ratio if np.isfinite(ratio) else None
-        new = {"what": what, "phase": phase, "sim": sim, "sims": sims, "over_bound": over}
-        for old in self.violations:
-            if (old["what"], old["phase"]) == (what, phase):
-                if (old["over_bound"] or np.inf) < ratio:
-                    old |= new
-                return
-        self.violations.append(new)
+    def note(self, what: str, phase: str, sim: int = -1, ratio: float = np.inf) -> None:
+        """Note the worst violation of a kind and phase, and its simulation; −1 for all."""
+        old = self.violations.get((what, phase))
+        if old is None or old["over_bound"] < ratio:
+            new = {"what": what, "phase": phase, "sim": sim, "over_bound": ratio}
+            self.violations[what, phase] = new
 
     def state(self, phase: str) -> bool:
         """Check finite state, speed and bristles; whether the state is finite."""
         (qpos, qvel), z = self.plant.state, self.plant.bristle
         finite = np.isfinite(np.hstack([qpos, qvel, z])).all(axis=1)
         if not finite.all():
-            self.note("not finite", phase, int(np.argmin(finite)), np.inf)
+            self.note("not finite", phase, int(np.argmin(finite)))
             return False
         p = self.friction
         # a rotor's energy is no more than the arm's: J q̇² / 2 ≤ T
@@ -169,7 +165,7 @@ def soak(plant: Plant, friction: FrictionParameters, rng: np.random.Generator) -
             try:
                 plant.run(np.clip(torque, -limit, limit))
             except ExperimentError as error:
-                checks.note(f"engine: {error}", phase, -1, np.inf)
+                checks.note(f"engine: {error}", phase)
                 return checks
             k += BLOCK
             checks.steps += NSIM * BLOCK
@@ -198,36 +194,41 @@ def one_round(seed: int, number: int) -> Row:
         arm = draw_arm(rng)
         model = draw_model(rng, arm)
         friction = draw_friction(rng, model)
-        elastic = int(friction.elastic.sum())
-        row |= {"arm": arm.name, "joints": arm.n, "elastic": elastic}
-        plant = Plant(model, NSIM, parameters=friction, threads=1)
-        checks = soak(plant, friction, rng)
-        row |= {"violations": checks.violations, "largest": checks.largest, "steps": checks.steps}
+        row |= {"arm": arm.name, "joints": arm.n, "elastic": int(friction.elastic.sum())}
+        checks = soak(Plant(model, NSIM, parameters=friction, threads=1), friction, rng)
+        row |= {"largest": checks.largest, "steps": checks.steps}
         if number % CONFORMANCE_EVERY == 0:
             s = experiment_settings().conformance
             s = dataclasses.replace(s, hold_time=20.0, watched_time=5.0)
-            report = conformance(model, rates=(1.0,), threads=1, settings=s)
-            row["conformance"] = bool(report.passed)
-            if not report.passed:
-                checks.note("conformance", "90 % and 110 %", -1, np.inf)
+            row["conformance"] = bool(
+                conformance(model, rates=(1.0,), threads=1, settings=s).passed
+            )
+            if not row["conformance"]:
+                checks.note("conformance", "90 % and 110 %")
+        row["violations"] = list(checks.violations.values())
     except Exception as error:  # a row, never the end of the soak
-        what = {"what": f"{type(error).__name__}: {error}", "phase": "", "sim": -1}
-        row["violations"] = [*row["violations"], what]
+        what = f"{type(error).__name__}: {error}"
+        row["violations"] = [{"what": what, "phase": "", "sim": -1, "over_bound": np.inf}]
     return row
 
 
 def page(rows: Sequence[Row]) -> dict[str, Any]:
     """Return what the page's template asks for."""
-
-    def over(v: dict[str, Any]) -> str:
-        return short(v["over_bound"]) if v.get("over_bound") else ""
-
-    found = [(r["round"], r.get("arm", ""), v) for r in rows for v in r["violations"]]
-    listed = [
-        [str(k), arm, v["what"], v["phase"], str(v["sim"]), str(v.get("sims", "")), over(v)]
-        for k, arm, v in found
+    violations = [
+        [
+            *map(
+                str,
+                (r["round"], r.get("arm", ""), v["what"], v["phase"], v["sim"], v["over_bound"]),
+            )
+        ]
+        for r in rows
+        for v in r["violations"]
     ]
-    largest = {n: max((r.get("largest", {}).get(n, 0.0) for r in rows), default=0) for n in KINDS}
+    largest = [
+        [n, short(max((r["largest"][n] for r in rows if "largest" in r), default=0.0))]
+        for n in KINDS
+    ]
+    header = ["round", "arm", "what", "phase", "simulation", "times its bound"]
     return {
         "steps": sum(r["steps"] for r in rows),
         "arms": len(rows),
@@ -236,14 +237,9 @@ def page(rows: Sequence[Row]) -> dict[str, Any]:
         "tested": sum("conformance" in r for r in rows),
         "rate": sum(r["steps"] for r in rows) / max(sum(r["seconds"] for r in rows), 1e-9),
         "seed": rows[0]["seed"] if rows else 0,
-        "found": len(found),
-        "violations": table_text(
-            ["round", "arm", "what", "phase", "simulation", "of them over it", "times its bound"],
-            listed,
-        ),
-        "largest": table_text(
-            ["check", "largest, of its bound"], [[k, short(v)] for k, v in largest.items()]
-        ),
+        "found": len(violations),
+        "violations": table_text(header, violations),
+        "largest": table_text(["check", "largest, of its bound"], largest),
         "tolerance": ENERGY,
         "bristle": BRISTLE,
         "strokes": STROKES,

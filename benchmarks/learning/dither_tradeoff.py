@@ -240,8 +240,8 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=3)
     options = parser.parse_args()
     outcomes = run_all(options.iterations)
-    draw(outcomes, options.out / "dither_tradeoff.png")
     STUDY.write_page(options, iterations=options.iterations, **page(outcomes))
+    draw(outcomes, options.out / "dither_tradeoff.png")
 
 
 if __name__ == "__main__":

@@ -51,8 +51,8 @@ class Grid:
 def measure(robot: str, joint: int) -> list[tuple]:
     """Return rows of the table: the grid, then the ramp without dither."""
     grid = [*((a, f) for a in SHARES for f in FREQUENCIES), (0.0, FREQUENCIES[0])]
-    weights = {f"{name}_weight": 1.0 for name in PENALTIES}
-    env = SJEVectorEnv(len(grid), robot=robot, scatter=False, **weights)
+    weights: dict[str, Any] = {f"{name}_weight": 1.0 for name in PENALTIES}
+    env: Any = SJEVectorEnv(len(grid), robot=robot, scatter=False, **weights)
     low, high = env.single_action_space.low, env.single_action_space.high
     action = np.tile(low.astype(float), (len(grid), 1))
     action[:, joint - 1] = [a * high[joint - 1] for a, _ in grid]

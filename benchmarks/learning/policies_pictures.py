@@ -140,7 +140,7 @@ def draw_behaviour(path: Path, results: Results) -> tuple[str, float]:
     for number in WATCHED:
         fixed = {"path": first + number}
         task = environment(training.robot, training.experiment, fixed_options=fixed)
-        env = task.make(2)
+        env: Any = task.make(2)
         seen.append(np.stack(watch(env, learned(training, best.policy).make(env), seed=0)))
         top = env.single_action_space.high
         env.close()

@@ -159,7 +159,7 @@ def environment(robot: str, experiment: str, *, threads: int = 0, **arguments: A
 def cells(plan: Plan) -> list[Cell]:
     """Return all that is measured."""
     first = policy_settings().evaluation.test_paths
-    tasks: list[tuple[str, str, list[Mapping[str, Any]]]] = [
+    tasks: list[tuple[str, str, list[Any]]] = [
         ("gte", RANDOM_PATHS, [{"path": first + k} for k in range(plan.paths)])
     ]
     for name in ("triangle", "pentagon"):

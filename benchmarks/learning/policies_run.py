@@ -59,15 +59,12 @@ class Episodes:
 
     def _measured(self, job: tuple[Cell, Contestant]) -> Row:
         cell, one = job
-        seeds, options = [], []
-        for run in self.runs(one):
-            for k, o in enumerate(cell.options):
-                seeds.append(SEED + 1000 * run + k)
-                options.append(o)
-        env = _task(cell, one).make(min(TOGETHER, len(seeds)))
+        each = [(run, k) for run in self.runs(one) for k in range(len(cell.options))]
+        env = _task(cell, one).make(min(TOGETHER, len(each)))
         if one.compensation is not None:
             compensate(env, one.compensation)
-        rows = evaluate(env, one.make(env), seeds, options)
+        seeds = [SEED + 1000 * run + k for run, k in each]
+        rows = evaluate(env, one.make(env), seeds, [cell.options[k] for _, k in each])
         env.close()
         return {"episodes": rows}
 

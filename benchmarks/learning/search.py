@@ -111,7 +111,6 @@ def main() -> None:
     measured = {r: paths(r, rows, list(CONDITIONS) if r == "panda" else [NOMINAL]) for r in robots}
     longest = [name for name in RUNS if name.startswith("gated_1600")]
     gates = [table_of(KEPT / x)[0].gate_rad_s for n in longest for x in RUNS[n].kept.values()]
-    draw(measured["panda"], options.out / "compensation.png")
     STUDY.write_page(
         options,
         seed=SEED,
@@ -125,6 +124,7 @@ def main() -> None:
             gains=GAINS,
         ),
     )
+    draw(measured["panda"], options.out / "compensation.png")
 
 
 if __name__ == "__main__":

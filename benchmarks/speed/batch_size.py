@@ -14,8 +14,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -31,7 +33,7 @@ STUDY = Benchmark(__file__, __doc__)
 SIZES = (1, 8, 64, 256, 1024, 4096)
 MANY = 1024
 NAMES = {"PandaGTE-v0": GTEEpisodes, "PandaSJE-v0": SJEEpisodes}
-OPTIONS = {
+OPTIONS: dict[str, dict[str, Any]] = {
     "PandaSJE-v0": {"joint": 1, "load": "load", "direction": "+"},
     "PandaGTE-v0": {"trajectory": "pentagon", "stiffness": (200, 20, 0)},
 }
@@ -55,7 +57,7 @@ def make(name: str, count: int, per_tile: int | None = None) -> Callable[[], flo
     core = NAMES[name]
     usual = core.arms_per_thread
     core.arms_per_thread = per_tile or usual
-    env = gym.make_vec(name, num_envs=count, autoreset_mode="Disabled")
+    env: Any = gym.make_vec(name, num_envs=count, autoreset_mode="Disabled")
     core.arms_per_thread = usual
     space = env.single_action_space
     action = np.tile(space.low + 0.1 * (space.high - space.low), (count, 1))
@@ -76,7 +78,7 @@ def make(name: str, count: int, per_tile: int | None = None) -> Callable[[], flo
 
 
 def speeds(
-    makers: list[Callable[[], Callable[[], float]]], rounds: int, against: int
+    makers: Sequence[Callable[[], Callable[[], float]]], rounds: int, against: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return median physics steps/s of batches, and over one of them; the first round warms."""
     steps = [make_one() for make_one in makers]
@@ -102,7 +104,7 @@ def resident_mb() -> float:
 def measure(name: str, sizes: list[int], rounds: int) -> dict[str, object]:
     """Return what the page says of one environment."""
     usual, threads = NAMES[name].arms_per_thread, os.cpu_count() or 1
-    batches = [lambda n=n: make(name, n) for n in sizes]
+    batches = [partial(make, name, n) for n in sizes]
     rates, ratio = speeds(batches, rounds, sizes.index(MANY))
     ratio /= ratio[np.argmax(rates)]
     each = {n: memory(name, n) for n in sizes if n >= 64}
@@ -112,7 +114,7 @@ def measure(name: str, sizes: list[int], rounds: int) -> dict[str, object]:
     ]
     flat = float(ratio[sizes.index(MANY)])
     tiles = sorted({16, 32, 64, 128, 256, 512, usual} & set(range(MANY // threads)))
-    batches = [lambda t=t: make(name, MANY, t) for t in [*tiles, MANY]]
+    batches = [partial(make, name, MANY, t) for t in [*tiles, MANY]]
     rates, ratio = speeds(batches, rounds, tiles.index(usual))
     by_tile = [
         [text, f"{rate:,.0f}", f"{x:.2f}"]

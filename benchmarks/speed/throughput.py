@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -106,7 +107,7 @@ def naive_loop(seconds: float = 3.0) -> float:
 
 def gte(robot: str, rounds: int, threads: int) -> tuple[float, float, float]:
     """Compare environment steps, controller and measures included, with a rollout."""
-    env = gym.make_vec(f"stiction_envs:{robot}GTE-v0", num_envs=NSIM_GTE, threads=threads)
+    env: Any = gym.make_vec(f"stiction_envs:{robot}GTE-v0", num_envs=NSIM_GTE, threads=threads)
     env.reset(seed=0, options={"trajectory": "pentagon", "stiffness": (200, 20, 0)})
     plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
     model = plants[0].sticking.model
@@ -127,10 +128,10 @@ def training(experiment: str, rounds: int, threads: int) -> tuple[float, float, 
     torch.set_num_threads(1)
     settings, rng = policy_settings(), np.random.default_rng(0)
     ppo, task = settings.ppo, Task(robot="panda", experiment=experiment, threads=threads)
-    alone = task.make(ppo.envs)
+    alone: Any = task.make(ppo.envs)
     alone.reset(seed=0)
     low, high = alone.single_action_space.low, alone.single_action_space.high
-    model = make_model(ppo, make_env(task, ppo.envs, settings.run, ppo.gamma), 0)
+    model: Any = make_model(ppo, make_env(task, ppo.envs, settings.run, ppo.gamma), 0)
     _, callback = model._setup_learn(10**9, None)
     actions: list[np.ndarray] = []
 

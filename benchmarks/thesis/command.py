@@ -18,7 +18,6 @@ GAP = "gap"
 SEEDS = 5
 PHASE_SECONDS = 1000.0
 """Simulated time of the iiwa's phases, roughly [s]: 64 ramps of about 15 s."""
-HERE = Path(__file__).parent
 
 
 def add_parser(subparsers: Any) -> None:
@@ -80,7 +79,7 @@ def inputs_of(*own: Path) -> dict[str, Path]:
     from stiction_envs.robots.registry import robot_files
 
     package = package_folder()
-    found: dict[str, Path] = {path.stem: path for path in own}
+    found = {path.stem: path for path in own}
     for robot in thesis_robots():
         files = robot_files(robot)
         found[robot], found[f"{robot}_table"] = files["robot"], files["robot_table"]
@@ -88,10 +87,8 @@ def inputs_of(*own: Path) -> dict[str, Path]:
     found["protocol"] = package / "experiments" / "sje" / "sje.toml"
     found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
     found["controller"] = package / "control" / "gte.toml"
-    for number in THESIS_TABLES:
-        name = f"table_{number.replace('.', '_')}"
-        found[name] = package / "measured" / "thesis" / f"{name}.csv"
-    return found
+    names = [f"table_{number.replace('.', '_')}" for number in THESIS_TABLES]
+    return found | {name: package / "measured" / "thesis" / f"{name}.csv" for name in names}
 
 
 def _items(args: argparse.Namespace) -> dict[str, Any]:
@@ -101,8 +98,7 @@ def _items(args: argparse.Namespace) -> dict[str, Any]:
     items = chosen(args.only)
     name = "-".join(args.only).replace(".", "_") or "thesis"
     args.only = [item.key for item in items]  # the same run, however asked for
-    inputs = inputs_of()
-    folder = common.output_folder(args, name, inputs, resumable=True)
+    folder = common.output_folder(args, name, inputs_of(), resumable=True)
     options = Options(
         seed=args.seed,
         iterations=args.iterations,
@@ -120,7 +116,7 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.thesis.nested_models import fit, models, page, phase
 
     fit.optimiser()  # before anything is written
-    inputs = inputs_of(HERE / "nested_models" / "dither_fit.toml")
+    inputs = inputs_of(Path(fit.__file__).with_name("dither_fit.toml"))
     folder = common.output_folder(args, GAP, inputs, resumable=True)
     seeds = range(args.seed, args.seed + args.seeds)
     with common.working(), Progress() as progress, folder:
@@ -141,15 +137,11 @@ def show(result: dict[str, Any]) -> str:
         lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]
         return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
     found = result[GAP]
-    lines = [
-        f"{'held-out error [% of base torque]':<38}{'mean':>6}{'median':>8}{'worst joint':>13}"
+    floor = {"name": "the thesis repeated", **found["repeats"]}
+    lines = [f"{'held-out error [% of base torque]':<38}{'mean':>6}{'median':>8}"]
+    lines += [
+        f"{r['name']:<38}{r['mean']:>6.1f}{r['median']:>8.1f}" for r in (*found["models"], floor)
     ]
-    for r in found["models"]:
-        joint, worst = max(r["by_joint"].items(), key=lambda item: item[1])
-        numbers = f"{r['mean']:>6.1f}{r['median']:>8.1f}{f'{worst:.1f} (J{joint})':>13}"
-        lines.append(f"{r['name']:<38}{numbers}")
-    floor = found["repeats"]
-    lines.append(f"{'the thesis repeated':<38}{floor['mean']:>6.1f}{floor['median']:>8.1f}")
     for name, t in found["targets"].items():
         mark = "met" if t["met"] else "not met"
         lines.append(f"target {name}: {t['reached']:.1f} % of at most {t['target']:g} %: {mark}")

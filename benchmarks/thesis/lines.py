@@ -55,6 +55,8 @@ SHOWN_POINTS = 2000
 TRUTH, LINE = "0.1", "#c2590c"
 LAW, PARTS, POINTS = "#1f5fa8", "0.35", "#c2410c"
 
+WORDS = {ALL_WRONG: "with all defects", NOTHING: "nothing wrong"}
+
 
 def line_needs() -> Needs:
     """Return what tables and figures of lines need: one thing wrong at a time."""
@@ -105,18 +107,17 @@ def compare_joints(found: Found, joints: tuple[int, ...]) -> Numbers:
     """Return how far the intercepts of some joints (from 1) are from those in print [N·m]."""
     printed = {(r["joint"], r["direction"]): r["intercept_Nm"] for r in thesis_table("A.1")}
 
-    def off(joint: int, wrong: str) -> str:
-        fit = found["lsm"][PANDA, wrong]
-        gaps = [abs(fit.of(joint, d).intercept - printed[joint, d]) for d in "+-"]
-        return number(float(np.mean(gaps)), 2)
+    def off(wrong: str) -> str:
+        fit: LineFit = found["lsm"][PANDA, wrong]
+        gaps = [[abs(fit.of(j, d).intercept - printed[j, d]) for d in "+-"] for j in joints]
+        means = zip(joints, np.mean(gaps, axis=1), strict=True)
+        return ", ".join(f"{number(gap, 2)} N·m (joint {j})" for j, gap in means)
 
-    brief = ", ".join(f"{off(j, NOTHING)} N·m (joint {j})" for j in joints)
-    with_all = ", ".join(f"{off(j, ALL_WRONG)} N·m (joint {j})" for j in joints)
-    sentence = (
-        f"The printed intercepts are {brief} from those of a log with nothing wrong and {with_all} "
-        "from those of one with all defects."
+    brief = off(NOTHING)
+    return f"print is {brief} from a clean log", (
+        f"The printed intercepts are {brief} from those of a log with nothing wrong and "
+        f"{off(ALL_WRONG)} from those of one with all defects."
     )
-    return f"print is {brief} from a clean log", sentence
 
 
 def _small(value: float) -> str:
@@ -281,7 +282,7 @@ def write_links(item: Item, found: Found, folder: Path) -> Written:
     links, best = fits[ALL_WRONG].links, fits[NOTHING].links
     now, old = (number(sum(x[j, "mass"] for j in joints), 0) for x in (wrong, printed))
     brief = f"{len(links.impossible)} of {len(joints)} links cannot exist; {now} kg (print {old})"
-    negative = sum(printed[j, "mass"] < 0 for j in joints)
+    negative, weight = sum(printed[j, "mass"] < 0 for j in joints), thesis_robots()[IIWA].weight_kg
     below = int((links.coulomb < 0).sum() + (links.viscous < 0).sum())
     theirs = sum(printed[j, n] < 0 for j in joints for n in ("coulomb", "viscous"))
     return write_table(
@@ -302,10 +303,9 @@ def write_links(item: Item, found: Found, folder: Path) -> Written:
         shown=shown,
         numbers=(
             brief,
-            f"With all defects {brief} for an arm of {short(thesis_robots()[IIWA].weight_kg)} kg; "
-            f"{len(links.negative_masses)} masses and {below} friction coefficients are negative "
-            f"(print {negative} and {theirs}). With nothing wrong {len(best.impossible)} links "
-            "cannot exist.",
+            f"With all defects {brief} for an arm of {weight:g} kg; {len(links.negative_masses)} "
+            f"masses and {below} friction coefficients are negative (print {negative} and "
+            f"{theirs}). With nothing wrong {len(best.impossible)} links cannot exist.",
         ),
     )
 
@@ -338,10 +338,9 @@ def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
 def write_two_panels(item: Item, found: Found, folder: Path) -> Written:
     """Draw Figure 4.1: joints 7 and 1, with nothing wrong below."""
     figure = Figure(figsize=(11, 7.6), layout="constrained")
-    words = {ALL_WRONG: "with all defects", NOTHING: "nothing wrong"}
-    for row, wrong in zip(figure.subplots(2, 2), words, strict=True):
+    for row, wrong in zip(figure.subplots(2, 2), WORDS, strict=True):
         for axes, joint, letter in zip(row, (7, 1), "ab", strict=True):
-            title = f"({letter}) joint {joint}, {words[wrong]}"
+            title = f"({letter}) joint {joint}, {WORDS[wrong]}"
             _panel(axes, found["lsm"][PANDA, wrong], joint, title)
     return write_figure(item, folder, figure, compare_joints(found, (1, 7)))
 
@@ -366,7 +365,10 @@ def write_curve(item: Item, found: Found, folder: Path) -> Written:
         _draw_curve(axes, curve, ends, zone)
     figure.axes[0].set_ylabel("friction torque [N·m]")
     handles, names = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+    once = dict(zip(names, handles, strict=True))
+    figure.legend(
+        once.values(), once, loc="outside lower center", ncols=6, frameon=False, fontsize=9
+    )
     figure.suptitle(f"{arm_title(curve.robot)}, joint 1", fontsize=11)
     return write_figure(item, folder, figure, compare_curve(curve))
 
@@ -375,26 +377,13 @@ def _draw_curve(axes: Axes, curve: FrictionCurve, ends: float, zone: float) -> N
     axes.axvspan(-zone, zone, color="0.9", zorder=0, label="low speeds: Stribeck effect")
     for k, sign in enumerate((1.0, -1.0)):
         v = sign * np.linspace(0, ends, 400)[1:]
-        axes.plot(v, curve.law(v), color=LAW, lw=2, label=None if k else "law of the model")
         level = np.full_like(v, sign * curve.coulomb[k])
-        for y, dashes, name in (
-            (level, (5, 3), "Coulomb friction"),
-            (curve.viscous[k] * v, (1, 2), "viscous friction"),
-        ):
-            axes.plot(v, y, color=PARTS, lw=1, ls=(0, dashes), label=None if k else name)
+        axes.plot(v, curve.law(v), color=LAW, lw=2, label="law of the model")
+        axes.plot(v, level, color=PARTS, lw=1, ls=(0, (5, 3)), label="Coulomb friction")
+        viscous = curve.viscous[k] * v
+        axes.plot(v, viscous, color=PARTS, lw=1, ls=(0, (1, 2)), label="viscous friction")
         stiction = sign * curve.stiction[k]
-        axes.plot([0, 0], [0, stiction], color=LAW, lw=2)
-        axes.plot(0, stiction, "o", color=LAW, ms=5)
-        axes.annotate(
-            r"$\tau_S^+$" if sign > 0 else r"$\tau_S^-$",
-            (0, stiction),
-            xytext=(-sign * 8, sign * 4),
-            textcoords="offset points",
-            ha="left" if sign < 0 else "right",
-            va="center",
-            fontsize=11,
-            color=LAW,
-        )
+        axes.plot([0, 0], [0, stiction], "o-", color=LAW, lw=2, ms=5, label="stiction")
     shown = np.abs(curve.speed) <= ends
     style: dict[str, Any] = {"ms": 4.5, "mfc": "white", "color": POINTS, "zorder": 5}
     x, y = curve.speed[shown], curve.torque[shown]

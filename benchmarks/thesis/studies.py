@@ -112,7 +112,8 @@ def _paths(parts: Sequence[Any], _: Found, how: Options) -> Iterator[tuple[Any, 
 def _keep(file: Path, run: Run) -> None:
     data = io.BytesIO()
     arrays: dict[str, Any] = {name: getattr(run, name) for name in ARRAYS}
-    np.savez(data, **arrays, **{f"flag_{name}": run.flags[name] for name in FLAGS})
+    arrays |= {f"flag_{name}": run.flags[name] for name in FLAGS}
+    np.savez(data, **arrays)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_bytes_atomic(file, data.getvalue())
 

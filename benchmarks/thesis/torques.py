@@ -50,7 +50,7 @@ def job_of(row: DitheredRow) -> Job:
     return Job(c, row.frequency_hz, row.amplitude_nm)
 
 
-def base_jobs(joints: Sequence[int] | None = None) -> list[Job]:
+def base_jobs(joints: list[int] | None = None) -> list[Job]:
     """Return the jobs without dither."""
     return [Job(c) for c in configurations(7, joints)]
 

@@ -35,7 +35,7 @@ def drawn(number: int = 1) -> tuple[Plant, FrictionParameters, np.random.Generat
 
 
 def kinds(checks: soak.Checks) -> set[str]:
-    return {v["what"] for v in checks.violations}
+    return {what for what, _ in checks.violations}
 
 
 def test_rounds_are_clean_and_the_same_again(short: None) -> None:
@@ -62,7 +62,7 @@ def test_a_state_that_is_not_finite_is_noted(short: None) -> None:
     checks = soak.Checks(plant, friction)
     plant.state[1][2, 0] = np.nan
     assert not checks.state("dither")
-    assert [(v["what"], v["sim"]) for v in checks.violations] == [("not finite", 2)]
+    assert [(v["what"], v["sim"]) for v in checks.violations.values()] == [("not finite", 2)]
 
 
 def test_speeds_and_bristles_over_their_bounds_are_noted(short: None) -> None:
@@ -74,7 +74,10 @@ def test_speeds_and_bristles_over_their_bounds_are_noted(short: None) -> None:
     z = plant.batch.bind("act")
     z[3] = 1.1 * friction.stiction.max() / friction.bristle_stiffness.min()
     checks.state("stops")
-    assert {(v["what"], v["sim"]) for v in checks.violations} == {("speed", 1), ("bristle", 3)}
+    assert {(v["what"], v["sim"]) for v in checks.violations.values()} == {
+        ("speed", 1),
+        ("bristle", 3),
+    }
 
 
 def test_energy_that_nothing_gave_is_noted(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
