@@ -101,7 +101,6 @@ class Compensation:
         factor: float = 1.0,
         *,
         load: ArrayLike = 0.0,
-        **options: Any,
     ) -> Compensation:
         """Return the compensation whose gains are the breakaway torques of ``friction``.
 
@@ -110,7 +109,6 @@ class Compensation:
             friction: of one arm; a gain is the mean breakaway torque of both directions.
             factor: multiplies the gains [-].
             load: (n,) transmitted torque at which friction is taken [N·m].
-            options: ``speed`` and ``error`` as of the class.
 
         Raises:
             StictionError: another kind, or a factor that is not ≥ 0.
@@ -118,7 +116,7 @@ class Compensation:
         if not 0 <= factor < np.inf:
             raise StictionError(f"compensation factor {factor}: expected >= 0")
         breakaway = friction.stiction_at(np.broadcast_to(load, friction.n)).mean(axis=-1)
-        return cls(kind=kind, gain=tuple(factor * breakaway), **options)
+        return cls(kind=kind, gain=tuple(factor * breakaway))
 
 
 def usual(kind: str, name: str) -> float:

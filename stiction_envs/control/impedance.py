@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.control.kernels import impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, renew
 from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
-from stiction_envs.control.settings import FILTERS, ImpedanceSettings, numbers
+from stiction_envs.control.settings import ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
 
@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Ids = Index | Sequence[int] | None
 """Simulations a call is about; None means all."""
-Rows = Index | slice
 
 
 @dataclass(frozen=True)
@@ -77,11 +76,9 @@ class CartesianImpedance:
         self._limit = np.array(limits.torque)
         self._low = limits.position[:, 0] + settings.limit_margin
         self._high = limits.position[:, 1] - settings.limit_margin
-        step = settings.filter_step
-        self._stiffness = _Filtered((nsim, 6, 6), step("stiffness_filter"))
-        self._null_stiffness = _Filtered((nsim, n), step("stiffness_filter"))
-        self._position = _Filtered((nsim, 3), step("pose_filter"))
-        self._filtering = any(step(name) < 1.0 for name in FILTERS)
+        self._stiffness, self._null_stiffness = np.zeros((nsim, 6, 6)), np.zeros((nsim, n))
+        self._filter_step = settings.filter_step
+        self._position, self._position_target = np.zeros((2, nsim, 3))
         self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self._quaternion_target = self._quaternion.copy()
         self._error_matrix = error_matrix(self._quaternion)
@@ -89,25 +86,29 @@ class CartesianImpedance:
         self._null_damping = np.zeros((nsim, n))
         self._null_active = False
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
-        self._root, self._inverse_root, self._modes, self._inertia = np.zeros((4, nsim, 6, 6))
-        self._projector = np.zeros((nsim, n, n))
+        self._root, self._inverse_root, self._modes = np.zeros((3, nsim, 6, 6))
+        self.inertia = np.zeros((nsim, 6, 6))
+        """(N, 6, 6) Λ of the last `update_model`, overwritten by the next [kg, kg·m, kg·m²]."""
+        self.projector = np.zeros((nsim, n, n))
+        """(N, n, n) P of the last `update_model`, overwritten by the next [-]."""
         self._state = np.zeros((nsim, 12))
-        self._q, self._null_q, self._wanted, self._sent, self._command = np.zeros((5, nsim, n))
+        self._q, self._null_q, self._sent = np.zeros((3, nsim, n))
+        self.wanted, self.command = np.zeros((2, nsim, n))
+        """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
         self._everyone = np.arange(nsim)
         s = settings
-        self._write_stiffness(
-            slice(None),
-            # with one axis more, what is given per axis cannot be taken for one per simulation
-            np.asarray(s.translational_stiffness)[None],
-            np.asarray(s.rotational_stiffness)[None],
-            np.atleast_2d(s.nullspace_stiffness),
-            now=True,
+        # with another axis, numbers per axis cannot be taken for numbers per simulation
+        self.set_stiffness(
+            None,
+            translational=np.asarray(s.translational_stiffness)[None],
+            rotational=np.asarray(s.rotational_stiffness)[None],
+            nullspace=np.atleast_2d(s.nullspace_stiffness),
         )
 
     # ---- reference and stiffness ---------------------------------------------------------------
 
     def reset(self, ids: Ids, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
-        """Start arms anew: reference and nullspace at their poses, filters settled, no torque.
+        """Start arms anew: reference and nullspace at their poses, no torque.
 
         Args:
             ids: (M,) simulations, None for all.
@@ -117,18 +118,15 @@ class CartesianImpedance:
 
         The last stiffness that was set is kept.
         """
-        rows = _rows_of(ids)
+        rows = self._rows(ids)
         self._put_pose(rows, position, quaternion, now=True)
         self._null_q[rows] = q
-        for filtered in (self._stiffness, self._null_stiffness):
-            filtered.put(rows, filtered.target[rows], now=True)
-        self._refresh(rows)
-        self._wanted[rows] = self._sent[rows] = self._command[rows] = 0.0
+        self.wanted[rows] = self._sent[rows] = self.command[rows] = 0.0
         self._q[rows] = q
 
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike) -> None:
         """Move all references to (N, 3) [m] and (N, 4) w, x, y, z, in the base frame."""
-        self._put_pose(slice(None), position, quaternion, now=False)
+        self._put_pose(self._everyone, position, quaternion, now=False)
 
     def set_stiffness(
         self,
@@ -146,56 +144,34 @@ class CartesianImpedance:
             rotational: one number, (M,) or (M, 3) [N·m/rad].
             nullspace: one number, (M,) or (M, n) [N·m/rad].
 
-        The filter approaches it cycle by cycle. The damping of the design ``mass`` follows at the
-        next `update_model` where the filter is on, immediately where it is off.
-
         Raises:
             StictionError: negative, not finite or of a wrong shape; nothing has changed then.
         """
-        self._write_stiffness(_rows_of(ids), translational, rotational, nullspace)
-
-    def _write_stiffness(
-        self,
-        rows: Rows,
-        translational: ArrayLike | None,
-        rotational: ArrayLike | None,
-        nullspace: ArrayLike | None,
-        now: bool = False,
-    ) -> None:
-        new, axes = self._stiffness.target[rows].copy(), np.arange(6)
+        rows = self._rows(ids)
+        new, axes = self._stiffness[rows].copy(), np.arange(6)
         for name, value, k in (
             ("translational", translational, axes[:3]),
             ("rotational", rotational, axes[3:]),
         ):
             if value is not None:
                 new[:, k, k] = _fill(f"{name} stiffness", value, (len(new), 3))
-        null = self._null_stiffness.target[rows].copy()
         if nullspace is not None:
-            null = _fill("nullspace stiffness", nullspace, null.shape)
-        self._stiffness.put(rows, new, now=now)
-        self._null_stiffness.put(rows, null, now=now)
-        self._null_active = bool(
-            self._null_stiffness.target.any() or self._null_stiffness.value.any()
-        )
-        if now or self._stiffness.step == 1.0:
-            self._refresh(rows)
-
-    def _put_pose(self, rows: Rows, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
-        self._position.put(rows, position, now=now)
-        self._quaternion_target[rows] = quaternion
-        if now or self._position.step == 1.0:
-            self._quaternion[rows] = quaternion
-            write_error_matrix(self._quaternion, self._error_matrix)
-
-    def _refresh(self, rows: Rows) -> None:
-        """Write gains and damping for the present stiffness."""
-        self._gain[rows, :, :6] = -self._stiffness.value[rows]
-        self._damp_nullspace(rows)
-        self._damp(self._everyone[rows])
-
-    def _damp_nullspace(self, rows: Rows) -> None:
+            shape = (len(new), self.n)
+            self._null_stiffness[rows] = _fill("nullspace stiffness", nullspace, shape)
+        self._stiffness[rows], self._gain[rows, :, :6] = new, -new
+        self._null_active = bool(self._null_stiffness.any())
         ratio = self.settings.nullspace_damping_ratio
-        self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness.value[rows])
+        self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness[rows])
+        self._damp(rows)
+
+    def _rows(self, ids: Ids) -> Index:
+        return self._everyone if ids is None else self._everyone[np.asarray(ids)]
+
+    def _put_pose(self, rows: Index, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
+        self._position_target[rows], self._quaternion_target[rows] = position, quaternion
+        if now or self._filter_step == 1.0:
+            self._position[rows], self._quaternion[rows] = position, quaternion
+            write_error_matrix(self._quaternion, self._error_matrix)
 
     # ---- slow part -----------------------------------------------------------------------------
 
@@ -211,7 +187,7 @@ class CartesianImpedance:
             StictionError: an entry that is not finite.
         """
         settings = self.settings
-        rows = self._everyone if ids is None else self._everyone[np.asarray(ids)]
+        rows = self._rows(ids)
         jac = np.ascontiguousarray(jacobian)
         mass = np.ascontiguousarray(mass)
         m, n = len(rows), self.n
@@ -227,11 +203,11 @@ class CartesianImpedance:
             settings.singular_below,
             settings.singular_length,
             self._singular,
-            self._inertia,
+            self.inertia,
             self._root,
             self._inverse_root,
             self._modes,
-            self._projector,
+            self.projector,
         )
         if bad >= 0:
             finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
@@ -243,7 +219,7 @@ class CartesianImpedance:
 
     def _damp(self, rows: Index) -> None:
         """Write −D of the present stiffness; 0 for ``mass`` before the first model."""
-        stiffness, ratio = self._stiffness.value, np.asarray(self.settings.damping_ratio)
+        stiffness, ratio = self._stiffness, np.asarray(self.settings.damping_ratio)
         if self.settings.damping_design == "mass":
             damp_by_mass(
                 rows,
@@ -287,17 +263,17 @@ class CartesianImpedance:
             StictionError: a simulation without a model.
         """
         arguments = self.arguments
-        self.advance_filters()
+        self.advance_filter()
         # compiled code does not check sizes
         added = np.broadcast_to(0.0 if dither is None else dither, self._q.shape).copy()
         impedance_cycle(position, quaternion, jacobian, q, dq, added, *arguments)
-        return self._command.copy()
+        return self.command.copy()
 
     @property
     def arguments(self) -> tuple[Any, ...]:
         """The arguments of `kernels.impedance_cycle` after the dither.
 
-        `torque` is `advance_filters`, then that function with them. They stay the same objects
+        `torque` is `advance_filter`, then that function with them. They stay the same objects
         until stiffness or nullspace stiffness are changed.
 
         Raises:
@@ -310,31 +286,27 @@ class CartesianImpedance:
             self.settings.dither_after_saturation,
             self.settings.torque_rate,
             self._limit,
-            self._position.value,
+            self._position,
             self._error_matrix,
             self._gain,
             self._null_active,
             self._null_q,
-            self._null_stiffness.value,
+            self._null_stiffness,
             self._null_damping,
-            self._projector,
+            self.projector,
             self._state,
             self._q,
-            self._wanted,
+            self.wanted,
             self._sent,
-            self._command,
+            self.command,
         )
 
-    def advance_filters(self) -> None:
-        """Move stiffness and poses one cycle towards their targets; `torque` does it too."""
-        if not self._filtering:
-            return
-        if self._stiffness.advance():
-            np.negative(self._stiffness.value, out=self._gain[:, :, :6])
-        if self._null_stiffness.advance():
-            self._damp_nullspace(slice(None))
-        if self._position.advance():
-            self._quaternion = slerp(self._quaternion, self._quaternion_target, self._position.step)
+    def advance_filter(self) -> None:
+        """Move the reference one cycle towards its target; `torque` does it too."""
+        step = self._filter_step
+        if step < 1.0:
+            self._position += step * (self._position_target - self._position)
+            self._quaternion = slerp(self._quaternion, self._quaternion_target, step)
             write_error_matrix(self._quaternion, self._error_matrix)
 
     # ---- state ---------------------------------------------------------------------------------
@@ -342,19 +314,9 @@ class CartesianImpedance:
     @property
     def flags(self) -> Flags:
         """Flags of the last cycle and the last `update_model`, fresh arrays."""
-        cut = (self._wanted != self._sent) | (np.abs(self._command) >= self._limit)
+        cut = (self.wanted != self._sent) | (np.abs(self.command) >= self._limit)
         near = (self._q < self._low) | (self._q > self._high)
         return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
-
-    @property
-    def command(self) -> Array:
-        """(N, n) command of the last cycle, overwritten by the next [N·m]."""
-        return self._command
-
-    @property
-    def wanted(self) -> Array:
-        """(N, n) torque of the last cycle before the saturation, overwritten by the next [N·m]."""
-        return self._wanted
 
     @property
     def error(self) -> Array:
@@ -364,52 +326,17 @@ class CartesianImpedance:
     @property
     def reference(self) -> tuple[Array, Array]:
         """Filtered reference pose: (N, 3) [m] and (N, 4)."""
-        return self._position.value.copy(), self._quaternion.copy()
+        return self._position.copy(), self._quaternion.copy()
 
     @property
     def stiffness(self) -> Array:
-        """(N, 6, 6) filtered K [N/m, N/rad, N·m/rad]."""
-        return self._stiffness.value.copy()
+        """(N, 6, 6) K [N/m, N/rad, N·m/rad]."""
+        return self._stiffness.copy()
 
     @property
     def damping(self) -> Array:
         """(N, 6, 6) D in use [N·s/m, N·s/rad, N·m·s/rad]."""
         return -self._gain[:, :, 6:]
-
-    @property
-    def inertia(self) -> Array:
-        """(N, 6, 6) Λ of the last `update_model` [kg, kg·m, kg·m²]."""
-        return self._inertia.copy()
-
-    @property
-    def projector(self) -> Array:
-        """(N, n, n) P of the last `update_model` [-]."""
-        return self._projector.copy()
-
-
-class _Filtered:
-    """A row per simulation that follows its target: x ← x + s (target − x)."""
-
-    def __init__(self, shape: tuple[int, ...], step: float) -> None:
-        self.value, self.target, self.step = np.zeros(shape), np.zeros(shape), step
-
-    def put(self, rows: Rows, value: ArrayLike, now: bool = False) -> None:
-        """Set the target of some rows; where the filter is off, or ``now``, the value too."""
-        self.target[rows] = value
-        if now or self.step == 1.0:
-            self.value[rows] = value
-
-    def advance(self) -> bool:
-        """One cycle; False where the filter is off."""
-        if self.step == 1.0:
-            return False
-        self.value += self.step * (self.target - self.value)
-        return True
-
-
-def _rows_of(ids: ArrayLike | None) -> Rows:
-    """Return the index of simulations ``ids`` (M,), or of all for None."""
-    return slice(None) if ids is None else np.asarray(ids)
 
 
 def _fill(name: str, value: ArrayLike, shape: tuple[int, int]) -> Array:

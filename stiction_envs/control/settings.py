@@ -14,7 +14,6 @@ from stiction_envs.robots.tables import read_toml
 
 Array = NDArray[np.float64]
 DAMPING_DESIGNS = ("diagonal", "mass")
-FILTERS = ("stiffness_filter", "pose_filter")
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
 
 
@@ -28,11 +27,7 @@ _DEFAULT = GTE_DEFAULTS["impedance"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImpedanceSettings:
-    """Constant settings of the controller; defaults and their sources are in ``gte.toml``.
-
-    A filter is the fraction p of a change that is reached after one second: 1 is off, see
-    :meth:`filter_step`.
-    """
+    """Constant settings of the controller; defaults and their sources are in ``gte.toml``."""
 
     translational_stiffness: ArrayLike = _DEFAULT["translational_stiffness"]
     """K_t, one number or (3,) in the base frame [N/m]."""
@@ -52,10 +47,9 @@ class ImpedanceSettings:
     """Cycles per second [Hz]."""
     torque_rate: float = _DEFAULT["torque_rate"]
     """Largest change of a joint's command per cycle [N·m]; inf is off."""
-    stiffness_filter: float = _DEFAULT["stiffness_filter"]
-    """p of the stiffness, Cartesian and nullspace, in (0, 1]."""
     pose_filter: float = _DEFAULT["pose_filter"]
-    """p of the reference pose, in (0, 1]."""
+    """p, fraction of a change of the reference pose that is reached after one second, in (0, 1];
+    1 is off."""
     dither_after_saturation: bool = _DEFAULT["dither_after_saturation"]
     """False: dither counts towards ``torque_rate``; True: it is added after that limit."""
     singular_below: float = _DEFAULT["singular_below"]
@@ -66,7 +60,7 @@ class ImpedanceSettings:
     """Distance from a joint limit that counts as near [rad]."""
 
     def __post_init__(self) -> None:
-        positive, share = {"above": 0.0}, {"above": 0.0, "high": 1.0}
+        positive = {"above": 0.0}
         checks: dict[str, tuple[tuple[int, ...] | None, dict[str, float]]] = {
             "translational_stiffness": ((3,), {}),
             "rotational_stiffness": ((3,), {}),
@@ -75,7 +69,7 @@ class ImpedanceSettings:
             "nullspace_damping_ratio": ((), {"high": 1.0}),
             "limit_margin": ((), {}),
             **dict.fromkeys(_POSITIVE, ((), positive)),
-            **dict.fromkeys(FILTERS, ((), share)),
+            "pose_filter": ((), {"above": 0.0, "high": 1.0}),
         }
         if self.torque_rate != np.inf:
             checks["torque_rate"] = ((), positive)
@@ -93,12 +87,13 @@ class ImpedanceSettings:
         if self.damping_design not in DAMPING_DESIGNS:
             raise unknown("damping design", self.damping_design, DAMPING_DESIGNS)
 
-    def filter_step(self, name: str) -> float:
-        """Return s of x ← x + s (target − x) for one of the filters; 1 is off (sources.md 6.1).
+    @property
+    def filter_step(self) -> float:
+        """The s of x ← x + s (target − x) of the pose; 1 is off (sources.md 6.1).
 
         s = 1/(κ f + 1) with κ = −1/ln(1 − p) reaches the fraction p in one second.
         """
-        p = getattr(self, name)
+        p = self.pose_filter
         return 1.0 if p == 1.0 else 1.0 / (1.0 - self.rate_hz / np.log1p(-p))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -76,8 +76,7 @@ class Rig:
         return pose
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """What a controller sees of one arm, (1, …) each."""
 
     position: np.ndarray
@@ -86,9 +85,6 @@ class Look:
     q: np.ndarray
     dq: np.ndarray
     mass: np.ndarray
-
-    def __getitem__(self, k: slice) -> tuple[np.ndarray, ...]:
-        return (self.position, self.quaternion, self.jacobian, self.q, self.dq, self.mass)[k]
 
 
 @functools.cache
@@ -100,7 +96,7 @@ def poses(n: int = 64, robot: str = "panda") -> Look:
     for _ in range(n):
         rig.data.qpos[:], rig.data.qvel[:] = rng.uniform(low, high), rng.normal(size=7)
         looks.append(rig.look())
-    return Look(*(np.concatenate(parts) for parts in zip(*(p[:6] for p in looks), strict=True)))
+    return Look(*map(np.concatenate, zip(*looks, strict=True)))
 
 
 def batch(n: int = 64, **settings: object) -> tuple[CartesianImpedance, Look]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -148,14 +150,11 @@ def test_feedforward_takes_coulomb_friction_away(factor, left):
         offset=zero,
         gravity_error=zero,
     )
-    plant, speed, stiffness = (
-        Plant(build(load_arm("panda"), friction), 1, closed_loop=True),
-        0.2,
-        50,
-    )
-    compensation = Compensation.from_friction("feedforward", friction, factor, speed=(1e-3,))
+    plant = Plant(build(load_arm("panda"), friction), 1, closed_loop=True)
+    speed, stiffness = 0.2, 50
+    compensation = Compensation.from_friction("feedforward", friction, factor)
     c = Compensator(1, 7, damping=0.2)
-    c.set_rows(np.array([0]), [compensation])
+    c.set_rows(np.array([0]), [replace(compensation, speed=(1e-3,))])
     c.wanted_speed[0, 6] = speed
     start, error = plant.position[0, 6], []
     unused = np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 6, 7))
@@ -163,14 +162,8 @@ def test_feedforward_takes_coulomb_friction_away(factor, left):
     def law() -> np.ndarray:
         torque, q, dq = np.zeros((1, 7)), plant.position[0, 6], plant.velocity[0, 6]
         error.append(q - start - speed * 1e-3 * len(error))
-        compensate(
-            *unused,
-            plant.velocity,
-            unused[0],
-            np.zeros((1, 4, 4)),
-            np.zeros((1, 6, 12)),
-            *c.arguments,
-        )
+        nothing = unused[0], np.zeros((1, 4, 4)), np.zeros((1, 6, 12))
+        compensate(*unused, plant.velocity, *nothing, *c.arguments)
         torque[0, 6] = -stiffness * error[-1] - 4.0 * (dq - speed) + c.torque[0, 6]
         return torque
 

@@ -18,7 +18,7 @@ def commands(design: str) -> np.ndarray:
     settings = ImpedanceSettings(
         damping_design=design, nullspace_stiffness=5.0, pose_filter=0.5, torque_rate=3.0
     )
-    look = Look(*(part[ROWS] for part in poses()[:6]))
+    look = Look(*(part[ROWS] for part in poses()))
     control = CartesianImpedance(settings, 2, load_arm("panda").limits)
     control.reset(None, look.position, look.quaternion, look.q + 0.1)
     control.update_model(None, look.jacobian, look.mass)

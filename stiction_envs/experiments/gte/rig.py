@@ -256,7 +256,6 @@ class GTERig(Rig):
             rotational=stiffness[:, 1],
             nullspace=stiffness[:, 2],
         )
-        # after the stiffness: its filter starts settled
         self.controller.reset(ids, x, quaternion, q[ids])
         self._model.update(q)
         self.controller.update_model(ids, self.end_effector.jacobian[ids], self._model.mass[ids])
@@ -313,7 +312,7 @@ class GTERig(Rig):
 
     def _control_step(self, due: bool) -> None:
         if due:
-            self.controller.advance_filters()
+            self.controller.advance_filter()
             if self.dither.sines is None:
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
         control_step(due, self._arrays)

@@ -303,7 +303,7 @@ def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
 MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
-FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9, stiffness_filter=0.9)
+FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
 
 
 @pytest.mark.parametrize(
