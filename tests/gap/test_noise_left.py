@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import diagnose_logs
-from stiction_envs.gap.signals.recording import filtered
+from stiction_envs.gap.signals.prepare import lowpass
 from tests.gap.signals.test_noise_floor import ARM, SECONDS, noise_behind
 from tests.gap.small_logs import hidden, sliding
 
@@ -27,7 +27,7 @@ def test_the_floor_of_low_passed_torques_is_that_of_their_noise(order: int) -> N
     noise = noise_behind(5.0, order)
     found = diagnose_logs([rubbing(noise)], ARM, causes=CAUSES)
     data = found.data
-    true = filtered(noise, [slice(0, len(noise))], data.dt, data.cutoff).std(axis=0)
+    true = lowpass(noise, 1 / data.dt, data.cutoff).std(axis=0)
     assert (data.noise < 0.8 * true).all()
     assert found.noise == pytest.approx(true, rel=0.2)
     assert found.verdict == "explained"

@@ -263,7 +263,7 @@ def _spectrum(axes: Axes, data: Data, before: Array, after: Array, noise: float)
 
 
 def _sizes(axes: Axes, before: Array, after: Array) -> None:
-    """Draw how residuals of poses are spread, which have no spectrum."""
+    """Draw a histogram of the residuals of poses, which have no spectrum."""
     ends = np.percentile(np.concatenate([before, after]), [0.5, 99.5])
     for y, colour in ((before, BEFORE), (after, AFTER)):
         axes.hist(y, bins=40, range=tuple(ends), color=colour, histtype="step", lw=1.4)

@@ -1,4 +1,4 @@
-"""A diagnosis of joint logs with all that is written of it."""
+"""A diagnosis of joint logs, and the files that are written of it."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class LogDiagnosis(DiagnosisResult):
     template = "logs.md.j2"
     data = "logs"
     diagnosis: Diagnosis
-    """With the signals and fits that it was worked out from."""
+    """With its signals and fits."""
     torque: str
     """Side of the gear on which it was measured, "motor" or "link"."""
     with_lines: bool
     """Whether the thesis's least squares are reported too."""
     check: Check | None = None
-    """The model tried on logs that took no part, where there are any."""
+    """Test of the model on logs that took no part; None without such logs."""
 
     @property
     def nominal_rms(self) -> NDArray[np.float64]:
@@ -73,7 +73,7 @@ class LogDiagnosis(DiagnosisResult):
 
     @property
     def note(self) -> str:
-        """What the report says at its top, where friction is assumed."""
+        """A note at the top of the report, where friction is assumed."""
         return friction_note(self.diagnosis.data.arm, self.diagnosis.baseline.friction)
 
     @cached_property
@@ -83,7 +83,7 @@ class LogDiagnosis(DiagnosisResult):
 
     @cached_property
     def forward(self) -> ForwardValidation | str:
-        """Both models driven by the measured torques, or why they were not."""
+        """Both models driven by the measured torques, or the reason why not."""
         return validate_forward(self.diagnosis, threads=self.threads)
 
     @cached_property
@@ -93,7 +93,7 @@ class LogDiagnosis(DiagnosisResult):
 
     @cached_property
     def lines(self) -> LeastSquares | None:
-        """The thesis's least squares, where they were asked for."""
+        """The thesis's least squares; None if they are not reported."""
         return least_squares(self.diagnosis.logs, self.diagnosis.base) if self.with_lines else None
 
     def to_json(self) -> dict[str, Any]:
@@ -115,7 +115,7 @@ class LogDiagnosis(DiagnosisResult):
         _ = self.forward
 
     def page(self, plots: Path) -> dict[str, Any]:
-        """Draw the pictures of the report; return what its template asks for."""
+        """Draw the report's pictures into a folder; return the variables of its template."""
         from stiction_envs.gap.report.pages import log_page
 
         return log_page(

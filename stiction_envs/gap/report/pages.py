@@ -1,4 +1,4 @@
-"""Numbers, tables and pictures that go into the templates of reports."""
+"""Numbers, tables and pictures of the reports' templates."""
 
 from __future__ import annotations
 
@@ -260,7 +260,7 @@ def _line_residuals(squares: LeastSquares, d: Diagnosis) -> str:
 
 
 def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
-    """Return what each log holds, what was corrected in it and what was not."""
+    """Return each log's content, its corrections, and its defects that were not corrected."""
     out = []
     for log in logs:
         name = f"`{Path(log.source).name}`"

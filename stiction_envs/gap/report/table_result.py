@@ -1,4 +1,4 @@
-"""A diagnosis of torque tables with all that is written of it."""
+"""A diagnosis of torque tables, and the files that are written of it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TableResult(DiagnosisResult):
 
     @property
     def note(self) -> str:
-        """What the report says at its top, where friction is assumed."""
+        """A note at the top of the report, where friction is assumed."""
         return friction_note(self.arm, self.friction)
 
     @property
@@ -69,7 +69,7 @@ class TableResult(DiagnosisResult):
         return self.diagnosis.to_json()
 
     def page(self, plots: Path) -> dict[str, Any]:
-        """Draw the picture of the report; return what its template asks for."""
+        """Draw the report's picture into a folder; return the variables of its template."""
         from stiction_envs.gap.report.pages import table_page
 
         return table_page(self.diagnosis, plots, headline=self.summary)

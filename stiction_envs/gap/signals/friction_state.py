@@ -61,18 +61,15 @@ class FrictionState:
         )
 
 
-def steady_friction(
-    friction: FrictionParameters, load: Array, direction: Array, dq: Array, ddq: Array
-) -> Array:
-    """Return (T, n) torque of our friction in steady sliding, rotor inertia and offset [N·m].
+def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
+    """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m].
 
-    Args:
-        friction: parameters of one arm.
-        load: (T, n) signed transmitted torque [N·m].
-        direction: (T, n) of motion, in [-1, 1] except for the contribution of bristle damping.
-        dq: (T, n) [rad/s].
-        ddq: (T, n) [rad/s²].
+    It is our friction in steady sliding, with the direction of bristles, rotor inertia (seen in
+    front of the gear) and offset.
     """
+    state, load, dq = FrictionState.of(friction), recording.gravity, recording.dq
+    direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
+    direction = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
     level = friction.stiction_at(np.abs(load))
     side = (dq < 0).astype(int)
 
@@ -83,24 +80,13 @@ def steady_friction(
     stribeck = of_side(friction.stribeck_velocity)
     g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(dq / stribeck)))
     clipped = np.clip(load, -friction.load_high, friction.load_high)
-    return (
+    return recording.smooth(
         direction * g
         + of_side(friction.viscous) * dq
-        + friction.rotor_inertia * ddq
+        + (recording.torque == "motor") * friction.rotor_inertia * recording.ddq
         + friction.offset
         + friction.gravity_error * clipped
     )
-
-
-def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
-    """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m]."""
-    state = FrictionState.of(friction)
-    direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
-    if recording.torque == "link":
-        friction = friction.replace(rotor_inertia=0.0 * friction.rotor_inertia)
-    ratio = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
-    dry = steady_friction(friction, recording.gravity, ratio, recording.dq, recording.ddq)
-    return recording.smooth(dry)
 
 
 def presliding_distances(

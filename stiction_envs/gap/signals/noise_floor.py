@@ -5,6 +5,10 @@ Torques that were low-passed before logging have more noise than that, at low fr
 `slow_noise` finds it once the causes are known: what they leave falls with frequency until noise
 dominates, and the noise below is taken to have the same density. Noise that is slower than the
 model's error cannot be distinguished from it.
+
+A joint at rest can hold any torque inside its friction band. Repeated poses show the scatter: equal
+poses differ only by noise and friction. A joint that rests throughout a log while others move is
+held by friction in the same way, and its torque creeps, far below the sensors' noise in frequency.
 """
 
 from __future__ import annotations
@@ -14,9 +18,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
+from scipy.spatial import cKDTree
 
 from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
-from stiction_envs.gap.signals.poses import scatter, wander
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
@@ -24,6 +28,8 @@ LONGEST_WINDOW = 2.0
 """Longest window of the spectrum for slow noise [s]; assumed: two periods of the slowest noise."""
 LEAST_WINDOWS = 4.0
 """Least number of windows that fit into the longest run [-]; assumed."""
+LEAST_PAIRS = 10
+"""Least number of pairs of equal poses for an estimate of their scatter [-]; assumed."""
 LEVEL = 2.0
 """Largest ratio of a spectrum to its median in the octave above where it is flat [-]; assumed."""
 
@@ -36,8 +42,7 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
         noise_tau: (n,) noise of the filtered torques [N·m]; NaN for poses alone.
         residual: (T, n) measured less nominal torque [N·m].
     """
-    creep = wander(recording.q, residual, recording.rigid, recording.settings.motion.travel_span)
-    return np.maximum(_floor(recording, noise_tau, residual), creep)
+    return np.maximum(_floor(recording, noise_tau, residual), _creep(recording, residual))
 
 
 def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Array, Array]:
@@ -79,6 +84,36 @@ def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Arr
                 sigma[j] = np.sqrt(f[at] * dense + power[at:, j].sum() * f[1])
                 break
     return sigma, start
+
+
+def scatter(q: Array, residual: Array, same_pose: float) -> Array | None:
+    """Return (n,) scatter of a residual (T, n) between equal poses [N·m]; None without enough.
+
+    Args:
+        q: (T, n) [rad].
+        residual: measured less nominal torque [N·m].
+        same_pose: distance of poses below which they are equal [rad].
+    """
+    if len(q) < 2:
+        return None
+    distance, nearest = cKDTree(q).query(q, k=2)
+    first = np.flatnonzero(distance[:, 1] < same_pose)
+    pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
+    if len(pairs) < LEAST_PAIRS:
+        return None
+    difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
+    return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
+
+
+def _creep(recording: Recording, residual: Array) -> Array:
+    """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0."""
+    q, out = recording.q, np.zeros(recording.n)
+    for j in np.flatnonzero(np.ptp(q, axis=0) < recording.settings.motion.travel_span):
+        # others' motion changes its rigid torque
+        x = np.stack([np.ones(len(q)), recording.rigid[:, j]], axis=1)
+        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
+        out[j] = left.std()
+    return out
 
 
 def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
 from stiction_envs.gap.signals.bristle import bristles
-from stiction_envs.gap.signals.poses import segment_numbers
-from stiction_envs.gap.signals.prepare import Signals, lowpass
+from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
@@ -117,11 +116,15 @@ class Recording:
         return bristles(self.reversal_path, self.runs, distance, self.settings.motion)
 
     def smooth(self, x: Array) -> Array:
-        """Return (T, ...) after the filter of the signals, segment by segment.
+        """Return (T, ...) after the filter of the signals, by segment; poses are unchanged.
 
         Nonlinear functions of the signals must pass it before a comparison.
         """
-        return filtered(x, self.runs, self.dt, self.cutoff)
+        out = np.array(x, dtype=np.float64)
+        if np.isfinite(self.dt) and np.isfinite(self.cutoff):
+            for run in self.runs:
+                out[run] = lowpass(out[run], 1 / self.dt, self.cutoff)
+        return out
 
 
 def join(
@@ -163,6 +166,21 @@ def join(
     )
 
 
+def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
+    """Return (T,) the number of the segment of each row; each pose is a segment of its own.
+
+    ``dt`` is the time between samples of segments with motion [s].
+    """
+    out: list[NDArray[np.int64]] = []
+    start = 0
+    for s in parts:
+        # poses have numbers instead of times
+        timed = len(s.t) < 2 or not s.static or bool(np.isclose(s.t[1] - s.t[0], dt))
+        out.append(np.full(len(s.t), start) if timed else start + np.arange(len(s.t)))
+        start = int(out[-1][-1]) + 1
+    return np.concatenate(out)
+
+
 def runs_of(segment: NDArray[np.int64]) -> list[slice]:
     """Return the rows of each segment from its number (T,)."""
     edges = np.flatnonzero(np.diff(segment)) + 1
@@ -176,15 +194,6 @@ def rate(x: Array, runs: list[slice], dt: float) -> Array:
     for run in runs:
         if run.stop - run.start > 2:
             out[run] = np.gradient(x[run], dt, axis=0)
-    return out
-
-
-def filtered(x: Array, runs: list[slice], dt: float, cutoff: float) -> Array:
-    """Return (T, ...) after the filter of the signals, by segment; poses are unchanged."""
-    out = np.array(x, dtype=np.float64)
-    if np.isfinite(dt) and np.isfinite(cutoff):
-        for run in runs:
-            out[run] = lowpass(out[run], 1 / dt, cutoff)
     return out
 
 

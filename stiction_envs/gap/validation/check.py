@@ -1,4 +1,4 @@
-"""Logs that took no part in a diagnosis: does the model that was found hold there?
+"""Test the model of a diagnosis on logs that took no part in it.
 
     logs = check_logs(["other.csv"], read, arm, settings)  # refuses bad input
     check = check_model(diagnosis, logs)
@@ -67,7 +67,7 @@ SHORTEST_BLOCK = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckLogs:
-    """Logs to check with, read, corrected and prepared."""
+    """Logs to check with, corrected and prepared."""
 
     logs: tuple[JointLog, ...]
     signals: Signals
@@ -182,7 +182,7 @@ def check_logs(
 
 
 def _reach(logs: Sequence[JointLog]) -> Array:
-    """Return (2, n) least and largest angles of some logs, poses and all [rad]."""
+    """Return (2, n) least and largest angles of some logs [rad]."""
     return np.stack(
         [
             np.min([log.q.min(axis=0) for log in logs], axis=0),
@@ -228,7 +228,7 @@ def check_model(d: Diagnosis, given: CheckLogs) -> Check:
 
 
 def _same_sign(d: Diagnosis, given: CheckLogs) -> tuple[tuple[JointLog, ...], Signals]:
-    """Return logs and signals with the sign of the diagnosed ones, where they say nothing of it."""
+    """Return logs and signals with the sign of the diagnosed ones, where they do not show it."""
 
     def turned(logs: Sequence[JointLog]) -> bool:
         return any(c.kind == "sign" for x in logs for c in x.corrections)
@@ -249,7 +249,7 @@ def _rms(error: Array, weight: Array) -> Array:
 def _transfers(
     base: Data, found: Nominal, baseline: Nominal, extended: Array, weight: Array
 ) -> tuple[Transfer, ...]:
-    """Judge each cause by the model without its parts; see the module's text."""
+    """Judge each cause by the model without its parts, as the module describes."""
     new = found.parts[len(baseline.parts) :]
     names = list(dict.fromkeys(p.cause for p in new))
     block = blocks(base)

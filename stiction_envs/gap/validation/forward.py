@@ -1,13 +1,14 @@
 """Forward validation: the logs' torques drive the nominal and the extended model in stock MuJoCo.
 
-Short windows start from the measured state, so that errors have no time to grow. Twice:
+Short windows start from the measured state, so that errors have no time to grow. There are two
+simulations:
 
-* replay: the measured torques alone; what counts is how far the arm strays from the log;
-* tracking: a servo adds what it takes to stay on the measured motion; what counts is that torque.
+* replay: the measured torques alone; the result is the arm's distance from the log;
+* tracking: a servo keeps the arm on the measured motion; the result is the torque that it adds.
 
 Coefficients come from the blocks that are not simulated. Where the simulation of one model becomes
 unstable, the window ends for both models before that. A window of which too little is left does
-not count. With too few windows there is a reason in place of a result.
+not count. With too few windows the result is a reason.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ class ForwardValidation:
     left_out: int = 0
     """Windows of which too little was left."""
     unstable: str = ""
-    """Which model is unstable there, and what tells."""
+    """Which model is unstable there, and by what measure."""
 
     def to_json(self) -> dict[str, Any]:
         """Return ``forward`` of ``diagnosis.json``."""
@@ -120,7 +121,7 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
 
     ``threads`` 0 is all processors.
     """
-    base, nominal = diagnosis.base or diagnosis.data, diagnosis.baseline
+    base, nominal = diagnosis.base, diagnosis.baseline
     blocks = diagnosis.library.grams.blocks
     held = np.arange(1, blocks, EVERY)
     if not np.isfinite(base.dt) or len(held) == 0:
@@ -198,11 +199,7 @@ def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) 
 
 @contextmanager
 def silent_engine() -> Iterator[None]:
-    """Keep MuJoCo from writing warnings to the console and to a MUJOCO_LOG.TXT.
-
-    For those who look at the engine's warning counters themselves. The switch is the process's: its
-    other threads are as silent meanwhile.
-    """
+    """Keep MuJoCo from writing warnings to the console and to MUJOCO_LOG.TXT, in all threads."""
     before, silent = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
     silent.logto_console = silent.logto_file = False
     silent.set()
@@ -284,7 +281,7 @@ def _end(qpos: Array) -> NDArray[np.int64]:
 
 
 def _unstable(rolls: list[_Roll], early: NDArray[np.bool_]) -> str:
-    """Return which models are unstable and what tells, one clause; nothing where none is."""
+    """Return which models are unstable and by what measure; "" without one."""
     if not early.any():
         return ""
     full = np.array([rolls[0].angle.shape[1], rolls[0].added.shape[1]])
@@ -297,18 +294,12 @@ def _unstable(rolls: list[_Roll], early: NDArray[np.bool_]) -> str:
     return " and ".join(of)
 
 
-def _run(
-    roll: _Roll,
-    measured: Array,
-    ends: NDArray[np.int64],
-    kept: NDArray[np.bool_],
-) -> Run:
-    """Return a model's errors in the windows that are kept, each to its common end."""
-    out = []
-    for x, end in zip((roll.angle[kept], roll.added[kept]), ends[kept].T, strict=True):
-        over = np.arange(x.shape[1]) >= end[:, None]
-        out.append(np.where(over[..., None], np.nan, x))
-    angle, added = out
+def _run(roll: _Roll, measured: Array, ends: NDArray[np.int64], kept: NDArray[np.bool_]) -> Run:
+    """Return a model's errors in the windows that are kept, up to the end of both models."""
+    angle, added = (
+        np.where((np.arange(x.shape[1]) < end[:, None])[..., None], x, np.nan)[kept]
+        for x, end in zip((roll.angle, roll.added), ends.T, strict=True)
+    )
     return Run(
         angle=angle,
         position_rms=_rms(angle - measured[:, : angle.shape[1]]),

@@ -4,7 +4,7 @@
     b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
 
 τ_f is the measured torque less rigid-body dynamics, all on raw signals (sections 3.1 and 4.1); the
-intercept b was to be the stiction band. Here it is compared with the tool, with what breaks it.
+thesis takes the intercept b for the stiction band. A report compares it with the tool.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class LeastSquares:
-    """The lines of all joints, and what is wrong with them."""
+    """The lines of all joints, and why they do not hold."""
 
     lines: tuple[Line, ...]
     rms: Array
@@ -96,12 +96,7 @@ def line(speed: Array, torque: Array) -> tuple[float, float, float]:
 
 
 def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
-    """Fit the thesis's lines to raw logs.
-
-    Args:
-        logs: as they were read.
-        data: the same logs filtered, against the nominal model.
-    """
+    """Fit the thesis's lines to raw logs; ``data`` are the same logs after the filter."""
     speed, torque = _raw(logs, data)
     lines: list[Line] = []
     breaks: dict[int, tuple[str, ...]] = {}
@@ -145,7 +140,7 @@ def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
 
 
 def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> list[str]:
-    """Return what breaks the lines of one joint."""
+    """Return why the lines of one joint do not hold."""
     out = []
     plus, minus = lines
     slowest = data.settings.motion.near_stiction_speed
@@ -183,7 +178,7 @@ def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> 
 
 
 def _lag(logs: Sequence[JointLog], j: int) -> list[str]:
-    """Return whether a logged speed lags the angle it is of (by least squares on its rate)."""
+    """Return by how much a logged speed lags its angle, by least squares on the acceleration."""
     for log in logs:
         if log.dq is None or log.static:
             continue

@@ -1,15 +1,15 @@
-"""One motion left out: coefficients from the other logs, error on the one that they have not seen.
+"""Leave out one motion: fit the coefficients to the other logs, and predict the one left out.
 
-Blocks of one log share its motion. Coefficients that fit a motion rather than the arm come out well
-on held-out blocks and badly here. The causes are those that all logs together asked for; what is
-judged is their coefficients. Poses at rest are a motion of their own.
+Blocks of one log share its motion. Coefficients that fit a motion rather than the arm predict
+held-out blocks well, and other motions badly. The causes are those of the fit to all logs; this
+test judges their coefficients. Poses at rest are a motion of their own.
 
-Of some coefficients the other logs hold next to nothing: friction of a joint that moves in one log
-only, the inertia of a payload that the others move slowly. With N the normal equations of all logs
-and M those of the others, the directions v of M v = λ N v are independent in both. One along which
-the others' estimate is not significant by its scatter between blocks (jackknife), or rests on a
-single block, stays at zero. A cause is judged on a motion where at least half of its torque there
-can be seen and is left.
+The other logs hardly determine some coefficients: friction of a joint that moves in one log only,
+the inertia of a payload that they move slowly. With N the normal equations of all logs and M those
+of the others, the directions v of M v = λ N v are independent in both. A direction stays at zero
+where the others' estimate is not significant by its scatter between blocks (jackknife), or depends
+on a single block. A cause is judged on a motion where at least half of its torque is determined by
+the others and is larger than the noise.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ TRANSFERS, HARMS, UNCLEAR, ONE_MOTION = (
 
 @dataclass(frozen=True, kw_only=True)
 class CauseElsewhere:
-    """One cause on one joint, on motions that its coefficients have not seen."""
+    """One cause on one joint, on motions to which its coefficients were not fitted."""
 
     name: str
     joint: int
@@ -68,12 +68,12 @@ class CauseElsewhere:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOutMotion:
-    """Every motion under the fit to the others."""
+    """Every motion, predicted by the fit to the others."""
 
     motions: tuple[str, ...]
     """Names of the logs."""
     nominal: Array
-    """(L, n) error of the nominal model on each [N·m]; NaN where a log has no rows that count."""
+    """(L, n) error of the nominal model on each [N·m]; NaN for a log without rows in blocks."""
     extended: Array
     """(L, n) the same of the extended model, coefficients from the others [N·m]."""
     nominal_rms: Array
@@ -103,7 +103,7 @@ class LeftOutMotion:
 
 
 def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
-    """Return the errors on each log under the fit to the others; None for a single log."""
+    """Return the errors on each log with the fit to the others; None for a single log."""
     library, grams = d.library, d.library.grams
     log_of = _log_of_blocks(library)
     numbers = np.unique(log_of)
@@ -153,7 +153,7 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
 
 
 def _acts_on(d: Diagnosis, name: str) -> list[int]:
-    """Return the joints (from 0) on which a cause has a torque that can be seen."""
+    """Return the joints (from 0) on which a cause's torque is larger than the noise."""
     own = d.library.own(d.terms, [t for t in d.terms if t.cause == name])
     none = np.zeros_like(d.coefficients)
     size = _sums(d.library, d.terms, none, d.coefficients * own)[1].sum(axis=1)
@@ -170,7 +170,7 @@ def _judged(
     log_of: NDArray[np.int64],
     titles: Sequence[str],
 ) -> CauseElsewhere:
-    """Return what came true of a cause on a joint, in the blocks (B,) on which it is judged."""
+    """Return whether a cause on a joint predicts the blocks (B,) on which it is judged."""
     noise = float(d.data.noise[joint])
     pe, pp, ee = sums[:, on]
     numbers = np.unique(log_of)
@@ -201,7 +201,7 @@ def _judged(
 
 
 def _log_of_blocks(library: RegressorLibrary) -> NDArray[np.int64]:
-    """Return (B,) number of the log that each block is of."""
+    """Return (B,) number of each block's log."""
     recording = library.data.recording
     kept = recording.block >= 0
     out = np.full(library.grams.blocks, -1, dtype=np.int64)
@@ -210,10 +210,9 @@ def _log_of_blocks(library: RegressorLibrary) -> NDArray[np.int64]:
 
 
 def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array, Array]:
-    """Return coefficients (P,) from blocks of a weight (B,), and what these know of all blocks'.
+    """Return coefficients (P,) from weighted blocks (B,), and those of all blocks that they show.
 
-    Directions that the blocks do not show are held at zero by a stiff prior, so that bounds stay
-    what they are.
+    A stiff prior holds directions that the blocks do not show at zero; bounds are unchanged.
     """
     if not terms:
         return np.zeros(0), np.zeros(0)
@@ -226,7 +225,7 @@ def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array
     share, v = eigh(xx / across, metric)
     informed, share = share > INFORMED, np.maximum(share, INFORMED)
     value = np.where(informed, v.T @ (xr / scale) / share, 0.0)
-    # a block's part of the information, and how far the estimate moves when it is left out
+    # a block's part of the information, and the change of the estimate when it is left out
     some = np.flatnonzero(weight > 0)
     blocks_xx, blocks_xr = (x[some] for x in grams.block_systems(model))
     directions = v / scale[:, None]

@@ -10,8 +10,9 @@ import pytest
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.poses import scatter, segment_numbers
+from stiction_envs.gap.signals.noise_floor import scatter
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.recording import segment_numbers
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import hidden, panda
