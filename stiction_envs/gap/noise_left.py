@@ -34,18 +34,16 @@ def noise_left(
     noise[joints] = np.fmax(noise[joints], slow)
     seen, hidden = ((joints[x] + 1).tolist() for x in (np.isfinite(slow), np.isnan(slow)))
     notes = []
-    fall = (
-        "fall on past the filter's band, as of torques that were low-passed before they were logged"
-    )
-    if len(seen):
+    fall = "fall above the filter's band, as if torques were low-passed before they were logged"
+    if seen:
         notes.append(
-            f"torque spectra of {joint_list(seen)} {fall}: the noise floor is of what the model "
-            f"leaves above {np.nanmax(start):.2g} Hz, taken to be as dense below, where nobody can "
-            "tell noise from what a model gets wrong"
+            f"torque spectra of {joint_list(seen)} {fall}: the noise floor is measured in the "
+            f"model's residual above {np.nanmax(start):.2g} Hz, with the same density assumed "
+            "below, where noise and model error cannot be distinguished"
         )
-    if len(hidden):
+    if hidden:
         notes.append(
-            f"torque spectra of {joint_list(hidden)} {fall}, and what the model leaves hides their "
-            "noise: its floor is a lower bound"
+            f"torque spectra of {joint_list(hidden)} {fall}, and the model's residual hides their "
+            "noise: the noise floor is a lower bound"
         )
     return noise, notes

@@ -90,6 +90,14 @@ def found(arm: Arm, *logs: JointLog) -> Diagnosis:
     return diagnose_logs(named, arm, causes=[cause_named(x) for x in names])
 
 
+def only(log: JointLog, joint: int) -> JointLog:
+    """The log with one joint moving and the others at rest."""
+    q = np.array(log.q)
+    rest = np.arange(q.shape[1]) != joint
+    q[:, rest] = q[0, rest]
+    return replace(log, q=q)
+
+
 def write_csv(path, log: JointLog) -> None:
     n = log.n
     names = ["t", *(f"q{j + 1}" for j in range(n)), *(f"tau{j + 1}" for j in range(n))]

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.validation.left_out_motion import leave_out_motions
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
-from tests.gap.small_logs import dry, found, hidden
+from tests.gap.small_logs import dry, found, hidden, only
 
 
 def sprung(arm: Arm, stiffness: float, seed: int) -> JointLog:
@@ -80,12 +81,13 @@ def test_a_joint_that_moves_in_one_log_only_is_not_judged(two):
     """Friction of joint 1 is in the log in which it moves, and nowhere else."""
     logs = []
     for k, joint in ((1, 0), (2, 1), (3, 1)):
-        log = hidden(two, dry, seed=k)
-        rest = np.arange(2) != joint
-        q = np.array(log.q)
-        q[:, rest] = q[0, rest] + 1e-6 * np.random.default_rng(k).normal(size=(len(q), 1))
-        still = hidden_torque(two, q, k)
-        logs.append(replace(log, q=q, tau=still))
+        log, rng = hidden(two, dry, seed=k), np.random.default_rng(k)
+        q = only(log, joint).q + 1e-6 * np.eye(2)[1 - joint] * rng.normal(size=(len(log.t), 1))
+        moves = np.eye(2)[joint]
+        dq = np.gradient(q, log.t, axis=0) * moves
+        ddq = np.gradient(dq, log.t, axis=0) * moves
+        tau = inverse_dynamics(two.pinocchio(), q, dq, ddq) + moves * dry(q, dq, ddq)
+        logs.append(replace(log, q=q, tau=tau + 0.01 * rng.normal(size=q.shape)))
     left = leave_out_motions(found(two, *logs))
     by = {(c.name, c.joint): c for c in left.causes}
     assert by["coulomb_friction", 1].verdict == "one motion shows it"
@@ -95,16 +97,3 @@ def test_a_joint_that_moves_in_one_log_only_is_not_judged(two):
     assert row["without_nm"] is None
     # what the others do not know is not predicted: the error is the nominal one
     assert left.extended[0, 0] == pytest.approx(left.nominal[0, 0], rel=0.1)
-
-
-def hidden_torque(arm: Arm, q: np.ndarray, seed: int) -> np.ndarray:
-    """Torque of the arm along slow angles, with friction where they move."""
-    from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-    from tests.gap.small_logs import RATE
-
-    dq = np.gradient(q, 1 / RATE, axis=0)
-    ddq = np.gradient(dq, 1 / RATE, axis=0)
-    moves = np.ptp(q, axis=0) > 0.01
-    dq, ddq = dq * moves, ddq * moves
-    noise = 0.01 * np.random.default_rng(seed).normal(size=q.shape)
-    return inverse_dynamics(arm.pinocchio(), q, dq, ddq) + moves * dry(q, dq, ddq) + noise

@@ -1,4 +1,4 @@
-"""Least squares of the thesis, and what the report knows of each cause."""
+"""Least squares of the thesis."""
 
 import numpy as np
 import pytest
