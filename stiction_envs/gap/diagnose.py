@@ -167,7 +167,7 @@ def diagnose(
     if to_check is not None:
         if progress is not None:
             progress("check", 0.0)
-        checked = check_model(found, to_check)
+        checked = check_model(found, *to_check)
     return LogDiagnosis(
         diagnosis=found, torque=side, with_lines=method == "lsm", check=checked, **shared
     )

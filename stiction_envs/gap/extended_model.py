@@ -38,8 +38,8 @@ STIFFEST = 0.1
 """Largest bristle stiffness over inertia/timestep² [-]; assumed: a twentieth of the chattering
 limit."""
 FASTEST_DECAY = 0.5
-"""Largest bristle damping over inertia/timestep [-]: up to four joints in line may stick, and
-Euler is stable while their sum is below 2."""
+"""Largest bristle damping over inertia/timestep [-]; assumed: up to four joints in line may stick,
+and Euler is stable while their sum is below 2."""
 BRISTLE_DAMPING_RATIO = 0.4
 """ζ of a bristle without a nominal or diagnosed one [-]; assumed."""
 JOINT_DAMPING_RATIO = 0.15

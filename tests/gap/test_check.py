@@ -41,7 +41,7 @@ def sprung(two) -> Diagnosis:
 
 
 def held(d: Diagnosis, *logs: JointLog):
-    return check_model(d, check_logs(logs, d.logs, d.data.arm, d.settings))
+    return check_model(d, *check_logs(logs, d.logs, d.data.arm, d.settings))
 
 
 def test_a_right_model_holds_down_to_the_noise(two, friction):
@@ -237,7 +237,7 @@ def test_a_log_of_another_robot_is_refused():
         check_logs([other], [own], arm, OWN)
     # limits that the diagnosed logs leave too are the model's fault
     again = bent(hidden(arm, seconds=3.0, seed=3), "c")
-    assert len(check_logs([other], [again], arm, OWN).logs) == 1
+    assert len(check_logs([other], [again], arm, OWN)[0]) == 1
 
 
 def bent(log: JointLog, source: str) -> JointLog:

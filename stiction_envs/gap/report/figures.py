@@ -52,13 +52,13 @@ def _binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array, 
     return tuple(np.array(out).reshape(-1, 4).T)  # type: ignore[return-value]
 
 
-def _dots(axes: Axes, x: Array, y: Array, colour: str, label: str) -> None:
+def _dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     """Draw samples, the mean and the quartiles of bins; the axis leaves out far-off samples."""
     at = _thin(len(x), DOTS)
     axes.plot(x[at], y[at], ".", ms=2, color=colour, alpha=0.35, mew=0, rasterized=True)
     centre, middle, low, high = _binned(x, y)
     axes.fill_between(centre, low, high, color=colour, alpha=0.25, lw=0)
-    axes.plot(centre, middle, color=colour, lw=1.6, label=label)
+    axes.plot(centre, middle, color=colour, lw=1.6)
     left, right = np.percentile(x, [0.3, 99.7])
     if right > left:
         room = 0.06 * (right - left)
@@ -113,10 +113,10 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
             rows &= np.abs(x) < view.limit(term.shape)
         x, before, after, alone = x[rows], before[rows], after[rows], alone[rows]
         upper, lower = grid[0, column], grid[1, column]
-        _dots(upper, x, before, BEFORE, "residual without it")
+        _dots(upper, x, before, BEFORE)
         centre, middle, *_ = _binned(x, alone)
-        upper.plot(centre, middle, color=CAUSE, lw=1.4, ls=(0, (4, 2)), label="the cause")
-        _dots(lower, x, after, AFTER, "residual with it")
+        upper.plot(centre, middle, color=CAUSE, lw=1.4, ls=(0, (4, 2)))
+        _dots(lower, x, after, AFTER)
         upper.set_title(f"joint {j + 1}", fontsize=10, loc="left")
         lower.set_xlabel(view.label, fontsize=9)
         lower.xaxis.set_major_locator(MaxNLocator(6))
@@ -184,8 +184,8 @@ def draw_joint(d: Diagnosis, joint: int, path: Path) -> Picture:
     all_axes = [top, time]
     for (label, x), place in zip(views, places, strict=True):
         axes = figure.add_subplot(grid[place])
-        _dots(axes, x, before, BEFORE, "nominal")
-        _dots(axes, x, after, AFTER, "extended")
+        _dots(axes, x, before, BEFORE)
+        _dots(axes, x, after, AFTER)
         _limits(axes, before)
         axes.set_xlabel(label)
         axes.xaxis.set_major_locator(MaxNLocator(6))

@@ -33,6 +33,7 @@ from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
+# central differences of sixth order for the first and the second derivative, in samples
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 TRIM_PERIODS = 2.0

@@ -17,8 +17,8 @@ from stiction_envs.compiled import compiled
 
 Array = NDArray[np.float64]
 WIDER = 3.0
-"""Cutoff for these angles over the cutoff for all signals [-]: of 1, 1.5, 2, 3 and 5 the best for
-known friction at stops of simulated joints."""
+"""Cutoff for these angles over the cutoff for all signals [-]: measured: of 1, 1.5, 2, 3
+and 5 the best for known friction at stops of simulated joints."""
 
 
 def angle_noise(q: Array) -> float:

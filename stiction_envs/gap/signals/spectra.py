@@ -22,8 +22,8 @@ from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
 ORDER = 4
-"""Order of the Butterworth low-pass; it runs twice, so that half the amplitude is left at the
-cutoff."""
+"""Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
+at the cutoff."""
 MOTION_SHARE = 0.95
 """The motion ends where this share of the speed's power lies below [-]; assumed."""
 ACCURATE_ABSOLUTE = 0.05

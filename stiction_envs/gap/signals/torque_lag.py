@@ -33,8 +33,8 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 LEAST_LAG = 0.1
-"""Least sum of delay and time constant that is corrected where a load shows it [s]. The cause
-`actuator_delay` covers shorter ones."""
+"""Least sum of delay and time constant that is corrected where a load shows it [s]; assumed: the
+cause `actuator_delay` covers shorter ones."""
 LEAST_FRICTION_LAG = 0.01
 """The same where only friction shows the lag, which that cause does not cover [s]; assumed."""
 RESIDUAL_LEFT = 0.5

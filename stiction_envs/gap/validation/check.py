@@ -1,7 +1,7 @@
 """Test the model of a diagnosis on logs that took no part in it.
 
     logs = check_logs(["other.csv"], read, arm, settings)  # refuses bad input
-    check = check_model(diagnosis, logs)
+    check = check_model(diagnosis, *logs)
 
 Nothing is fitted here. The check logs go through the same reader, corrections and preparation as
 the diagnosed ones. Both models then predict their torque, for the same arm, side of the gear and
@@ -58,19 +58,12 @@ LEAST_TORQUE = 0.5
 WORSE = 0.05
 """A joint is worse if its error exceeds the nominal one by this part of it [-]; assumed."""
 HARM = 0.1
-"""Part of a joint's squared error that a cause must add to it [-]: 5 % of the error, as `WORSE`."""
+"""Part of a joint's squared error that a cause must add to it [-]; assumed: 5 % of the error, as
+`WORSE`."""
 BLOCKS = 12
 """Blocks of time into which each log is cut to see the scatter [-]; assumed."""
 SHORTEST_BLOCK = 0.5
 """Least length of a block [s]; assumed: neighbours share noise and friction state."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CheckLogs:
-    """Logs to check with, corrected and prepared."""
-
-    logs: tuple[JointLog, ...]
-    signals: Signals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,8 +136,8 @@ def check_logs(
     settings: GapSettings,
     *,
     cutoff_hz: float | None = None,
-) -> CheckLogs:
-    """Return logs to check with, corrected and prepared.
+) -> tuple[list[JointLog], Signals]:
+    """Return logs to check with, corrected, and their signals.
 
     ``cutoff_hz`` None chooses the filter's bandwidth from the check logs, whose motion may be
     faster than that of the diagnosed ones.
@@ -177,8 +170,7 @@ def check_logs(
             )
     most = settings.recording.most_rows
     make = partial(prepare, cutoff_hz=cutoff_hz, most_samples=most, settings=settings)
-    read, signals = correct_torques(logs, arm, make, settings)
-    return CheckLogs(logs=tuple(read), signals=signals)
+    return correct_torques(logs, arm, make, settings)
 
 
 def _reach(logs: Sequence[JointLog]) -> Array:
@@ -202,10 +194,10 @@ def _check_limits(where: str, reach: Array, diagnosed: Array, arm: Arm, span: fl
         )
 
 
-def check_model(d: Diagnosis, given: CheckLogs) -> Check:
-    """Try the nominal and the extended model of a diagnosis on logs that took no part."""
+def check_model(d: Diagnosis, logs: list[JointLog], signals: Signals) -> Check:
+    """Try both models of a diagnosis on logs that took no part, as `check_logs` returns them."""
     arm, settings = d.data.arm, d.settings
-    logs, signals = _same_sign(d, given)
+    logs, signals = _same_sign(d, logs, signals)
     torque, friction = d.data.recording.torque, d.baseline.friction
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
     nominal, found = d.baseline.extend(base), model_of(d)
@@ -216,7 +208,7 @@ def check_model(d: Diagnosis, given: CheckLogs) -> Check:
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
     worse = (after > (1 + WORSE) * before) & (added > noise)
     return Check(
-        logs=logs,
+        logs=tuple(logs),
         data=nominal,
         extended=extended,
         nominal_rms=before,
@@ -227,18 +219,19 @@ def check_model(d: Diagnosis, given: CheckLogs) -> Check:
     )
 
 
-def _same_sign(d: Diagnosis, given: CheckLogs) -> tuple[tuple[JointLog, ...], Signals]:
+def _same_sign(
+    d: Diagnosis, logs: list[JointLog], signals: Signals
+) -> tuple[list[JointLog], Signals]:
     """Return logs and signals with the sign of the diagnosed ones, where they do not show it."""
 
     def turned(logs: Sequence[JointLog]) -> bool:
         return any(c.kind == "sign" for x in logs for c in x.corrections)
 
-    silent = not any(s.vote for s in signs(given.signals, d.data.arm, d.settings))
-    if not turned(d.logs) or turned(given.logs) or not silent:
-        return given.logs, given.signals
-    text = "torques inverted as those of the diagnosed logs were: nothing here says otherwise"
-    logs, signals = inverted(given.logs, given.signals, text)
-    return tuple(logs), signals
+    silent = not any(s.vote for s in signs(signals, d.data.arm, d.settings))
+    if not turned(d.logs) or turned(logs) or not silent:
+        return logs, signals
+    text = "torques inverted as those of the diagnosed logs were: these logs do not show the sign"
+    return inverted(logs, signals, text)
 
 
 def _rms(error: Array, weight: Array) -> Array:
