@@ -25,7 +25,8 @@ HEADLINES = {
     "explained": "The named causes explain what the simulation gets wrong, down to the noise.",
     "partly explained": "The named causes explain part of what the simulation gets wrong.",
     "no discrepancy": "The simulation agrees with the {data}; no cause is significant.",
-    "cannot tell": "These {data} cannot tell what the simulation gets wrong.",
+    "cannot tell": "These {data} disagree with the simulation, or show too little; they cannot "
+    "tell what it gets wrong.",
 }
 
 
