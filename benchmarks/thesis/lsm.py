@@ -23,7 +23,7 @@ from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
 from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation.least_squares import Line, line
+from stiction_envs.gap.validation.least_squares import Line, lines_of
 from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -145,23 +145,6 @@ def raw_friction(log: JointLog, arm: Arm, every: int = 1) -> tuple[Array, Array]
     at = np.arange(2, len(log.t) - 2, every)
     rigid = inverse_dynamics(arm.pinocchio(), log.q[at], log.dq[at], ddq[at])
     return log.dq[at], log.tau[at] - rigid
-
-
-def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
-    """Return the lines of equation 3.1, of every joint + before −.
-
-    Args:
-        speed: (K, n) [rad/s].
-        torque: (K, n) friction torque [N·m].
-    """
-    out = []
-    for j in range(speed.shape[1]):
-        for sign, direction in ((1.0, "+"), (-1.0, "-")):
-            rows = sign * speed[:, j] > 0
-            m, b, r2 = line(speed[rows, j], torque[rows, j])
-            about: dict[str, Any] = {"joint": j + 1, "direction": direction, "rows": rows.sum()}
-            out.append(Line(**about, intercept=b, slope=m, r2=r2))
-    return tuple(out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

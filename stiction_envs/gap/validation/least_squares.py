@@ -95,28 +95,37 @@ def line(speed: Array, torque: Array) -> tuple[float, float, float]:
     return m, b, 1.0 - float(left @ left) / max(float(about @ about), 1e-300)
 
 
+def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
+    """Return the lines of equation 3.1, of every joint + before −.
+
+    Args:
+        speed: (K, n) [rad/s].
+        torque: (K, n) friction torque [N·m].
+    """
+    out = []
+    for j in range(speed.shape[1]):
+        for name, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0)):
+            m, b, r2 = line(speed[rows, j], torque[rows, j])
+            count = int(rows.sum())
+            out.append(Line(joint=j + 1, direction=name, rows=count, intercept=b, slope=m, r2=r2))
+    return tuple(out)
+
+
 def least_squares(logs: Sequence[JointLog], data: Data) -> LeastSquares:
     """Fit the thesis's lines to raw logs; ``data`` are the same logs after the filter."""
     speed, torque = _raw(logs, data)
-    lines: list[Line] = []
+    lines, rms = lines_of(speed, torque), np.empty(data.n)
     breaks: dict[int, tuple[str, ...]] = {}
-    rms = np.empty(data.n)
     for j in range(data.n):
-        mine = []
-        fit = np.zeros(len(data.t))
-        for name, sign in (("+", 1.0), ("-", -1.0)):
-            rows = sign * speed[:, j] > 0
-            m, b, r2 = line(speed[rows, j], torque[rows, j])
-            count = int(rows.sum())
-            mine.append(Line(joint=j + 1, direction=name, rows=count, intercept=b, slope=m, r2=r2))
-            if np.isfinite(m):
-                fit += np.where(sign * data.dq[:, j] > 0, m * data.dq[:, j] + b, 0.0)
+        mine, v, fit = lines[2 * j : 2 * j + 2], data.dq[:, j], np.zeros(len(data.t))
+        for x, rows in zip(mine, (v > 0, v < 0), strict=True):
+            if np.isfinite(x.slope):
+                fit += np.where(rows, x.slope * v + x.intercept, 0.0)
         rms[j] = float(np.sqrt(np.mean(np.square(data.tau[:, j] - data.rigid[:, j] - fit))))
-        lines += mine
         found = _why(mine, speed[:, j], torque[:, j], data, j) + _lag(logs, j)
         if found:
             breaks[j + 1] = tuple(found)
-    return LeastSquares(lines=tuple(lines), rms=rms, breaks=breaks)
+    return LeastSquares(lines=lines, rms=rms, breaks=breaks)
 
 
 def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
@@ -139,7 +148,7 @@ def _raw(logs: Sequence[JointLog], data: Data) -> tuple[Array, Array]:
     return np.concatenate([none, *speeds]), np.concatenate([none, *torques])
 
 
-def _why(lines: list[Line], speed: Array, torque: Array, data: Data, j: int) -> list[str]:
+def _why(lines: Sequence[Line], speed: Array, torque: Array, data: Data, j: int) -> list[str]:
     """Return why the lines of one joint do not hold."""
     out = []
     plus, minus = lines
