@@ -130,10 +130,6 @@ class Identification(Result):
         """Return the arm with the identified links."""
         return with_inertias(self.nominal, self.phi)
 
-    def write_mjcf(self, path: str | Path) -> None:
-        """Write the rigid arm with the identified links."""
-        write_text_atomic(Path(path), self.arm().carrying_xml())
-
     def to_json(self) -> dict[str, Any]:
         """Return JSON values."""
         least = np.linalg.eigvalsh(pseudo_inertia(self.phi))[:, 0]
@@ -172,7 +168,7 @@ class Identification(Result):
 
         name = self.nominal.name
         write_json(folder / "identification.json", self.to_json())
-        self.write_mjcf(folder / "model.xml")
+        write_text_atomic(folder / "model.xml", self.arm().carrying_xml())
         plot_identification(name, self.rms, self.noise, folder / "residual.png")
         excited = (
             f"{len(self.unsure)} of {len(self.names)} base parameters are hardly excited by these "
@@ -312,7 +308,7 @@ def identify(
     turned, signals = correct_sign(read, signals, arm, gap)
     data = assemble(arm, signals, torque=side, settings=gap)
     rotor = side == "motor"
-    base, reach = structural_base(data, rotor)
+    base, unit_torque = structural_base(data, rotor)
     d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
     if d.torque.size < 2 * base.size:
         raise StictionError(
@@ -325,7 +321,7 @@ def identify(
     p = consistent_fit(d, found, chosen)
     say("fitting", 0.2)
     rms = held_out(d, base, lambda part: say("held-out", part), chosen)
-    own = p[d.links :].reshape(-1, d.n)
+    friction = p[d.links :].reshape(-1, d.n)
     # torques are turned in all logs or none
     sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
     source = [c.text for log in turned for c in log.corrections if c.kind == "source"]
@@ -337,14 +333,14 @@ def identify(
         nominal_values=base.values(d.nominal),
         condition=condition,
         phi=p[: d.links].reshape(d.n, 10),
-        coulomb=own[-3],
-        viscous=own[-2],
-        offset=own[-1],
-        rotor=own[0] if rotor else None,
+        coulomb=friction[-3],
+        viscous=friction[-2],
+        offset=friction[-1],
+        rotor=friction[0] if rotor else None,
         rms=rms,
         noise=found.noise,
         provenance=made,
-        unsure=tuple(np.flatnonzero(errors * reach > POOR).tolist()),
+        unsure=tuple(np.flatnonzero(errors * unit_torque > POOR).tolist()),
         notes=(*signals.notes, *source, *sign),
     )
 

@@ -79,8 +79,8 @@ def read_parameters(
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
         raise StictionError(f"{path}{where}: no YAML: {_EXPECTED}") from None
-    nodes = [_get(node, PARAMETERS, GROUP) for node in _values(tree)]
-    found = [x for x in nodes if x is not None]
+    nodes = tree.values() if isinstance(tree, dict) else ()
+    found = [x for x in (_get(node, PARAMETERS, GROUP) for node in nodes) if x is not None]
     if len(found) != 1:
         raise StictionError(f"{path}: {len(found)} nodes with dither: {_EXPECTED}")
     names = _get(found[0], JOINTS)
@@ -100,10 +100,6 @@ def read_parameters(
 def is_parameters(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is one of YAML, by its name."""
     return Path(path).suffix.lower() in ENDS
-
-
-def _values(tree: Any) -> list[Any]:
-    return list(tree.values()) if isinstance(tree, dict) else []
 
 
 def _get(tree: Any, *keys: str) -> Any:

@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,10 @@ LOADS = ("load", "no_load")
 
 DIRECTIONS = ("+", "-")
 """Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
+
+_NAMES = {"load": LOADS, "direction": DIRECTIONS}
+_TEXT = {"robot", "subtable", "quantity", "unit", "printed"}
+_TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
 @dataclass(frozen=True)
@@ -114,21 +119,28 @@ def read_sje(path: Path) -> list[SJERow]:
 def _parse_sje(lines: Iterable[Line]) -> list[SJERow]:
     rows = []
     for line in lines:
-        frequency, amplitude = _drive(line)
-        row = SJERow(
-            robot=line.text("robot"),
-            joint=line.whole("joint", 1),
-            load=line.name("load", LOADS),
-            direction=line.name("direction", DIRECTIONS),
-            frequency_hz=frequency,
-            amplitude_nm=amplitude,
-            tau_nm=line.number("tau_nm"),
-            std_nm=line.number("std_nm", low=0.0, nan=True),
-            iterations=line.whole("iterations", 1),
-            reduction=line.number("reduction", nan=True),
-        )
-        rows.append(row)
+        _drive(line)
+        rows.append(SJERow(**{column: typed_cell(line, column) for column in SJE_COLUMNS}))
     return rows
+
+
+def typed_cell(line: Line, column: str) -> Any:
+    """Return a cell of an SJE table, or of one that the thesis prints, by the kind of its column.
+
+    Raises:
+        StictionError: it is not of that kind.
+    """
+    if column in _NAMES:
+        return line.name(column, _NAMES[column])
+    if column == "final_set_by_hand":
+        return line.name(column, ("yes", "no")) == "yes"
+    if column in ("joint", "iterations"):
+        return line.whole(column, 1)
+    if column in _TEXT:
+        return line.text(column)
+    if column == "std_nm":
+        return line.number(column, low=0.0, nan=True)
+    return line.number(column, nan=column == "reduction")
 
 
 def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:

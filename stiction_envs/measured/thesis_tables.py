@@ -15,16 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import unknown
-from stiction_envs.measured.csv_text import Line, header_of, read_lines
-from stiction_envs.measured.tables import DIRECTIONS, LOADS, BaseTable, read_base
+from stiction_envs.measured.csv_text import header_of, read_lines
+from stiction_envs.measured.tables import BaseTable, read_base, typed_cell
 from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
 THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
-
-_NAMES = {"load": LOADS, "direction": DIRECTIONS}
-_TEXT = {"robot", "subtable", "quantity", "unit", "printed"}
-_TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
 @dataclass(frozen=True)
@@ -141,20 +137,3 @@ def thesis_file(number: str) -> Path:
     if number not in THESIS_TABLES:
         raise unknown("thesis table", number, THESIS_TABLES)
     return Path(__file__).parent / "thesis" / f"table_{number.replace('.', '_')}.csv"
-
-
-def typed_cell(line: Line, column: str) -> Any:
-    """Return a cell of a printed table or an SJE table by the kind of its column.
-
-    Raises:
-        StictionError: it is not of that kind.
-    """
-    if column in _NAMES:
-        return line.name(column, _NAMES[column])
-    if column == "final_set_by_hand":
-        return line.name(column, ("yes", "no")) == "yes"
-    if column in ("joint", "iterations"):
-        return line.whole(column, 1)
-    if column in _TEXT:
-        return line.text(column)
-    return line.number(column, nan=column in ("std_nm", "reduction"))

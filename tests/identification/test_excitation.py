@@ -236,7 +236,9 @@ def test_same_seed_same_motion_and_progress_rises_to_one(panda):
     assert search[-1] == 1.0
 
 
-def test_csv(tmp_path, motion):
+def test_files(tmp_path, motion):
+    motion.write(tmp_path)
+    assert (tmp_path / "excitation.png").read_bytes()[:4] == b"\x89PNG"
     path = tmp_path / "trajectory.csv"
     motion.to_csv(path, 100.0)
     head, *rows = path.read_text().splitlines()
@@ -245,11 +247,6 @@ def test_csv(tmp_path, motion):
     np.testing.assert_allclose(table[:, 1:8], motion.state(table[:, 0])[0], atol=1e-7)
     with pytest.raises(StictionError, match="rate"):
         motion.to_csv(path, 0.0)
-
-
-def test_plot_is_written(tmp_path, panda, motion):
-    motion.plot(tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
 
 
 # ---- numbers and bad input -----------------------------------------------------------------------

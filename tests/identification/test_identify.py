@@ -276,8 +276,8 @@ def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
 
 
 def test_written_mjcf_is_read_again(tmp_path, found):
-    found.write_mjcf(tmp_path / "identified.xml")
-    again = load_arm(tmp_path / "identified.xml")
+    found.write(tmp_path)
+    again = load_arm(tmp_path / "model.xml")
     np.testing.assert_allclose(inertial_parameters(again.pinocchio()), found.phi, atol=1e-7)
 
 

@@ -33,8 +33,7 @@ from stiction_envs.measured.checks.thesis_forms import (
     check_units,
 )
 from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.measured.tables import KEY, SJE_COLUMNS
-from stiction_envs.measured.thesis_tables import typed_cell
+from stiction_envs.measured.tables import KEY, SJE_COLUMNS, typed_cell
 
 FORMS: dict[str, tuple[str, ...]] = {
     "SJE table": SJE_COLUMNS,
