@@ -87,12 +87,6 @@ def test_advance_is_exact_at_constant_speed(v, z0):
     assert JOINT.advance(z0, v, dt) == pytest.approx(ode.y[0, -1], rel=1e-8, abs=1e-14)
 
 
-def test_advance_composes():
-    """Two halves of a step are the whole step."""
-    half = JOINT.advance(1e-4, 0.02, 5e-4)
-    assert JOINT.advance(half, 0.02, 5e-4) == pytest.approx(JOINT.advance(1e-4, 0.02, 1e-3))
-
-
 def test_varying_speed_converges_to_the_ode():
     """With v held over each step the error against a fine ODE shrinks in proportion to the step."""
 

@@ -16,12 +16,8 @@ from stiction_envs.measured.settings import MotionThresholds
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
-LARGEST_ANGLE = 1e3
-"""No joint of an arm comes near it [rad]; assumed."""
-LARGEST_SPEED = 1e3
-"""The same [rad/s]; assumed."""
-LARGEST_TORQUE = 1e5
-"""The same, measured or commanded [N·m]; assumed."""
+LARGEST = {"q": (1e3, "rad"), "dq": (1e3, "rad/s"), "tau": (1e5, "N·m"), "tau_cmd": (1e5, "N·m")}
+"""Values with their units that no joint of an arm comes near; assumed."""
 FREE_ANGLE = 20.0
 """Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
 ANY_ARM = 10.0
@@ -52,14 +48,8 @@ def check_finite(rows: Rows, place: Place) -> None:
     if not np.isfinite(rows.t).all():
         i = int(np.argmin(np.isfinite(rows.t)))
         raise StictionError(f"{place(i)}: t is {rows.t[i]}: expected finite numbers in s")
-    largest = {
-        "q": (LARGEST_ANGLE, "rad"),
-        "dq": (LARGEST_SPEED, "rad/s"),
-        "tau": (LARGEST_TORQUE, "N·m"),
-        "tau_cmd": (LARGEST_TORQUE, "N·m"),
-    }
     for name, array in rows.data.items():
-        most, unit = largest.get(name, (np.finfo(float).max, ""))
+        most, unit = LARGEST.get(name, (np.finfo(float).max, ""))
         # NaN is a missing value and not an error here.
         bad = np.abs(array) > most
         if bad.any():
@@ -150,7 +140,7 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
 
 
 def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
-    """Something moves; channels that never change or stay at a limit are warned of.
+    """Check that something moves; warn of channels that never change or stay at a limit.
 
     Raises:
         StictionError: no torque, or neither angle nor torque, ever changes.
@@ -166,13 +156,12 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
         raise StictionError(f"{place(0)}: {what} never change: expected a measurement")
     if still["q"].all():
         warnings.append("no q ever changes: the arm rests, or its positions were not logged")
-    for name, flat in still.items():
-        for j in range(n):
+    for name in (name for name in still if name != "q"):
+        for j in np.flatnonzero(still[name] & (span["q"] > motion.stir_span)):
             value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
-            if flat[j] and name != "q" and span["q"][j] > motion.stir_span:
-                warnings.append(f"{value} although the joint moves")
-    for j in range(n):
-        warnings += _saturation(f"tau{j + 1}", rows.data["tau"][:, j])
+            warnings.append(f"{value} although the joint moves")
+    for j, tau in enumerate(rows.data["tau"].T, 1):
+        warnings += _saturation(f"tau{j}", tau)
     return warnings
 
 
