@@ -35,6 +35,7 @@ COMPARED_HZ = 2.0
 """Below this frequency arms move, and speeds are compared [Hz]; assumed."""
 TOO_FAST = 3.0
 """No arm moves at more than this times its joint's largest speed [-]; assumed."""
+Array = NDArray[np.float64]
 _DEGREE = np.pi / 180
 Place = Callable[[int], str]
 
@@ -165,7 +166,7 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
     return warnings
 
 
-def _saturation(column: str, x: NDArray[np.float64]) -> list[str]:
+def _saturation(column: str, x: Array) -> list[str]:
     if np.ptp(x) == 0:
         return []
     ends = {"largest": x == x.max(), "smallest": x == x.min()}
@@ -244,7 +245,7 @@ def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]
     return warnings + _commanded_angles(grid, rate, movers)
 
 
-def _corner(v: NDArray[np.float64], dq: NDArray[np.float64], scale: float, rate: float) -> float:
+def _corner(v: Array, dq: Array, scale: float, rate: float) -> float:
     """Lowest frequency at which dq has lost half the power of v, Hz; inf where it has not."""
     f, _, cross, speed, coherent = _spectra(v, dq, rate)
     damped = (f > 0) & (coherent > 0.8) & (np.abs(cross) < np.sqrt(0.5) * scale * speed)
@@ -252,7 +253,7 @@ def _corner(v: NDArray[np.float64], dq: NDArray[np.float64], scale: float, rate:
     return float(f[twice[0]]) if len(twice) else np.inf
 
 
-def _speed_findings(found: NDArray[np.float64], step: float) -> list[str]:
+def _speed_findings(found: Array, step: float) -> list[str]:
     warnings = []
     scale, lag, corner = (float(x) for x in np.median(found, axis=0))
     if abs(abs(scale) * _DEGREE - 1) < 0.2:
@@ -274,9 +275,7 @@ def _speed_findings(found: NDArray[np.float64], step: float) -> list[str]:
     return warnings
 
 
-def _commanded_angles(
-    grid: dict[str, NDArray[np.float64]], rate: float, movers: NDArray[np.int64]
-) -> list[str]:
+def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.int64]) -> list[str]:
     """Warn where q lacks a vibration that dq and tau show: then q is not what was measured."""
     found: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
     for j in movers:
@@ -307,7 +306,7 @@ def _commanded_angles(
     ]
 
 
-def _even(rows: Rows, step: float) -> dict[str, NDArray[np.float64]]:
+def _even(rows: Rows, step: float) -> dict[str, Array]:
     """q, dq and tau of the first `COMPARED_SECONDS` on even times."""
     t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
     return {
@@ -316,9 +315,7 @@ def _even(rows: Rows, step: float) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _spectra(
-    x: NDArray[np.float64], y: NDArray[np.float64], rate: float
-) -> tuple[NDArray[np.float64], ...]:
+def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:
     """Frequencies [Hz], spectra of y, of x with y, of x, and coherence of x and y."""
     length = int(min(len(x) // 4, 2 * rate)) // 2 * 2
     f, p_x = welch(x, rate, nperseg=length)

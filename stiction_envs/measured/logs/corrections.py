@@ -30,6 +30,7 @@ MOST_MISSING = 0.01
 """Largest share of missing values of a column that are interpolated [-]; assumed."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
+Array = NDArray[np.float64]
 _CORE = ("q", "dq", "tau")
 
 
@@ -50,9 +51,9 @@ class Correction:
 class Rows:
     """Working copy of a log while it is corrected."""
 
-    t: NDArray[np.float64]
+    t: Array
     """Time, (T,), s."""
-    data: dict[str, NDArray[np.float64]]
+    data: dict[str, Array]
     """Channels, (T, n) each."""
     run: NDArray[np.int64]
     """Number of the recording of each row, (T,)."""
@@ -272,7 +273,7 @@ def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDAr
     return fresh, active
 
 
-def _changes(x: NDArray[np.float64], run: NDArray[np.int64]) -> NDArray[np.float64]:
+def _changes(x: Array, run: NDArray[np.int64]) -> Array:
     """Absolute change of ``x`` (T,) from row to row in its smallest steps, (T-1,); 0 at a run."""
     change = np.abs(np.diff(x))
     change[run[1:] != run[:-1]] = 0.0

@@ -52,6 +52,7 @@ EPOCH = 1e6
 IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 
+Array = NDArray[np.float64]
 Path = str | os.PathLike[str]
 
 
@@ -61,15 +62,15 @@ class JointLog:
 
     source: str
     """File name as given."""
-    t: NDArray[np.float64]
+    t: Array
     """Time of each row on the robot's clock, strictly rising, (T,), s."""
-    q: NDArray[np.float64]
+    q: Array
     """Joint angles, (T, n), rad."""
-    dq: NDArray[np.float64] | None
+    dq: Array | None
     """Joint speeds as logged, (T, n), rad/s; None where the log has none."""
-    tau: NDArray[np.float64]
+    tau: Array
     """Joint torques, (T, n), N·m."""
-    extra: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    extra: dict[str, Array] = field(default_factory=dict)
     """Further channels: ``temperature`` [°C], ``tau_cmd`` [N·m], (T, n) each."""
     breaks: tuple[int, ...] = ()
     """First row of each segment but the first: where a gap or another recording begins."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import Columns
 
+Array = NDArray[np.float64]
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
 
@@ -61,7 +62,7 @@ class TextRows:
         self.count = 0
         """Rows so far."""
         self._numbers = [c for c in columns.numbers if c >= 0]
-        self._values: list[NDArray[np.float64]] = []
+        self._values: list[Array] = []
         self._lines: list[NDArray[np.int32]] = []
         self._runs: list[NDArray[np.int64]] = []
         self._label: bytes | None = None
@@ -96,7 +97,7 @@ class TextRows:
             self.count += len(rows)
         return line + len(lines)
 
-    def take(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int32]]:
+    def take(self) -> tuple[Array, NDArray[np.int64], NDArray[np.int32]]:
         """Values (T, k) of the columns with numbers, number of the run (T,), line number (T,)."""
         if not self._values:
             none = np.zeros(0, np.int64)
@@ -105,7 +106,7 @@ class TextRows:
         self._values, self._runs, self._lines = [], [], []
         return np.concatenate(parts[0]), np.concatenate(parts[1]), np.concatenate(parts[2])
 
-    def _fast(self, block: bytes, count: int) -> NDArray[np.float64] | None:
+    def _fast(self, block: bytes, count: int) -> Array | None:
         if b",," in block or b",\n" in block or b"\n," in block or block[:1] == b",":
             block = block.replace(b",,", b",nan,").replace(b",,", b",nan,")
             block = block.replace(b",\n", b",nan\n").replace(b"\n,", b"\nnan,")
@@ -122,7 +123,7 @@ class TextRows:
             return None
         return values if len(values) == count else None
 
-    def _slow(self, lines: list[bytes], rows: list[int], line: int) -> NDArray[np.float64]:
+    def _slow(self, lines: list[bytes], rows: list[int], line: int) -> Array:
         """Cell by cell: what :meth:`_fast` could not read, or an error that says where."""
         values = np.empty((len(rows), len(self._numbers)))
         for k, i in enumerate(rows):
