@@ -105,14 +105,10 @@ class Problem:
         links = torque_regressor(self.model, q, dq, ddq)
         return np.concatenate([links, friction.reshape(len(q), n, 3 * n)], axis=2)
 
-    def columns(self, state: State) -> Array:
-        """Return (T, n, r) scaled columns of the base parameters."""
-        whole = self._whole(*state)[:, :, self.base.kept]
-        return np.asarray(whole / self.arm.limits.torque[:, None] / self.size)
-
     def condition(self, state: State) -> float:
         """Return the condition number of the scaled regressor."""
-        return _condition(self.columns(state))
+        whole = self._whole(*state)[:, :, self.base.kept]
+        return _condition(whole / self.arm.limits.torque[:, None] / self.size)
 
     def condition_si(self, state: State) -> float:
         """Return the condition number of the regressor as it is in SI units."""
