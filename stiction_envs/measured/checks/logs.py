@@ -161,8 +161,8 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
         for j in np.flatnonzero(still[name] & (span["q"] > motion.stir_span)):
             value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
             warnings.append(f"{value} although the joint moves")
-    for j, tau in enumerate(rows.data["tau"].T, 1):
-        warnings += _saturation(f"tau{j}", tau)
+    for joint, tau in enumerate(rows.data["tau"].T, 1):
+        warnings += _saturation(f"tau{joint}", tau)
     return warnings
 
 
