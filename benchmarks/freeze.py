@@ -206,7 +206,8 @@ PARTS: dict[str, Callable[[Path], Iterable[tuple[str, str]]]] = {
 
 QUICK = Path(__file__).with_suffix(".json")
 TOLERANCE = {"sje": 1e-9, "gte": 1e-9, "calibrate": 1e-9, "rollout": 1e-6, "diagnose": 1e-6}
-"""Relative, by the first word of a result's name; observations are single precision."""
+"""Relative [-], assumed, by the first word of a result's name; observations are single
+precision."""
 
 
 def quick() -> dict[str, Any]:

@@ -33,7 +33,7 @@ from stiction_envs.reporting.markdown import table_text
 STUDY = Benchmark(__file__, __doc__)
 GAP = ("candidates", "estimates", "normal_equations", "selection")
 ROOMS: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {
-    # faults, sources, tests
+    # faults (assumed), sources, tests
     "friction": (
         100,
         ("stiction_envs/friction/*.py",),

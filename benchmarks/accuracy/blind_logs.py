@@ -44,10 +44,11 @@ from stiction_envs.robots import Arm, load_arm
 FIRST = 80000
 """Seeds of the study begin here; those below 1000 are for development."""
 NOTHING, PAIRS, TRIPLES, UNCLEAR = 3, 2, 1, 1
-"""Cases per round in which nothing, two causes, three, or what cannot be told is hidden."""
+"""Cases per round in which nothing, two causes, three, or what cannot be told is hidden;
+assumed."""
 KINDS = ("nothing", "pairs", "triples", "unclear")
 SECOND = 16.0
-"""Length of the log of the second motion [s]."""
+"""Length of the log of the second motion [s]; assumed."""
 MADE_BY = (*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py")
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)

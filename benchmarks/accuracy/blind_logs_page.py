@@ -16,9 +16,9 @@ from stiction_envs.hidden.hidden_effects import EFFECTS
 from stiction_envs.reporting.markdown import table_text
 
 VISIBLE = 3.0
-"""Times the noise floor from which on an effect counts."""
+"""Times the noise floor from which on an effect counts [-]; assumed."""
 HOLDS = 1.3
-"""Error on the second motion over that on held-out blocks of the first, at most."""
+"""Error on the second motion over that on held-out blocks of the first, at most [-]; assumed."""
 TARGETS = {
     "strongest": 0.95,
     "interval": 0.85,
@@ -27,6 +27,7 @@ TARGETS = {
     "triples": 0.8,
     "second": 0.95,
 }
+"""Shares of cases that are aimed at [-]; assumed."""
 
 
 def visible(row: Row) -> bool:

@@ -34,7 +34,7 @@ MADE_BY = (*LOGS, "benchmarks/accuracy/peers*.py")
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 ROWS, OVERSAMPLED = 6000, 6.0
 """Samples that the peers are given at least, and their rate over the filter's cutoff: they need no
-more, and take as long as there are."""
+more, and take as long as there are; assumed."""
 Array = np.ndarray
 
 

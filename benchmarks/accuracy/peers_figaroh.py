@@ -18,7 +18,7 @@ from stiction_envs.robots import Arm
 
 Array = np.ndarray
 EDGE = 10
-"""Samples on either side of a seam between two stretches that are not fitted."""
+"""Samples on either side of a seam between two stretches that are not fitted; assumed."""
 
 
 def urdf_of(arm: Arm) -> str:

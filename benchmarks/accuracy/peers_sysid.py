@@ -15,14 +15,16 @@ from stiction_envs.robots import Arm
 
 Array = np.ndarray
 WINDOW = 0.5
-"""Length of a rollout from a measured state [s]: open-loop, an arm leaves its log soon."""
+"""Length of a rollout from a measured state [s]: open-loop, an arm leaves its log soon;
+assumed."""
 MOST = 12
-"""Windows, evenly picked: each is rolled out once per parameter and iteration."""
+"""Windows, evenly picked: each is rolled out once per parameter and iteration; assumed."""
 STEP = 0.002
-"""Of the simulations [s]."""
+"""Of the simulations [s]; assumed."""
 ITERATIONS = 25
+"""At most; assumed."""
 STILL = 1e-3
-"""Largest angle [rad] or speed [rad/s] of a joint that holds still in a window."""
+"""Largest angle [rad] or speed [rad/s] of a joint that holds still in a window; assumed."""
 
 
 class Sysid:

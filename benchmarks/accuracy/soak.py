@@ -52,11 +52,12 @@ STILL = 1e-6
 KINDS = ("speed", "bristle", "energy rise", "motion at rest", "creep")
 """What is measured against a bound."""
 ENERGY = 0.01
-"""Largest rise of energy that nothing drives, of that when first off the stops [-]."""
+"""Largest rise of energy that nothing drives, of that when first off the stops [-]; assumed."""
 BRISTLE = 1e-3
-"""Largest bristle deflection over stiction / stiffness, less one [-]."""
+"""Largest bristle deflection over stiction / stiffness, less one [-]; assumed."""
 STROKES = 4.0
-"""Strokes of all joints at their torque limit that bound an arm's kinetic energy."""
+"""Strokes of all joints at their torque limit that bound an arm's kinetic energy [-];
+assumed."""
 
 
 class Checks:

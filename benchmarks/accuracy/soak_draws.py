@@ -19,8 +19,9 @@ from stiction_envs.robots import ARMS, Arm, load_arm
 
 Array = NDArray[np.float64]
 NSIM = 64
+"""Simulations of an arm; assumed."""
 SHIPPED = 0.2
-"""Share of rounds on a shipped arm."""
+"""Share of rounds on a shipped arm [-]; assumed, as are all ranges below."""
 
 
 def random_mjcf(rng: np.random.Generator) -> str:

@@ -48,7 +48,7 @@ KIND = ("panda", "gte")
 WATCHED = range(0, 16, 4)
 """Those of the test's random paths on which the best policy's actions are drawn, two arms each."""
 SLOWEST = 1e-4
-"""Speeds below are drawn here [rad/s]."""
+"""Speeds below are drawn here [rad/s]; assumed."""
 
 
 def draw_curves(path: Path, results: Results) -> None:

@@ -23,7 +23,7 @@ from tuning.policies.task import Task
 SEED = 515_000
 """Of the first episode; no training has it."""
 TOGETHER = 64
-"""Arms at once."""
+"""Arms at once; assumed."""
 MEASURED_BY = (
     *(*EPISODES, "tuning/policies"),
     *(f"benchmarks/learning/policies_{name}.py" for name in ("plan", "run")),

@@ -30,12 +30,12 @@ JOINTS = 7
 """Of every arm here."""
 SEED = 4242
 """Of what is measured here: no search has seen it."""
-ITERATIONS = 4
-STARTS = 4
+ITERATIONS, STARTS = 4, 4
+"""Of each case, and other start poses; assumed."""
 WIDTHS = (5e-5, 2e-4, 5e-4, 2e-3)
-"""Of pushes, whose limit cycles are looked for [rad]."""
+"""Of pushes, whose limit cycles are looked for [rad]; assumed."""
 GAINS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-"""Of these, over the friction [-]."""
+"""Of these, over the friction [-]; assumed."""
 MEASURED_BY = (
     *EPISODES,
     "!stiction_envs/envs",

@@ -30,8 +30,8 @@ from stiction_envs.experiments.sje.episodes import SJEEpisodes
 from stiction_envs.reporting.markdown import table_text
 
 STUDY = Benchmark(__file__, __doc__)
-SIZES = (1, 8, 64, 256, 1024, 4096)
-MANY = 1024
+SIZES, MANY = (1, 8, 64, 256, 1024, 4096), 1024
+"""Environments of a batch, and of that whose tiles are compared; assumed."""
 NAMES = {"PandaGTE-v0": GTEEpisodes, "PandaSJE-v0": SJEEpisodes}
 OPTIONS: dict[str, dict[str, Any]] = {
     "PandaSJE-v0": {"joint": 1, "load": "load", "direction": "+"},
@@ -40,7 +40,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 STEPS, EPISODE = 100, 40
 """Control steps of an environment step, as by default; steps before an episode can be over."""
 FLAT, EACH_MB = 0.95, 0.3
-"""Targets: speed at 1024 over that of the best batch, memory of an environment."""
+"""Targets: speed at 1024 over that of the best batch, memory of an environment [MB]; assumed."""
 MEMORY = """
 from benchmarks.speed.batch_size import make, resident_mb
 make({name!r}, 1)()

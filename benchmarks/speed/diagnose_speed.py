@@ -44,7 +44,7 @@ for stage, seconds in spent.items():
 sys.exit(code)
 """
 MEMORY = 1024
-"""Limit [MiB]."""
+"""Limit [MiB]; assumed, as are the targets below."""
 
 
 def simulated(folder: Path) -> Path:

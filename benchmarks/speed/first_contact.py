@@ -22,6 +22,7 @@ from stiction_envs.reporting.markdown import table_text
 
 STUDY = Benchmark(__file__, __doc__)
 LIMIT_S = {"environment": 1.0, "package": 0.3}
+"""Of a warm contact [s]; assumed."""
 ENVIRONMENTS = ("PandaSJE-v0", "IiwaSJE-v0", "PandaGTE-v0", "IiwaGTE-v0")
 MAKE = """
 import gymnasium, stiction_envs, time

@@ -30,9 +30,11 @@ from tuning.policies.task import Task
 
 STUDY = Benchmark(__file__, __doc__)
 TARGETS = {"sje": 0.9, "gte": 0.5, "training": 0.5}
+"""Speed over the bare rollout's, or over an environment's alone [-]; assumed."""
 STEPS = 100
 """Control steps of an environment step, as by default."""
 NSIM_GTE = 64
+"""Arms; assumed."""
 
 
 def pairs(rounds: int, *parts: Callable[[], object]) -> np.ndarray:

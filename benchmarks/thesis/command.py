@@ -16,6 +16,7 @@ from stiction_envs.errors import StictionError
 GAP = "gap"
 """The target that is no table or figure of the thesis."""
 SEEDS = 5
+"""Assumed."""
 PHASE_SECONDS = 1000.0
 """Simulated time of the iiwa's phases, roughly [s]: 64 ramps of about 15 s."""
 

@@ -22,11 +22,12 @@ from stiction_envs.robots.regressor import consistent, inertial_parameters, torq
 
 Array = NDArray[np.float64]
 MOST_ROWS = 10_000
-"""Samples of all logs together; more are thinned out evenly."""
+"""Samples of all logs together; more are thinned out evenly; assumed."""
 STATES = 1000
 """Random states, as there."""
 ZERO = 1e-10
-"""Singular values below this part of the largest are zero (there: below this number)."""
+"""Singular values below this part of the largest are zero (there: below this number);
+assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Value = Array | float
 _QUARTER = (np.arange(720) + 0.5) / 720 * np.pi / 2
-"""Phases of a quarter period [rad]: |cos| repeats over the others."""
+"""Phases of a quarter period [rad], their number assumed: |cos| repeats over the others."""
 
 
 def impedance(

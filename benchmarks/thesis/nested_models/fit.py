@@ -26,9 +26,11 @@ from stiction_envs.robots import load_arm
 Array = NDArray[np.float64]
 (ROBOT,) = thesis_robots("4.6")
 POPULATION = 14
-"""Candidates per seed and generation: 4 + 3 ln(n) rounded up for five parameters, and half more."""
+"""Candidates per seed and generation: 4 + 3 ln(n) rounded up for five parameters, and half more;
+assumed."""
 ITERATIONS = 2
-"""Per cell on the whole arm, without scatter: the second is free of how the first began."""
+"""Per cell on the whole arm, without scatter: the second is free of how the first began;
+assumed."""
 
 
 @lru_cache

@@ -41,12 +41,11 @@ Progress = Callable[[str, float, float], None]
 ORDER = (2, 4, 3, 1, 5, 7, 6)
 """Joints with the longest ramps first."""
 SEEDS = (0, 1, 2, 3, 4)
-"""Of the optimiser: a parameter that some do not find again is not identified."""
+"""Of the optimiser, assumed: a parameter that some do not find again is not identified."""
 ONE_SEED = (0,)
 """For models on the way: a search from the model before."""
-GENERATIONS = 30
-ROUNDS = 3
-"""Rounds of correcting the lone joint by the whole arm."""
+GENERATIONS, ROUNDS = 30, 3
+"""Of a search; of correcting the lone joint by the whole arm; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)

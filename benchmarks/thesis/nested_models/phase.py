@@ -22,7 +22,7 @@ from stiction_envs.measured import DitheredRow, thesis_dithered, thesis_robots
 Array = NDArray[np.float64]
 (ROBOT,) = thesis_robots("4.5")
 PHASES = 7
-"""Phases from 0 to a quarter turn; the other quarters give the same ±A sin φ."""
+"""Phases from 0 to a quarter turn; the other quarters give the same ±A sin φ; assumed."""
 
 
 class _PhasedRig(SJERig):
