@@ -6,6 +6,7 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,10 +111,13 @@ class Arm:
         return ET.tostring(root, encoding="unicode")
 
     def carry_into(self, root: ET.Element) -> None:
-        """Write limits and rest pose to the MJCF element ``root``."""
-        of = self.limits
-        limits = {"velocity": of.velocity, "torque": of.torque, "torque_rate": of.torque_rate}
-        mjcf.carry(root, {"rest": self.rest, **{f"limits.{k}": v for k, v in limits.items()}})
+        """Write limits and rest pose, where finite, to the MJCF element ``root``."""
+        custom = root.find("custom")
+        custom = ET.SubElement(root, "custom") if custom is None else custom
+        for name, key in mjcf.CARRIED.items():
+            values = attrgetter(key)(self)
+            if np.isfinite(values).all():
+                ET.SubElement(custom, "numeric", name=name, data=mjcf.numbers(values))
 
     def spec(self) -> mujoco.MjSpec:
         """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""
@@ -230,10 +234,7 @@ def _shipped(files: ArmFiles) -> dict[str, Any]:
     n = len(joints)
 
     def numbers(key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        where, value = f"{files.toml.name}, {key}", lookup(files.table, key)
-        if value is None:
-            raise StictionError(f"{where}: missing: expected numbers of shape {shape}")
-        return per_joint(value, shape, where)
+        return per_joint(lookup(files.table, key), shape, f"{files.toml.name}, {key}")
 
     shapes = {"position": (n, 2), "velocity": (n,), "torque": (n,), "torque_rate": (n,)}
     limits = {key: numbers(f"limits.{key}", shape) for key, shape in shapes.items()}

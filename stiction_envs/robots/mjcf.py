@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -32,21 +31,7 @@ CARRIED = {
     "stiction_rest": "rest",
 }
 """Custom numbers of an MJCF for what its joints and actuators cannot hold, by key of an arm's TOML:
-an arm that is written and read again keeps them."""
-
-
-def carry(root: ET.Element, values: Mapping[str, ArrayLike]) -> None:
-    """Write numbers of `CARRIED` into an MJCF; what is not finite is left out.
-
-    Args:
-        root: the ``mujoco`` element; changed in place.
-        values: (n,) by key of an arm's TOML.
-    """
-    custom = root.find("custom")
-    custom = ET.SubElement(root, "custom") if custom is None else custom
-    for name, key in CARRIED.items():
-        if key in values and np.isfinite(values[key]).all():
-            ET.SubElement(custom, "numeric", name=name, data=numbers(np.ravel(values[key])))
+an arm that is written and read again keeps them (`Arm.carry_into`)."""
 
 
 def free_name(name: str, taken: Container[str | None]) -> str:

@@ -18,18 +18,14 @@ POSES = 200
 """Poses that are drawn [-] (assumed)."""
 SHARE = 0.95
 """Least share of poses in which a pair touches that is excluded [-] (MoveIt's default: 0.95)."""
-Pair = tuple[str, str]
 
 
-def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> list[Pair]:
+def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> None:
     """Add a contact exclusion for every pair of links that touches in (nearly) all poses.
 
     Args:
         root: the ``mujoco`` element of an arm of n hinges; changed in place.
         position: (n, 2) ranges that poses are drawn from [rad].
-
-    Returns:
-        Names of the links, pair by pair.
     """
     text = ET.tostring(root, encoding="unicode")
     of = store.digest(text, position, POSES, SHARE)
@@ -38,25 +34,20 @@ def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> list
         model = mujoco.MjModel.from_xml_string(text)
         found = {"bodies": [list(pair) for pair in _overlapping(model, position)]}
         store.keep("touching", of, found)
-    model = mujoco.MjModel.from_xml_string(text) if found["bodies"] else None
-    pairs = [] if model is None else [_names(model, *map(int, b)) for b in found["bodies"]]
-    if pairs:
-        contact = root.find("contact")
-        contact = ET.SubElement(root, "contact") if contact is None else contact
-        for one, two in pairs:
-            ET.SubElement(contact, "exclude", name=f"touching {one} {two}", body1=one, body2=two)
-    return pairs
+    if not found["bodies"]:
+        return
+    model, contact = mujoco.MjModel.from_xml_string(text), root.find("contact")
+    contact = ET.SubElement(root, "contact") if contact is None else contact
+    for pair in found["bodies"]:
+        one, two = (model.body(int(body)).name for body in pair)
+        ET.SubElement(contact, "exclude", name=f"touching {one} {two}", body1=one, body2=two)
 
 
-def excluded_pairs(xml: str) -> list[Pair]:
+def excluded_pairs(xml: str) -> list[tuple[str, str]]:
     """Return the pairs that `exclude_overlapping` excluded in an MJCF."""
     excluded = ET.fromstring(xml).iter("exclude")
     mine = [e for e in excluded if e.get("name", "").startswith("touching ")]
     return [(e.get("body1", ""), e.get("body2", "")) for e in mine]
-
-
-def _names(model: mujoco.MjModel, one: int, two: int) -> Pair:
-    return model.body(one).name, model.body(two).name
 
 
 def _overlapping(model: mujoco.MjModel, position: NDArray[np.float64]) -> list[tuple[int, int]]:

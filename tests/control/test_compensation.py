@@ -233,7 +233,7 @@ def test_bad_numbers(change, words):
         Compensation(**({"kind": "push", "gain": (1.0, 1.0)} | change))
 
 
-def test_what_does_not_fit():
+def test_compensation_that_does_not_fit_is_refused():
     with pytest.raises(StictionError, match="2 joints: expected 7"):
         loads(Compensation(kind="push", gain=(1.0, 1.0)))
     with pytest.raises(StictionError, match="factor -1"):

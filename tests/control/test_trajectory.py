@@ -106,7 +106,7 @@ def test_line_and_axis():
     np.testing.assert_allclose(np.cross(whole, part), 0.0, atol=1e-11)
 
 
-def test_triangle_profile_of_short_ways():
+def test_triangle_profile_of_short_distances():
     """t_acc = √(2 d b/(a(a + b))) and the fall a/b times as long (sources.md 6.2)."""
     a, b, d = 0.5, 0.2, 0.3
     t_acc = np.sqrt(2 * d * b / (a * (a + b)))
@@ -117,7 +117,7 @@ def test_triangle_profile_of_short_ways():
     assert one(0.2).duration[0] == pytest.approx(2.0, rel=1e-12)
 
 
-def test_trapezoid_of_long_ways():
+def test_trapezoid_of_long_distances():
     """Above v²/2a + v²/2b the speed is flat at v_max: T = d/v + v/2a + v/2b."""
     s = one(2.0)
     assert s.duration[0] == pytest.approx(2.0 / 0.5 + 0.5 / 0.4 + 0.5 / 0.4, rel=1e-12)
@@ -143,7 +143,7 @@ def test_synchronised_movements_end_together():
     assert apart.sample(1.9)[3][0] == 0
 
 
-def test_no_way_at_all_takes_no_time():
+def test_a_movement_without_distance_takes_no_time():
     """Goal = start: duration 0, rest, nothing but finite numbers; also half a turn on the spot."""
     s = one(0.0)
     assert s.duration[0] == 0
@@ -420,8 +420,8 @@ def test_a_pace_is_over_zero_to_one(pace):
         Path("fast", np.zeros((1, 3)), HERE[None], pace)
 
 
-def test_what_is_left_of_a_path():
-    """Goals that are left, and the way from the next one to the one behind it."""
+def test_goals_left_and_the_vector_onward():
+    """Goals that are left, and the vector from the next one to the one after it."""
     goals = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 3.0]])
     s = GoalSequencer(2, MotionLimits(), 4)
     assert s.goals_left.tolist() == [0, 0]

@@ -142,7 +142,7 @@ class Bad(Waveform):
     ],
 )
 @pytest.mark.filterwarnings("ignore:invalid value")
-def test_what_is_no_waveform_is_refused(name, shape, message):
+def test_bad_waveforms_are_refused(name, shape, message):
     before = list(WAVEFORMS)
     with pytest.raises(StictionError, match=message) as error:
         register_waveform(Bad(name, shape))

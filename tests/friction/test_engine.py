@@ -148,7 +148,7 @@ def test_submillisecond_step_is_the_reference_too():
 
 # ---- steady sliding ------------------------------------------------------------------------
 
-LAME = {
+ASYMMETRIC = {
     "stiction": [0.6, 0.9],
     "coulomb_ratio": [0.8, 0.7],
     "stribeck_velocity": [0.02, 0.03],
@@ -158,10 +158,12 @@ LAME = {
 
 @pytest.mark.parametrize("v", [0.005, 0.02, 0.1, 1.0])
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("lame", [False, True], ids=["symmetric", "asymmetric"])
-def test_steady_sliding_torque(v, sign, lame):
+@pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
+def test_steady_sliding_torque(v, sign, asymmetric):
     """Dragged at v the joint asks for g(v) + σ2 v, of its own direction."""
-    model = sticking(**(LAME if lame else LAME | {k: p[0] for k, p in LAME.items()}))
+    model = sticking(
+        **(ASYMMETRIC if asymmetric else ASYMMETRIC | {k: p[0] for k, p in ASYMMETRIC.items()})
+    )
     _, torque = slide(model, A, sign * v, time=max(1.5, 0.01 / v))
     law = law_of(model, A, side=0 if sign > 0 else 1)
     assert torque[-200:].mean() == pytest.approx(sign * law.steady(v), rel=2e-3)
@@ -169,7 +171,7 @@ def test_steady_sliding_torque(v, sign, lame):
 
 def test_both_directions_in_one_run():
     """The level follows the direction of motion within one control step."""
-    model = sticking(**LAME)
+    model = sticking(**ASYMMETRIC)
     v = 0.2
     _, torque = drag(
         model, A, v * DT * np.concatenate([np.arange(1000), np.arange(1000, -1000, -1)])
@@ -232,7 +234,7 @@ def test_asymmetric_joint_stands_and_goes_by_its_own_level(sign, stiction):
     rise = np.clip(shake(0.2, 0, 1, 20), 0, 1)
     moved = []
     for factor in (0.9, 1.1):
-        moved.append(run(sticking(**LAME), sign * factor * stiction * rise) * sign)
+        moved.append(run(sticking(**ASYMMETRIC), sign * factor * stiction * rise) * sign)
     assert np.ptp(moved[0][-10_000:]) < 1e-9
     assert moved[0][-1] < 4 * stiction / 1000.0
     assert moved[1][-1] > 0.1

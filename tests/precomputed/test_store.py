@@ -48,7 +48,7 @@ def test_the_same_content_has_the_same_digest():
     assert store.digest(f_order) == store.digest(np.arange(6.0).reshape(2, 3))
 
 
-def test_content_that_cannot_be_told_is_refused():
+def test_content_without_a_digest_is_refused():
     with pytest.raises(TypeError):
         store.digest(object())
 
@@ -75,7 +75,7 @@ def test_what_is_found_later_is_added(folder):
     assert len(list(folder.iterdir())) == 1
 
 
-def test_kind_and_key_are_told_apart(folder):
+def test_kinds_and_keys_are_distinct(folder):
     store.keep("numbers", "key", NUMBERS)
     assert store.recall("others", "key") == {}
     assert store.recall("numbers", "kez") == {}

@@ -27,7 +27,7 @@ def refused(*_: object, **__: object) -> None:
     raise OSError(errno.EROFS, "Read-only file system", "another name")
 
 
-def test_what_is_said_is_which_file_could_not_be_written(tmp_path, monkeypatch):
+def test_an_error_names_the_file_that_could_not_be_written(tmp_path, monkeypatch):
     """Though the half of it cannot be removed either, and a full disk's error names no file."""
     monkeypatch.setattr(Path, "unlink", refused)
 
@@ -41,7 +41,7 @@ def test_what_is_said_is_which_file_could_not_be_written(tmp_path, monkeypatch):
     assert caught.value.filename == str(tmp_path / "a.csv")
 
 
-def test_only_halves_of_our_own_are_removed(tmp_path):
+def test_only_our_half_written_files_are_removed(tmp_path):
     for name in (".a.csv.12.part", ".a.12.part.mp4", ".mine.part", "a.12.part"):
         (tmp_path / name).touch()
     remove_parts(tmp_path)

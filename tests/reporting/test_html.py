@@ -60,7 +60,7 @@ def test_a_name_with_markup_stays_text(tmp_path):
     assert 'href="javascript' not in body
 
 
-def test_what_is_no_picture_of_the_report_stays_text(tmp_path):
+def test_other_image_links_stay_text(tmp_path):
     """A joint of a URDF may be called anything: no other file of this machine is shown for it."""
     folder = tmp_path / "out"
     folder.mkdir()
@@ -73,7 +73,7 @@ def test_what_is_no_picture_of_the_report_stays_text(tmp_path):
         assert f"![a]({name}) says <strong>b</strong>" in page, name
 
 
-def test_caveats_are_quotations_and_pictures_stand_beside_each_other(tmp_path):
+def test_quotations_and_pictures_in_one_row(tmp_path):
     (tmp_path / "a.png").write_bytes(b"png")
     page = to_html(["> one", ">", "> two", "", "![a](a.png) ![b](a.png)"], tmp_path, "T")
     assert page.count("<blockquote>") == 1

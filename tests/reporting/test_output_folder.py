@@ -162,7 +162,7 @@ def test_a_folder_that_cannot_be_begun_is_not_left(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_half_of_a_killed_process_is_no_file_of_anybody(tmp_path):
+def test_a_half_written_file_of_a_killed_process_is_ignored(tmp_path):
     (tmp_path / ".provenance.json.12.part").touch()
     with OutputFolder(tmp_path, found()):
         pass

@@ -127,14 +127,14 @@ def test_a_tip_without_a_site_is_the_flange(tmp_path: Path):
         ("torso", "expected two links, base and tip"),
     ],
 )
-def test_chains_that_are_none(tmp_path: Path, chain, says: str):
+def test_bad_chains_are_refused(tmp_path: Path, chain, says: str):
     with pytest.raises(StictionError) as caught:
         load_arm(write(tmp_path, home=False), chain=chain)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_an_arm_of_ours_has_no_chain():
+def test_a_registered_arm_has_no_chain():
     with pytest.raises(StictionError, match="panda is one arm"):
         load_arm("panda", chain=("link0", "link7"))
 
@@ -150,7 +150,7 @@ def test_a_bigger_robot_names_its_arms(tmp_path: Path):
         assert load_arm(path, chain=(base, tip)).n == 3
 
 
-def test_an_impossible_inertia_of_what_stands_still_is_no_matter(tmp_path: Path):
+def test_an_impossible_inertia_of_a_fixed_body_does_not_matter(tmp_path: Path):
     bad = '<inertial pos="0 0 0" mass="1e-6" fullinertia="1e-6 1e-6 1e-6 1e-6 1e-6 1e-6"/>'
     path = tmp_path / "bad.xml"
     links = '<body name="l{}" pos="0 0 0.1"><joint/><geom size="0.05"/>'

@@ -138,7 +138,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("name", "toml", "message"), BAD.values(), ids=BAD)
-def test_what_is_no_arm_is_refused(tmp_path, name, toml, message):
+def test_bad_arm_folders_are_refused(tmp_path, name, toml, message):
     write_arm(tmp_path, "good", 'environment = "Good"')
     if name:
         write_arm(tmp_path, name, toml)
