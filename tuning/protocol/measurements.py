@@ -9,7 +9,12 @@ import numpy as np
 from stiction_envs.experiments.sje.protocol import Job, Measurement
 
 TRACE_POINTS = 150
-"""Most points kept of a trace."""
+"""Most points kept of a trace (assumed)."""
+
+
+def change(m: Measurement, base: Measurement) -> float:
+    """Return the change of |τ| against the base, per cent; negative is less torque."""
+    return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
 
 
 def as_data(m: Measurement) -> dict[str, Any]:

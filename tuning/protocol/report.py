@@ -5,13 +5,13 @@ The text is in ``templates/``; this module makes its numbers and tables.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import (
     BaseTable,
@@ -24,11 +24,11 @@ from stiction_envs.measured import (
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures
+from tuning.protocol.measurements import change
 from tuning.protocol.rules import Choice
-from tuning.protocol.stages import ThesisTuner
+from tuning.protocol.stages import ThesisTuner, Verified
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "report.md.j2"
-Verified = dict[str, dict[Job, Measurement]]
 LOAD_NAMES = {"load": "load", "no_load": "no load"}
 PLACE = "joint, pose, direction"
 
@@ -37,36 +37,18 @@ def _name(c: Configuration) -> str:
     return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
 
 
-def change(m: Measurement, base: Measurement) -> float:
-    """Return the change of |τ| against the base, per cent; negative is less torque."""
-    return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
-
-
-def pair(
-    tuner: ThesisTuner, verified: Verified, row: DitheredRow
-) -> tuple[Measurement, Measurement] | None:
-    """Return (simulated, its base) of a row of Tables 4.5–4.8 and 4.10; None if not simulated."""
+def _simulated(tuner: ThesisTuner, verified: Verified, row: DitheredRow) -> Measurement | None:
+    """Return what belongs to a row of Tables 4.5–4.8 and 4.10; None if it was not simulated."""
     c = Configuration(row.joint, row.load, row.direction)
     if row.table == "4.10":
-        found = next(
-            (m for j, m in verified[row.amplitude_set].items() if j.configuration == c), None
-        )
-    else:
-        found = tuner.cells.get(tuner.job(c, row.frequency_hz, row.scale))
-    return None if found is None else (found, tuner.base[c])
+        return verified[row.amplitude_set].get(c)
+    return tuner.cells.get(tuner.job(c, row.frequency_hz, row.scale))
 
 
 def thesis_rows(tuner: ThesisTuner) -> list[DitheredRow]:
     """Return the measured dithered torques of the arm, none if the thesis has no such arm."""
     name = tuner.experiment.sticking.arm.registered_name
     return list(thesis_dithered(name)) if name in thesis_robots() else []
-
-
-def _measured_base(tuner: ThesisTuner, table: BaseTable | None) -> BaseTable | None:
-    name = tuner.experiment.sticking.arm.registered_name
-    if table is not None:
-        return table
-    return thesis_base(name) if name in thesis_robots() else None
 
 
 def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
@@ -92,15 +74,15 @@ def _dithered(
     lines: dict[Configuration, dict[Any, str]] = {}
     differences = []
     for r in rows:
-        both = pair(tuner, verified, r)
+        place = Configuration(r.joint, r.load, r.direction)
+        found = _simulated(tuner, verified, r)
         cell = f"– / {signed(r.change_pct)}"
-        if both is not None:
-            simulated = change(*both)
-            cell = f"{signed(both[0].mean, 3)} ({signed(simulated)})"
+        if found is not None:
+            simulated = change(found, tuner.base[place])
+            cell = f"{signed(found.mean, 3)} ({signed(simulated)})"
             cell += f" / {signed(r.tau_sje_nm, 3)} ({signed(r.change_pct)})"
             if not r.outlier:
                 differences.append(abs(simulated - r.change_pct))
-        place = Configuration(r.joint, r.load, r.direction)
         lines.setdefault(place, {})[getattr(r, key)] = cell + (" †" if r.outlier else "")
     names = [k if isinstance(k, str) else f"{k:g} Hz" for k in columns]
     body = [[_name(c), *(cells.get(k, "") for k in columns)] for c, cells in lines.items()]
@@ -124,11 +106,11 @@ def _choices(choices: list[Choice], robot: str | None) -> str:
         header += ["thesis: f [Hz], final A [N·m]"]
     rows = []
     for c in choices:
-        cells = [str(c.joint), f"{c.frequency_hz:g}", f"{c.scale:g}"]
-        cells += [", ".join(f"{a:.3f}" for a in c.intermediate.ravel()), f"{c.amplitude_nm:.4f}"]
-        cells += [c.reason]
+        cells = [str(c.row.joint), f"{c.row.frequency_hz:g}", f"{c.scale:g}"]
+        cells += [", ".join(f"{a:.3f}" for a in c.intermediate.ravel())]
+        cells += [f"{c.row.amplitude_nm:.4f}", c.reason]
         if by_joint:
-            r = by_joint[c.joint]
+            r = by_joint[c.row.joint]
             cells += [f"{r['frequency_Hz']:g}, {abs(r['tau_final_Nm']):g}"]
         rows.append(cells)
     return table_text(header, rows)
@@ -136,12 +118,10 @@ def _choices(choices: list[Choice], robot: str | None) -> str:
 
 def _own_verification(tuner: ThesisTuner, verified: Verified) -> str:
     rows = []
-    for c in configurations(tuner.experiment.n):
-        cells = [_name(c), signed(tuner.base[c].mean, 4)]
-        for kind in ("intermediate", "final"):
-            m = next(m for j, m in verified[kind].items() if j.configuration == c)
-            cells.append(f"{signed(m.mean, 4)} ({signed(change(m, tuner.base[c]))} %)")
-        rows.append(cells)
+    for c, base in tuner.base.items():
+        found = [verified[kind][c] for kind in ("intermediate", "final")]
+        cells = [f"{signed(m.mean, 4)} ({signed(change(m, base))} %)" for m in found]
+        rows.append([_name(c), signed(base.mean, 4), *cells])
     return table_text([PLACE, "base [N·m]", "intermediate [N·m]", "final [N·m]"], rows)
 
 
@@ -159,28 +139,18 @@ def _caveats(tuner: ThesisTuner, reductions: dict[int, float], warnings: list[st
     return out
 
 
-def _reductions(
-    tuner: ThesisTuner, choices: list[Choice], final: dict[Job, Measurement]
-) -> dict[int, float]:
+def _reductions(tuner: ThesisTuner, final: Mapping[Configuration, Measurement]) -> dict[int, float]:
     """Return the reduction of the torque on each joint, mean over its configurations [%]."""
-    return {
-        c.joint: float(
-            np.mean(
-                [
-                    -change(m, tuner.base[j.configuration])
-                    for j, m in final.items()
-                    if j.configuration.joint == c.joint
-                ]
-            )
-        )
-        for c in choices
-    }
+    each: dict[int, list[float]] = {}
+    for c, m in final.items():
+        each.setdefault(c.joint, []).append(-change(m, tuner.base[c]))
+    return {joint: float(np.mean(values)) for joint, values in each.items()}
 
 
-def _draw(path: Path, draw: Callable[[Path], None]) -> None:
+def _draw(path: Path, draw: Callable[..., None], *data: Any) -> None:
     """Draw a plot, unless it was drawn before an interruption: the folder belongs to one run."""
     if not path.exists():
-        draw(path)
+        draw(*data, path)
 
 
 def write_report(
@@ -194,18 +164,17 @@ def write_report(
     """Write report.md and its plots; return the summary that ``--json`` prints."""
     sticking = tuner.experiment.sticking
     robot = sticking.arm.name
-    measured, rows = _measured_base(tuner, table), thesis_rows(tuner)
-    reductions = _reductions(tuner, choices, verified["final"])
+    name, rows, measured = sticking.arm.registered_name, thesis_rows(tuner), table
+    if measured is None and name in thesis_robots():
+        measured = thesis_base(name)
+    reductions = _reductions(tuner, verified["final"])
     mean = float(np.mean(list(reductions.values())))
     numbers = list(dict.fromkeys(r.table for r in rows))
-    _draw(tuner.out / "frequency.png", lambda path: figures.frequency(tuner, rows, path))
-    _draw(
-        tuner.out / "verification.png",
-        lambda path: figures.verification(tuner, verified, rows, path),
-    )
+    _draw(tuner.out / "frequency.png", figures.frequency, tuner, rows)
+    _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], rows)
     worst = float("nan")
     if measured is not None:
-        _draw(tuner.out / "base.png", lambda path: figures.base(tuner, measured, path))
+        _draw(tuner.out / "base.png", figures.base, tuner, measured)
         found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
     write_md_and_html(
@@ -220,7 +189,7 @@ def write_report(
         least=min(reductions, key=reductions.__getitem__),
         count=len(verified["final"]),
         caveats=_caveats(tuner, reductions, warnings),
-        choices=_choices(choices, sticking.arm.registered_name),
+        choices=_choices(choices, name),
         base=_base_table(tuner, measured),
         measured=measured is not None,
         own_verification="" if "4.10" in numbers else _own_verification(tuner, verified),
@@ -229,12 +198,12 @@ def write_report(
             for n in ("4.5", "4.6", "4.7", "4.8", "4.10")
             if n in numbers
         ],
-        iterations=figures.iterations(tuner, verified),
+        iterations=figures.iterations(tuner, verified["final"]),
     )
     return {
         "robot": robot,
         "final": [
-            {"joint": c.joint, "frequency_hz": c.frequency_hz, "amplitude_nm": c.amplitude_nm}
+            {name: getattr(c.row, name) for name in ("joint", "frequency_hz", "amplitude_nm")}
             for c in choices
         ],
         "mean_reduction_percent": mean,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import lookup
 from tuning.settings import ThesisSettings, tuning_settings
@@ -26,17 +27,14 @@ def frequencies_of(robot: str | None, settings: ThesisSettings | None = None) ->
 class Choice:
     """Choice for one joint, and its basis."""
 
-    joint: int
-    frequency_hz: float
+    row: AmplitudeRow
+    """Final dither; amplitude 0 if none reduced the torque."""
     scale: float
+    """Best amplitude over base torque at that frequency [-]."""
     intermediate: Array
     """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
-    half_width: float
-    """Friction half-width in the joint's freest pose [N·m]."""
-    amplitude_nm: float
-    """Final amplitude [N·m]; 0 if no dither reduced the torque."""
     reason: str
-    """Reason for that amplitude."""
+    """Reason for the final amplitude."""
 
 
 def final_amplitude(

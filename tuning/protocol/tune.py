@@ -16,47 +16,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import optuna
 
 from stiction_envs.dither.aliasing import check_frequency
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import (
-    Protocol,
-)
+from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.friction.sticking import Friction, Robot, friction_origin
 from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.output_folder import OutputFolder, default_folder
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.output_folder import OutputFolder
 from stiction_envs.reporting.result import Result
-from stiction_envs.version import __version__
 from tuning.protocol.report import write_report
 from tuning.protocol.rules import frequencies_of
-from tuning.protocol.stages import Progress, ThesisTuner, study_of
+from tuning.protocol.stages import Progress, ThesisTuner
 from tuning.settings import TuningSettings, tuning_settings
-
-
-def _fingerprint(
-    experiment: SingleJointExperiment, iterations: int | None, extra: dict[str, Any]
-) -> dict[str, Any]:
-    p = experiment.sticking.parameters
-    return {
-        "version": __version__,
-        "model": experiment.sticking.arm.xml,
-        "friction": {k: getattr(p, k).tolist() for k in QUANTITIES},
-        "protocol": dataclasses.asdict(experiment.protocol),
-        "rate_hz": experiment.interface.controller_rate_hz,
-        "lowpass_hz": experiment.interface.lowpass_hz,
-        "scatter": experiment.scatter,
-        "seed": experiment.seed,
-        "iterations": iterations,
-        **extra,
-    }
+from tuning.study.tuning_run import open_run
 
 
 def _check(
@@ -183,107 +161,60 @@ def tune(
     warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
     for text in warned:
         warnings.warn(text, stacklevel=2)
-    files = {"table": Path(table)} if isinstance(table, str | Path) else {}
+    inputs = {"table": table}
     if isinstance(table, str | Path):
         # a user's own file of the arm may name it differently
         table = read_base(table, arm.registered_name, arm.n)
     if table is not None and table.n_joints != arm.n:
         raise StictionError(f"base table of {table.n_joints} joints, but {arm.name} has {arm.n}")
-    extra: dict[str, Any] = {
-        "frequencies": tried,
-        "scales": sizes,
-        "table": None if table is None else table.tau.tolist(),
-        "settings": dataclasses.asdict(s),
-    }
-    folder = out
-    if not isinstance(folder, OutputFolder):
-        made = {**_fingerprint(experiment, iterations, extra), "storage": storage, "study": study}
-        folder = OutputFolder(
-            default_folder("tune", arm.name) if folder is None else Path(folder),
-            provenance("tune", made, seed=seed, inputs=files),
-            force=force,
-            resumable=True,
-        )
-    defining = _fingerprint(experiment, iterations, extra)
-    about = {
-        **defining,
-        "robot": arm.name,
-        "protocol": "thesis",
-        "experiment": defining["protocol"],
-    }
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    if storage is not None:  # report errors of the storage before anything is written
-        study_of("base", storage, study or arm.name, about, chosen.shared)
-    try:
-        with folder:
-            return run_protocol(
-                experiment,
-                folder,
-                about,
-                table=table,
-                origin=friction_origin(robot, friction),
-                frequencies=tried,
-                scales=sizes,
-                iterations=iterations,
-                storage=storage,
-                study=study,
-                warned=warned,
-                progress=progress,
-                settings=chosen,
-            )
-    except StictionError as error:
-        if folder.resumed or folder.wrote:  # something was written
-            raise ExperimentError(str(error)) from error
-        raise
-
-
-def run_protocol(
-    experiment: SingleJointExperiment,
-    folder: OutputFolder,
-    about: Mapping[str, Any],
-    *,
-    table: BaseTable | None,
-    origin: Path | FrictionParameters,
-    frequencies: tuple[float, ...],
-    scales: tuple[float, ...],
-    iterations: int | None,
-    storage: str | None,
-    study: str | None,
-    warned: list[str],
-    progress: Progress | None,
-    settings: TuningSettings,
-) -> Tuning:
-    """Run the protocol in an existing folder; most arguments are those of `tune`.
-
-    Args:
-        origin: source of the friction that a calibration starts from.
-    """
-    arm = experiment.sticking.arm
-    if table is not None:
-        experiment = _calibrated(experiment, table, origin, folder.path, progress)
-    tuner = ThesisTuner(
-        experiment=experiment,
-        out=folder.path,
-        about=about,
-        frequencies=frequencies,
-        scales=scales,
-        iterations=iterations,
+    run = open_run(
+        "tune",
+        "thesis",
+        experiment,
+        {
+            "iterations": iterations,
+            "frequencies": tried,
+            "scales": sizes,
+            "table": None if table is None else table.tau.tolist(),
+            "settings": dataclasses.asdict(s),
+        },
+        out=out,
+        force=force,
         storage=storage,
-        study=study or arm.name,
-        progress=progress,
-        settings=settings,
+        study=study,
+        settings=chosen.shared,
+        inputs=inputs,
+        database="optuna.db",
     )
-    tuner.run_base()
-    tuner.run_grid()
-    best = tuner.run_frequencies()
-    choices = tuner.choose(best, tuner.run_scales(best))
-    tuner.write_final(choices)
+    if storage is not None:
+        run.record("base")  # report errors of the storage before anything is written
+    with run.working() as path:
+        if table is not None:
+            origin = friction_origin(robot, friction)
+            experiment = _calibrated(experiment, table, origin, path, progress)
+        tuner = ThesisTuner(
+            experiment=experiment,
+            run=run,
+            frequencies=tried,
+            scales=sizes,
+            iterations=iterations,
+            progress=progress,
+            settings=s,
+        )
+        return run_protocol(tuner, table, warned)
+
+
+def run_protocol(tuner: ThesisTuner, table: BaseTable | None, warned: list[str]) -> Tuning:
+    """Run the protocol and write its report; ``table`` has the measured base torques."""
+    tuner.measure_base()
+    tuner.measure_grid()
+    choices = tuner.choose()
     verified = tuner.verify(choices)
     return Tuning(
         summary=write_report(tuner, choices, verified, table=table, warnings=warned),
-        final=tuple(AmplitudeRow(c.joint, c.frequency_hz, c.amplitude_nm) for c in choices),
-        folder=folder.path,
-        provenance=folder.provenance,
+        final=tuple(c.row for c in choices),
+        folder=tuner.out,
+        provenance=tuner.run.folder.provenance,
     )
 
 

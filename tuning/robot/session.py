@@ -9,24 +9,20 @@ Both write report.md, belief.png, final.csv and final.yaml. Everything permanent
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import optuna
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.parameters import QUANTITIES
-from stiction_envs.friction.sticking import Friction, Robot, model_sha256
+from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.reporting.output_folder import OutputFolder, default_folder
-from stiction_envs.reporting.provenance import provenance, sha256
-from stiction_envs.version import __version__
+from stiction_envs.reporting.provenance import sha256
 from tuning.robot.candidates import CONFIGURATIONS, Candidates
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
 from tuning.robot.prediction import job, measure, predict, shaken
@@ -42,6 +38,7 @@ from tuning.search.breakaway import BreakawayObjective
 from tuning.search.reference_tables import other_tables
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record
+from tuning.study.tuning_run import open_run
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[str, float, float], None]
@@ -101,30 +98,27 @@ class Session:
         else:
             read = read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque)
             self.limits = tuple(read)
-        self.about = {
-            "robot": arm.name,
-            "protocol": "search --ask",
-            "version": __version__,
-            "model": model_sha256(e.sticking),
-            "sje": dataclasses.asdict(e.protocol),
-            "friction": {k: getattr(e.sticking.parameters, k).tolist() for k in QUANTITIES},
+        options: dict[str, Any] = {
+            "out": out,
+            "storage": storage,
+            "study": study,
+            "settings": self.settings.shared,
+            "inputs": {"bounds": bounds, "limit": limit},
+        }
+        defining = {
             "bounds": self.bounds.to_json(),
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
-            "seed": seed,
         }
-        path = default_folder("ask", arm.name) if out is None else Path(out)
-        self.folder = _folder(path, self._provenance(bounds, limit, storage, seed), force)
-        self._outside = storage is not None
-        self._storage = storage or f"sqlite:///{(path / STUDY).resolve()}"
-        self._study, self._progress = study or f"{arm.name}-robot", progress
-
-    def _provenance(
-        self, bounds: str | Path | None, limit: str | Path | None, storage: str | None, seed: int
-    ) -> dict[str, Any]:
-        files = {k: Path(p) for k, p in (("bounds", bounds), ("limit", limit)) if p is not None}
-        made = {**self.about, "storage": storage is not None}
-        return provenance("tune", made, seed=seed, inputs=files)
+        try:
+            self.run = open_run("ask", "search --ask", e, defining, force=False, **options)
+        except StictionError:
+            if not force:
+                raise
+            # only now: `force` would also delete the study of this session
+            self.run = open_run("ask", "search --ask", e, defining, force=True, **options)
+        self._outside, self._progress = storage is not None, progress
+        self._study = study or f"{arm.name}-robot"
 
     def ask(self, count: int = 1) -> State:
         """Write the settings to measure next: ask.csv, and measure.csv to fill in and enter.
@@ -140,10 +134,10 @@ class Session:
         if count < 1:
             raise StictionError(f"settings to ask for: {count}: expected 1 or more")
         self.reach()
-        with self.folder:
+        with self.run.folder:
             record, predicted = self.open()
             state = state_of(self.experiment, record, predicted, self.settings.robot, count)
-            write_state(self.folder.path, state, asked=True)
+            write_state(self.run.folder.path, state, asked=True)
         return state
 
     def tell(self, table: str | Path) -> State:
@@ -165,21 +159,21 @@ class Session:
         }
         check_measured(rows, self.bounds, rough, self.settings.robot)
         self.reach()
-        with self.folder:
+        with self.run.folder:
             record, predicted = self.open()
             predicted = self.with_measured(record, predicted, rows)
             most = float(max(self.bounds.frequency_hz.max(), self.bounds.amplitude_nm.max()))
             new = add_measured(record, rows, sha256(path), most, experiment.n)
             state = state_of(experiment, record, predicted, self.settings.robot, 1)
             state = dataclasses.replace(state, told=new)
-            write_state(self.folder.path, state, asked=False)
+            write_state(self.run.folder.path, state, asked=False)
         return state
 
     @cached_property
     def record(self) -> Record:
         """The study."""
-        optuna.logging.set_verbosity(optuna.logging.ERROR)
-        return Record(self._storage, self._study, about=self.about, settings=self.settings.shared)
+        run = self.run
+        return Record(run.storage, self._study, about=run.about, settings=run.settings)
 
     def reach(self) -> None:
         """Open a study outside the folder before the folder is created: it may be unavailable."""
@@ -269,13 +263,3 @@ def _joined(
         displacement=np.vstack([c.displacement, displacement]),
         eligible=np.append(c.eligible, eligible),
     )
-
-
-def _folder(path: Path, found: Mapping[str, Any], force: bool) -> OutputFolder:
-    """Return the folder; ``force`` never deletes the study of this session."""
-    try:
-        return OutputFolder(path, dict(found), resumable=True)
-    except StictionError:
-        if not force:
-            raise
-        return OutputFolder(path, dict(found), force=True, resumable=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -41,6 +42,20 @@ class Breakaway:
     def left(self) -> float:
         """Mean share of the base torque that is left [-]."""
         return float(self.ratio.mean())
+
+    @property
+    def reduction(self) -> tuple[float, float, float]:
+        """Mean reduction and its 95 % interval over frictions [-]."""
+        return interval(1.0 - self.ratio.mean(axis=1))
+
+
+def interval(values: Array) -> tuple[float, float, float]:
+    """Return mean and 95 % interval of the mean (Student's t); NaN bounds of a single value."""
+    mean, n = float(np.mean(values)), len(values)
+    if n < 2:
+        return mean, float("nan"), float("nan")
+    half = float(stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
 
 
 class BreakawayObjective:

@@ -1,17 +1,12 @@
-"""Options of a search, and what its stages found."""
+"""Options of a search."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation import KINDS
 from stiction_envs.errors import StictionError, unknown
-from tuning.search.bounds import OPTIONS, Bounds
-from tuning.search.tracking import Table
-from tuning.settings import SearchSettings
-from tuning.study.record import Record
+from tuning.search.bounds import OPTIONS
 from tuning.study.samplers import available
 
 OBJECTIVES = ("sje", "gte", "both")
@@ -45,16 +40,15 @@ class Options:
     """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
 
     def __post_init__(self) -> None:
-        if self.objective not in OBJECTIVES:
-            raise unknown("objective", self.objective, OBJECTIVES)
-        if self.sampler is not None and self.sampler not in available():
-            raise unknown("sampler", self.sampler, available())
-        if self.pareto is not None and self.pareto not in PRICES:
-            raise unknown("pareto", self.pareto, PRICES)
-        if self.gates not in GATES:
-            raise unknown("gates", self.gates, GATES)
-        if self.compensation not in COMPENSATIONS:
-            raise unknown("compensation", self.compensation, COMPENSATIONS)
+        for name, choices in (
+            ("objective", OBJECTIVES),
+            ("sampler", (None, *available())),
+            ("pareto", (None, *PRICES)),
+            ("gates", GATES),
+            ("compensation", COMPENSATIONS),
+        ):
+            if getattr(self, name) not in choices:
+                raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
         if self.compensation != "none" and self.objective == "sje":
             raise StictionError("compensation: expected objective gte or both")
         if self.without_dither and (self.compensation == "none" or self.objective != "gte"):
@@ -90,34 +84,3 @@ class Options:
         if self.sampler is not None:
             return self.sampler
         return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Found:
-    """Results of the stages of a search."""
-
-    robot: str
-    """Name of the arm."""
-    options: Options
-    """Options of the search."""
-    bounds: Bounds
-    """Bounds of the search."""
-    settings: SearchSettings
-    """Settings of the search."""
-    records: Mapping[str, Sequence[Record]]
-    """Studies per stage, ``sje`` and ``gte``; ``grid`` is the thesis's."""
-    tables: Mapping[str, Table]
-    """Table that each stage chose."""
-    others: Mapping[str, Table]
-    """Tables to compare with."""
-    limit: Mapping[str, Any]
-    """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
-    compensation: Compensation | None
-    """Compensation that was chosen."""
-    note: str = ""
-    """Shown at the top of the report."""
-
-    @property
-    def final(self) -> Table:
-        """The table of the last stage."""
-        return list(self.tables.values())[-1]

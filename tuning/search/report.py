@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import configurations
+from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.search import figures
-from tuning.search.options import Found
+from tuning.search.stages import Stages
 from tuning.search.tracking import Table
 from tuning.search.trials import allowed, complete
 from tuning.search.verify import LEFT, PATHS, Verified
@@ -28,7 +29,7 @@ Records = Mapping[str, Sequence[Record]]
 COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
 
 
-def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[str, Any]:
+def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict[str, Any]:
     """Write verification.csv, comparison.csv, plots and report.md; return the summary."""
     objective, final = found.options.objective, found.final
     searched = {k: group for k, group in found.records.items() if k != "grid"}
@@ -41,7 +42,7 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
     mean = float(np.mean([reductions[j][0] if j in reductions else 0.0 for j in _joints(found)]))
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     summary: dict[str, Any] = {
-        "robot": found.robot,
+        "robot": found.sje.sticking.arm.name,
         "objective": objective,
         "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
         "final": [
@@ -76,7 +77,7 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
         folder,
         TEMPLATE,
         f"Dither for {summary['robot']}, searched",
-        note=found.note,
+        note=friction_note(found.sje.sticking.arm, found.sje.sticking.parameters),
         summary=summary,
         objective=objective,
         final=_final(found, final),
@@ -92,17 +93,17 @@ def write_search_report(found: Found, folder: Path, verified: Verified) -> dict[
         ),
         landscape="sje" in found.records,
         pareto=found.options.pareto is not None,
-        draws=found.settings.verify_draws,
-        spread=found.settings.spread,
+        draws=found.search.verify_draws,
+        spread=found.search.spread,
     )
     return summary
 
 
-def _joints(found: Found) -> range:
+def _joints(found: Stages) -> range:
     return range(1, found.bounds.n + 1)
 
 
-def _mean_reduction(found: Found, verified: Verified, name: str) -> float:
+def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
     """Return a table's mean reduction over all joints; a joint without dither counts as 0."""
     joints = verified.breakaway[name]
     return float(np.mean([joints[j].reduction[0] if j in joints else 0.0 for j in _joints(found)]))
@@ -142,7 +143,7 @@ def _better_without_dither(verified: Verified) -> list[dict[str, Any]]:
     return out
 
 
-def _draw(found: Found, searched: Records, folder: Path, verified: Verified) -> None:
+def _draw(found: Stages, searched: Records, folder: Path, verified: Verified) -> None:
     if "sje" in found.records:
         figures.landscape(
             found.bounds,
@@ -161,20 +162,20 @@ def _draw(found: Found, searched: Records, folder: Path, verified: Verified) -> 
         figures.tables(verified, folder / "comparison.png")
 
 
-def _write_verification(path: Path, found: Found, verified: Verified, name: str) -> None:
+def _write_verification(path: Path, found: Stages, verified: Verified, name: str) -> None:
     """Write the table that was found, as measured again, in the form of SJE tables."""
-    robot, s = found.robot, found.settings
+    robot, rows_of = found.sje.sticking.arm.name, {r.joint: r for r in found.tables[name]}
     rows = [
         SJERow(
             robot,
             joint,
             c.load,
             c.direction,
-            result.row.frequency_hz,
-            result.row.amplitude_nm,
+            rows_of[joint].frequency_hz,
+            rows_of[joint].amplitude_nm,
             float(tau.mean()),
             float(tau.std(ddof=1)) if len(tau) > 1 else 0.0,
-            len(tau) * s.verify_iterations,
+            len(tau) * found.search.verify_iterations,
             float(1.0 - ratio.mean()),
         )
         for joint, result in verified.breakaway[name].items()
@@ -203,7 +204,7 @@ def _write_comparison(path: Path, verified: Verified) -> None:
     write_lines(path, COMPARISON, lines)
 
 
-def _final(found: Found, final: Table) -> str:
+def _final(found: Stages, final: Table) -> str:
     extra = [
         ("waveform", any(r.waveform != "sine" for r in final)),
         ("offset [N·m]", any(r.offset_nm for r in final)),
@@ -219,7 +220,7 @@ def _final(found: Found, final: Table) -> str:
     return table_text(header, rows)
 
 
-def _joint_table(found: Found, verified: Verified) -> str:
+def _joint_table(found: Stages, verified: Verified) -> str:
     header = ["table", *(f"joint {j}" for j in _joints(found)), "mean"]
     rows = []
     for name, joints in verified.breakaway.items():

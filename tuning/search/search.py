@@ -19,23 +19,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.parameters import QUANTITIES
-from stiction_envs.friction.sticking import Friction, Robot, model_sha256
+from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.reporting.output_folder import OutputFolder, default_folder
-from stiction_envs.reporting.provenance import provenance
-from stiction_envs.version import __version__
+from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import Bounds, bounds_of
 from tuning.search.options import Options
 from tuning.search.reference_tables import other_tables
+from tuning.search.report import write_search_report
 from tuning.search.stages import Progress, Stages
 from tuning.settings import TuningSettings, tuning_settings
+from tuning.study.tuning_run import open_run
 
 
 def search(
@@ -129,58 +128,45 @@ def search(
         settings=s,
     )
     limits = tables.limits if limit is None else tuple(read_amplitudes(limit, **read))
-    about = {
-        "robot": arm.name,
-        "protocol": "search",
-        "version": __version__,
-        "model": model_sha256(sje.sticking),
-        "friction": {k: getattr(sje.sticking.parameters, k).tolist() for k in QUANTITIES},
-        "sje": dataclasses.asdict(sje.protocol),
-        "bounds": where.to_json(),
-        "limits": [dataclasses.astuple(r) for r in limits],
-        "options": {**dataclasses.asdict(options), "evaluations": None},
-        "settings": {
-            name: dataclasses.asdict(getattr(s, name)) for name in ("thesis", "bounds", "search")
+    run = open_run(
+        "search",
+        "search",
+        sje,
+        {
+            "bounds": where.to_json(),
+            "limits": [dataclasses.astuple(r) for r in limits],
+            "options": {**dataclasses.asdict(options), "evaluations": None},
+            "settings": {
+                name: dataclasses.asdict(getattr(s, name))
+                for name in ("thesis", "bounds", "search")
+            },
         },
-        "seed": seed,
-    }
-    folder = out
-    if not isinstance(folder, OutputFolder):
-        files = {
-            name: Path(p) for name, p in (("bounds", bounds), ("limit", limit)) if p is not None
-        }
-        folder = OutputFolder(
-            default_folder("search", arm.name) if folder is None else Path(folder),
-            provenance(
-                "search",
-                {**about, "options": dataclasses.asdict(options), "storage": storage},
-                seed=seed,
-                inputs=files,
-            ),
-            force=force,
-            resumable=True,
-        )
+        out=out,
+        force=force,
+        storage=storage,
+        study=study,
+        settings=s.shared,
+        inputs={"bounds": bounds, "limit": limit},
+        evaluations=evaluations,
+    )
     stages = Stages(
+        run=run,
         sje=sje,
         bounds=where,
         others=dict(tables.others),
         limits=limits,
         options=options,
         settings=s,
-        storage=storage or f"sqlite:///{(folder.path / 'study.db').resolve()}",
-        study=study or arm.name,
-        about=about,
         progress=progress,
     )
     if storage is not None:
         stages.reach()
-    try:
-        with folder:
-            return stages.run(folder)
-    except StictionError as error:
-        if folder.resumed or folder.wrote:  # it had begun to work
-            raise ExperimentError(str(error)) from error
-        raise
+    with run.working() as path:
+        verified = stages.find()
+        summary = write_search_report(stages, path, verified)
+    return Tuning(
+        summary=summary, final=stages.final, folder=path, provenance=run.folder.provenance
+    )
 
 
 def _check_vibration(bounds: Bounds, settings: TuningSettings) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,35 +47,33 @@ def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     return sorted(out, key=lambda t: t.values)
 
 
-def write_trials(path: Path, records: Mapping[str, Sequence[Record]]) -> None:
-    """Write all trials: stage, study, number, state, allowed, parameters and measures."""
-    _write(
-        path, {k: [(r.name, t) for r in group for t in r.trials] for k, group in records.items()}
-    )
+def write_trials(
+    path: Path,
+    records: Mapping[str, Sequence[Record]],
+    chosen: Callable[[list[FrozenTrial]], list[FrozenTrial]] = list,
+) -> None:
+    """Write trials: stage, study, number, state, allowed, parameters and measures.
 
-
-def write_pareto(path: Path, records: Mapping[str, Sequence[Record]]) -> None:
-    """Write the trials of the Pareto front."""
-    _write(
-        path,
-        {k: [(r.name, t) for r in group for t in front(r.trials)] for k, group in records.items()},
-    )
+    Args:
+        path: the table.
+        records: studies of every stage.
+        chosen: which trials of a study are written; default all.
+    """
+    rows: list[dict[str, Any]] = []
+    found = [
+        (k, r.name, t) for k, group in records.items() for r in group for t in chosen(r.trials)
+    ]
+    for stage, study, t in found:
+        measures = {k: v for k, v in t.user_attrs.items() if isinstance(v, int | float | str)}
+        row: dict[str, Any] = {"stage": stage, "study": study, "trial": t.number}
+        row |= {"state": t.state.name.lower(), "allowed": int(bool(t.values) and allowed(t))}
+        row |= {f"value_{k}": v for k, v in enumerate(t.values or ())}
+        rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)
+    header = list(dict.fromkeys(name for row in rows for name in row))
+    write_lines(path, header, [tuple(row.get(name, "") for name in header) for row in rows])
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
     """Write gains in the format that ``stiction gte --compensation-table`` reads."""
     rows = zip(range(1, found.n + 1), found.gain, found.speed, found.error, strict=True)
     write_lines(path, (*COLUMNS, *OPTIONAL), list(rows))
-
-
-def _write(path: Path, found: Mapping[str, Sequence[tuple[str, FrozenTrial]]]) -> None:
-    rows: list[dict[str, Any]] = []
-    for stage, trials in found.items():
-        for study, t in trials:
-            measures = {k: v for k, v in t.user_attrs.items() if isinstance(v, int | float | str)}
-            row: dict[str, Any] = {"stage": stage, "study": study, "trial": t.number}
-            row |= {"state": t.state.name.lower(), "allowed": int(bool(t.values) and allowed(t))}
-            row |= {f"value_{k}": v for k, v in enumerate(t.values or ())}
-            rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)
-    header = list(dict.fromkeys(name for row in rows for name in row))
-    write_lines(path, header, [tuple(row.get(name, "") for name in header) for row in rows])

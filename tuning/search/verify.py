@@ -14,17 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from optuna.distributions import CategoricalDistribution
-from scipy import stats
 
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds
-from tuning.search.breakaway import BreakawayObjective
+from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.record import Outcome, Parameters, Record, Search
@@ -39,24 +37,6 @@ PATHS = TRAJECTORIES
 NOTHING = "no dither"
 LEFT = ("position", "orientation", "resting_position", "resting_orientation")
 """Errors that are compared with those without dither."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointResult:
-    """Effect of a table on one joint in the SJE."""
-
-    row: AmplitudeRow
-    tau: Array
-    """(frictions, 4) torque at which the joint breaks away [N·m]: load, no load × +, −."""
-    ratio: Array
-    """(frictions, 4) |tau| / |tau_base| [-]."""
-    displacement: float
-    """[rad]."""
-
-    @property
-    def reduction(self) -> tuple[float, float, float]:
-        """Mean reduction and its 95 % interval over frictions [-]."""
-        return interval(1.0 - self.ratio.mean(axis=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +63,7 @@ class PathResult:
 class Verified:
     """All results of the repeated measurement."""
 
-    breakaway: Mapping[str, Mapping[int, JointResult]]
+    breakaway: Mapping[str, Mapping[int, Breakaway]]
     """Per table and joint."""
     tracking: Mapping[str, Mapping[str, PathResult]]
     """Per table and path; empty where only the SJE was searched."""
@@ -101,15 +81,6 @@ def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
     return np.clip(angles, low + most, high - most)
 
 
-def interval(values: Array) -> tuple[float, float, float]:
-    """Return mean and 95 % interval of the mean (Student's t); NaN bounds of a single value."""
-    mean, n = float(np.mean(values)), len(values)
-    if n < 2:
-        return mean, float("nan"), float("nan")
-    half = float(stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
-    return mean, mean - half, mean + half
-
-
 def verify_breakaway(
     experiment: SingleJointExperiment,
     tables: Mapping[str, Table],
@@ -119,7 +90,7 @@ def verify_breakaway(
     settings: SearchSettings,
     record: MakeRecord,
     progress: Progress | None,
-) -> dict[str, dict[int, JointResult]]:
+) -> dict[str, dict[int, Breakaway]]:
     """Measure every joint of every table in the SJE."""
     rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
     distinct = list(dict.fromkeys(rows.values()))
@@ -148,11 +119,10 @@ def verify_breakaway(
 
     made = record(f"verify-sje-{digest(distinct)}")
     known = measured_once(made, len(distinct), evaluate, progress)
-    out: dict[str, dict[int, JointResult]] = {name: {} for name in tables}
+    out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
     for (name, joint), row in rows.items():
         attributes = known[distinct.index(row)]
-        out[name][joint] = JointResult(
-            row=row,
+        out[name][joint] = Breakaway(
             tau=np.array(attributes["tau"], dtype=float),
             ratio=np.array(attributes["ratio"], dtype=float),
             displacement=attributes["displacement_rad"],

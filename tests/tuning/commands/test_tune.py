@@ -58,15 +58,15 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     """The folder of the same run is gone on with, whatever the number of threads."""
 
-    def some_work(experiment, folder, book, **options):
-        (folder.path / "half.csv").write_text("half")
+    def some_work(tuner, *_):
+        (tuner.out / "half.csv").write_text("half")
         raise KeyboardInterrupt
 
     calls = []
 
-    def the_rest(experiment, folder, book, **options):
-        calls.append((experiment, options))
-        return finished(folder)
+    def the_rest(tuner, *_):
+        calls.append(tuner)
+        return finished(tuner.run.folder)
 
     monkeypatch.setattr(tuner, "run_protocol", some_work)
     ran = cli("tune", two, *TUNE, "--out", "t")
@@ -76,23 +76,23 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     monkeypatch.setattr(tuner, "run_protocol", the_rest)
     assert cli("tune", two, *TUNE, "--out", "t", "--threads", 1).code == 0
     assert (work / "t" / "half.csv").read_text() == "half"
-    ((experiment, options),) = calls
-    assert options["frequencies"] == (15.0,)
-    assert experiment.scatter is False
-    assert experiment.threads == 1
+    (one,) = calls
+    assert one.frequencies == (15.0,)
+    assert one.experiment.scatter is False
+    assert one.experiment.threads == 1
 
 
 def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
-    def killed(experiment, folder, book, **options):
-        (folder.path / "plots").mkdir()
-        (folder.path / "plots" / "a.png").write_text("old")
+    def killed(tuner, *_):
+        (tuner.out / "plots").mkdir()
+        (tuner.out / "plots" / "a.png").write_text("old")
         raise RuntimeError("power went out")
 
     monkeypatch.setattr(tuner, "run_protocol", killed)
     ran = cli("tune", two, *TUNE, "--out", "t")
     assert ran.code == 1
     assert "RuntimeError: power went out" in ran.err
-    monkeypatch.setattr(tuner, "run_protocol", lambda e, folder, b, **_: finished(folder))
+    monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
     assert cli("tune", two, *TUNE, "--seed", 2, "--out", "t", "--force").code == 0
     assert {p.name for p in (work / "t").iterdir()} == {"provenance.json"}
 
@@ -120,8 +120,8 @@ def test_tune_with_a_storage_that_cannot_be_opened(refused, two, storage, messag
 def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
     """Bad input that shows only once work has begun is exit code 1, and what was done stays."""
 
-    def refuse(experiment, folder, book, **options):
-        (folder.path / "base.csv").write_text("done")
+    def refuse(tuner, *_):
+        (tuner.out / "base.csv").write_text("done")
         raise StictionError("study 'two' is\nof another run")
 
     monkeypatch.setattr(tuner, "run_protocol", refuse)
@@ -132,7 +132,7 @@ def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch)
 
 
 def test_tune_warns_of_aliases_once(cli, monkeypatch):
-    monkeypatch.setattr(tuner, "run_protocol", lambda e, folder, b, **_: finished(folder))
+    monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
     ran = cli("tune", "iiwa7", "--frequencies", 150, "--out", "t")
     assert ran.code == 0
     (line,) = ran.lines

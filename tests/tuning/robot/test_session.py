@@ -70,7 +70,7 @@ def contents(out):
 
 def trials(arm, options):
     one = Session(arm, **options)
-    with one.folder:
+    with one.run.folder:
         return measured_trials(one.open()[0])
 
 

@@ -1,0 +1,134 @@
+"""One run of the tuner: its output folder, its studies, and what tells it from another run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.parameters import QUANTITIES
+from stiction_envs.friction.sticking import model_sha256
+from stiction_envs.reporting.output_folder import OutputFolder, default_folder
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.version import __version__
+from tuning.settings import SharedSettings
+from tuning.study.record import Record
+from tuning.study.samplers import installed
+from tuning.study.storage import shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningRun:
+    """Folder and studies of a run; those of another run are refused."""
+
+    folder: OutputFolder
+    about: Mapping[str, Any]
+    """Definition of the run."""
+    storage: str
+    """URL or journal file of the studies."""
+    study: str
+    """Prefix of the studies' names."""
+    settings: SharedSettings
+    """Time limits of a shared database."""
+
+    def record(self, stage: str, objectives: int = 1, sampler: str | None = None) -> Record:
+        """Open the study of a stage.
+
+        Raises:
+            StictionError: a storage that cannot be opened, or a study of another run or sampler.
+        """
+        about = {**self.about, "stage": stage}
+        if sampler is not None:
+            about["sampler"] = installed(sampler)
+        name = f"{self.study}-{stage}"
+        return Record(
+            self.storage, name, objectives=objectives, about=about, settings=self.settings
+        )
+
+    @contextmanager
+    def working(self) -> Iterator[Path]:
+        """Create the folder and return its path.
+
+        Raises:
+            ExperimentError: in place of a StictionError after something was written.
+        """
+        try:
+            with self.folder:
+                yield self.folder.path
+        except StictionError as error:
+            if self.folder.resumed or self.folder.wrote:
+                raise ExperimentError(str(error)) from error
+            raise
+
+
+def open_run(
+    name: str,
+    protocol: str,
+    experiment: SingleJointExperiment,
+    defining: Mapping[str, Any],
+    *,
+    out: str | Path | OutputFolder | None,
+    force: bool,
+    storage: str | None,
+    study: str | None,
+    settings: SharedSettings,
+    inputs: Mapping[str, Any],
+    database: str = "study.db",
+    **others: Any,
+) -> TuningRun:
+    """Check the output folder of a run; nothing is written yet.
+
+    Args:
+        name: start of the default folder's name.
+        protocol: name of the procedure.
+        experiment: the arm, its friction, its protocol and the seed.
+        defining: what else defines the run.
+        out: output folder; None for ``runs/NAME-ROBOT``.
+        force: whether the files of another run in it are replaced.
+        storage: URL or journal file; None for the SQLite file ``database`` in the folder.
+        study: prefix of the studies' names; None for the arm's name.
+        settings: time limits of a shared database.
+        inputs: files by the name of their argument; what is no path is left out.
+        database: name of that file.
+        others: arguments that tell folders apart, but not studies.
+
+    Raises:
+        StictionError: a folder of another run, or one that cannot be written.
+    """
+    sticking = experiment.sticking
+    about = {
+        "robot": sticking.arm.name,
+        "protocol": protocol,
+        "version": __version__,
+        "model": model_sha256(sticking),
+        "friction": {k: getattr(sticking.parameters, k).tolist() for k in QUANTITIES},
+        "sje": dataclasses.asdict(experiment.protocol),
+        "interface": dataclasses.asdict(experiment.interface),
+        "scatter": experiment.scatter,
+        "seed": experiment.seed,
+        **defining,
+    }
+    if not isinstance(out, OutputFolder):
+        files = {k: Path(v) for k, v in inputs.items() if isinstance(v, str | Path)}
+        made = {**about, **others, "storage": storage and shown(storage), "study": study}
+        out = OutputFolder(
+            default_folder(name, sticking.arm.name) if out is None else Path(out),
+            provenance("tune", made, seed=experiment.seed, inputs=files),
+            force=force,
+            resumable=True,
+        )
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return TuningRun(
+        folder=out,
+        about=about,
+        storage=storage or f"sqlite:///{(out.path / database).resolve()}",
+        study=study or sticking.arm.name,
+        settings=settings,
+    )
