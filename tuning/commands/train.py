@@ -81,18 +81,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     inputs = {**common.model_files(args), "settings": args.settings, "start": args.start}
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     there = folder.path if folder.resumed else None
-    training.check(task, args.algo, args.steps, args.seed, settings, there, start)
+    plan = training.Training(
+        task=task,
+        algorithm=args.algo,
+        steps=args.steps,
+        seed=args.seed,
+        start=start,
+        settings=settings,
+    )
+    plan.check(there)
     with common.working(), Progress("episodes") as progress, folder:
-        trained = training.train(
-            task,
-            args.algo,
-            steps=args.steps,
-            out=folder.path,
-            seed=args.seed,
-            start=start,
-            settings=settings,
-            progress=progress.whole,
-        )
+        trained = plan.run(folder.path, progress.whole)
         test = evaluate.read_task(args)
         evaluated = evaluate_all(
             test,

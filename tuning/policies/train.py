@@ -27,6 +27,7 @@ from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import fingerprint
 from stiction_envs.reporting.atomic import write_bytes_atomic
 from tuning.policies.algorithms import (
+    Settings,
     begin_with,
     export,
     least_steps,
@@ -69,55 +70,65 @@ class Trained:
         return max(self.points, key=lambda p: p.evaluation_return)
 
 
-def check(
-    task: Task,
-    algorithm: str,
-    steps: int,
-    seed: int,
-    settings: PolicySettings,
-    out: Path | None,
-    start: Sequence[AmplitudeRow] = (),
-) -> None:
-    """Raise a StictionError if a training has invalid arguments; nothing is written.
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """Definition of a training; equal ones give the same bits."""
 
-    ``out`` is searched for a checkpoint; None for a new training.
-    """
-    least, why = least_steps(settings_of(algorithm, settings))
-    if steps < least:
-        raise StictionError(f"{steps} steps: expected at least {least}: {why}")
-    if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
-        read_state(place, identity_of(task, algorithm, steps, seed, settings, start))
-    env = task.make(1)
-    ConstantTable(env, start)  # raises if the environment cannot execute it
-    drawn, first = getattr(env.core, "random_paths", 0), settings.evaluation.test_paths
-    env.close()
-    if drawn > first:
-        raise StictionError(
-            f"random_paths {drawn}: expected at most {first}: policies are evaluated on the others"
-        )
+    task: Task
+    algorithm: str
+    """One of `algorithms.ALGORITHMS`."""
+    steps: int
+    """Steps of all arms together; the last rollout may exceed it."""
+    seed: int = 0
+    """Seed of all random numbers."""
+    start: Sequence[AmplitudeRow] = ()
+    """Amplitudes that the policy starts with."""
+    settings: PolicySettings
 
+    @property
+    def own(self) -> Settings:
+        """Settings of the algorithm."""
+        return settings_of(self.algorithm, self.settings)
 
-def identity_of(
-    task: Task,
-    algorithm: str,
-    steps: int,
-    seed: int,
-    settings: PolicySettings,
-    start: Sequence[AmplitudeRow] = (),
-) -> dict[str, Any]:
-    """Return what distinguishes a training from another, bit for bit."""
-    return {
-        "robot": task.arm_name,
-        "environment": task.kind,
-        "algorithm": algorithm,
-        "steps": steps,
-        "seed": seed,
-        "start": [repr(row) for row in start],
-        "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
-        "settings": fingerprint({"own": settings_of(algorithm, settings), "run": settings.run}),
-        "start_settings": fingerprint(settings.start) if start else None,
-        "packages": packages(),
-    }
+    def identity(self) -> dict[str, Any]:
+        """Return what distinguishes a training from another."""
+        task, settings = self.task, self.settings
+        return {
+            "robot": task.arm_name,
+            "environment": task.kind,
+            "algorithm": self.algorithm,
+            "steps": self.steps,
+            "seed": self.seed,
+            "start": [repr(row) for row in self.start],
+            "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
+            "settings": fingerprint({"own": self.own, "run": settings.run}),
+            "start_settings": fingerprint(settings.start) if self.start else None,
+            "packages": packages(),
+        }
+
+    def check(self, out: Path | None) -> None:
+        """Raise a StictionError if the arguments are invalid; nothing is written.
+
+        ``out`` is searched for a checkpoint; None for a new training.
+        """
+        least, why = least_steps(self.own)
+        if self.steps < least:
+            raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
+        if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
+            read_state(place, self.identity())
+        env = self.task.make(1)
+        ConstantTable(env, self.start)  # raises if the environment cannot execute it
+        drawn, first = getattr(env.core, "random_paths", 0), self.settings.evaluation.test_paths
+        env.close()
+        if drawn > first:
+            raise StictionError(
+                f"random_paths {drawn}: expected at most {first}: policies are evaluated on the "
+                "others"
+            )
+
+    def run(self, out: Path, progress: Progress | None = None) -> Trained:
+        """Train in an existing folder; an unfinished run of the same training is continued."""
+        return _Process(self, out, progress).run()
 
 
 def train(
@@ -149,40 +160,34 @@ def train(
             table that the environment cannot execute.
     """
     settings = policy_settings() if settings is None else settings
-    check(task, algorithm, steps, seed, settings, out, start)
-    return _Training(task, algorithm, steps, seed, settings, out, progress, start).run()
+    training = Training(
+        task=task, algorithm=algorithm, steps=steps, seed=seed, start=start, settings=settings
+    )
+    training.check(out)
+    return training.run(out, progress)
 
 
-class _Training:
+class _Process:
     """The part of a training that one process runs."""
 
-    def __init__(
-        self,
-        task: Task,
-        algorithm: str,
-        steps: int,
-        seed: int,
-        settings: PolicySettings,
-        out: Path,
-        progress: Progress | None,
-        start: Sequence[AmplitudeRow],
-    ) -> None:
-        own = settings_of(algorithm, settings)
-        self._task, self._algorithm, self._steps, self._seed = task, algorithm, steps, seed
-        self._out, self._progress = out, progress
-        self._identity = identity_of(task, algorithm, steps, seed, settings, start)
-        env = make_env(task, own.envs, settings.run, own.gamma)
+    def __init__(self, training: Training, out: Path, progress: Progress | None) -> None:
+        self._training, self._out, self._progress = training, out, progress
+        self._identity = training.identity()
+        own, run = training.own, training.settings.run
+        task, seed = training.task, training.seed
+        env = make_env(task, own.envs, run, own.gamma)
         self._model = make_model(own, env, seed)
-        if start:
-            begin_with(self._model, scaled_table(task, start), settings.start)
+        if training.start:
+            action = scaled_table(task, training.start)
+            begin_with(self._model, action, training.settings.start)
         self._evaluations = Evaluations(
-            make_env(task, settings.run.evaluation_episodes, settings.run, own.gamma),
+            make_env(task, run.evaluation_episodes, run, own.gamma),
             seed=far_seed(seed, 1),
-            every=settings.run.evaluation_every,
+            every=run.evaluation_every,
             keep_best=self._keep_best,
             say=self._evaluated,
         )
-        self._checkpoints = Checkpoints(settings.run.checkpoint_every, self._save, self._say)
+        self._checkpoints = Checkpoints(run.checkpoint_every, self._save, self._say)
         self._said = ""
 
     def run(self) -> Trained:
@@ -200,14 +205,7 @@ class _Training:
         if not finished:
             self._log_to(at or 0)
             rate = self._learn()
-            save(
-                self._out / CHECKPOINTS,
-                self._model,
-                self._identity,
-                self._evaluations.state(),
-                self._out / POLICY,
-                finished=True,
-            )
+            self._save(finished=True)
         write_curve(self._out / CURVE, self._evaluations.points)
         return Trained(
             policy=Policy.load(self._out / POLICY),
@@ -220,7 +218,7 @@ class _Training:
     def _learn(self) -> float:
         start, before = time.monotonic(), self._model.num_timesteps
         self._model.learn(
-            self._steps - before,
+            self._training.steps - before,
             callback=[self._evaluations, self._checkpoints],
             reset_num_timesteps=before == 0,
         )
@@ -230,19 +228,15 @@ class _Training:
     # ---- while it learns ---------------------------------------------------------------------
 
     def _keep_best(self) -> None:
-        training = {
-            "algorithm": self._algorithm,
-            "steps": int(self._model.num_timesteps),
-            "seed": self._seed,
-            "start": self._identity["start"],
-            "arguments": self._identity["arguments"],
-            "settings": self._identity["settings"],
+        shown = {
+            k: self._identity[k] for k in ("algorithm", "seed", "start", "arguments", "settings")
         }
-        export(self._model, self._task, training).save(self._out / POLICY)
+        shown["steps"] = int(self._model.num_timesteps)
+        export(self._model, self._training.task, shown).save(self._out / POLICY)
 
-    def _save(self) -> None:
-        more = self._evaluations.state()
-        save(self._out / CHECKPOINTS, self._model, self._identity, more, self._out / POLICY)
+    def _save(self, finished: bool = False) -> None:
+        more, best = self._evaluations.state(), self._out / POLICY
+        save(self._out / CHECKPOINTS, self._model, self._identity, more, best, finished=finished)
 
     def _evaluated(self, said: str, steps: int) -> None:
         write_curve(self._out / CURVE, self._evaluations.points)
@@ -251,16 +245,14 @@ class _Training:
 
     def _say(self, steps: int) -> None:
         if self._progress is not None:
-            stage = f"{self._algorithm}: {self._said}" if self._said else self._algorithm
-            self._progress(stage, min(1.0, steps / self._steps))
+            algorithm = self._training.algorithm
+            stage = f"{algorithm}: {self._said}" if self._said else algorithm
+            self._progress(stage, min(1.0, steps / self._training.steps))
 
     def _log_to(self, steps: int) -> None:
         """Log to TensorBoard if it is installed."""
-        if not _has_tensorboard():
-            self._model.set_logger(make_logger(None))
-            return
         # a folder for each start: logs after the checkpoint of an interrupted one stay separate
-        folder = self._out / "tensorboard" / f"from-{steps:09d}"
+        folder = self._out / "tensorboard" / f"from-{steps:09d}" if _has_tensorboard() else None
         self._model.set_logger(make_logger(folder))
 
 

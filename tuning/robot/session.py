@@ -23,9 +23,9 @@ from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.provenance import sha256
-from tuning.robot.candidates import CONFIGURATIONS, Candidates
+from tuning.robot.candidates import Candidates
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
-from tuning.robot.prediction import job, measure, predict, shaken
+from tuning.robot.prediction import predict
 from tuning.robot.report import State, state_of, write_state
 from tuning.robot.robot_study import (
     Predicted,
@@ -185,49 +185,52 @@ class Session:
         record = self.record
         predicted = predictions(record)
         if predicted is None:
-            predicted = self._predict()
+            objective = self._objective
+            found = predict(objective, self.settings.robot)
+            base = objective.base[0].items()
+            predicted = Predicted(
+                candidates=found,
+                base_nm={(c.joint, c.load, c.direction): abs(m.mean) for c, m in base},
+                limit=objective.displacement.tolist(),
+            )
             write_predictions(record, predicted)
         return record, predicted
 
-    def _predict(self) -> Predicted:
+    @cached_property
+    def _objective(self) -> BreakawayObjective:
+        """The simulated robot; its base torques are measured when it is first used."""
         e, s = self.experiment, self.settings.robot
-        report = self._simulated()
-        objective = BreakawayObjective(
+        return BreakawayObjective(
             e,
             self.bounds,
             [e.sticking.parameters],
             iterations=s.iterations,
             limits=self.limits,
-            progress=report,
+            progress=self._simulated(),
         )
-        limit = objective.displacement
-        found = predict(e, self.bounds, limit, settings=s, progress=report)
-        base = {(c.joint, c.load, c.direction): abs(m.mean) for c, m in objective.base[0].items()}
-        return Predicted(candidates=found, base_nm=base, limit=limit.tolist())
 
     def with_measured(
         self, record: Record, predicted: Predicted, rows: list[MeasuredRow]
     ) -> Predicted:
         """Return the predictions, with those of settings that were measured but never proposed."""
-        s = self.settings.robot
         told = dict.fromkeys(r.setting for r in rows if not r.is_base)
-        new = [AmplitudeRow(*t) for t in told if predicted.find(t, s.same) is None]
+        same = self.settings.robot.same
+        new = [AmplitudeRow(*t) for t in told if predicted.find(t, same) is None]
         if not new:
             return predicted
-        joints = sorted({row.joint for row in new})
-        found = measure(self.experiment, new, s.iterations, self._simulated())
+        found = self._objective.measure(new)
         candidates = dict(predicted.candidates)
-        for j in joints:
-            c, mine = candidates[j], [row for row in new if row.joint == j]
-            base = np.array([predicted.base_nm[j, *cell] for cell in CONFIGURATIONS])
-            tau = np.array([[found[job(r, *c)].mean for c in CONFIGURATIONS] for r in mine])
-            swing = np.array(
-                [[found[job(r, *c)].displacement for c in CONFIGURATIONS] for r in mine]
+        for row in new:
+            c, m = candidates[row.joint], found[row]
+            candidates[row.joint] = Candidates(
+                joint=row.joint,
+                frequency_hz=np.append(c.frequency_hz, row.frequency_hz),
+                amplitude_nm=np.vstack([c.amplitude_nm, [row.amplitude_nm] * 4]),
+                # a setting that leaves the joint stuck in simulation is predicted to have no effect
+                predicted=np.vstack([c.predicted, np.nan_to_num(m.ratio, nan=1.0)]),
+                displacement=np.vstack([c.displacement, np.maximum(m.oscillation, 1e-9)]),
+                eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
             )
-            # a setting that leaves the joint stuck in simulation is predicted to have no effect
-            ratio = np.nan_to_num(np.abs(tau) / base, nan=1.0)
-            over = np.array([shaken(found, row) > predicted.limit[j - 1] for row in mine])
-            candidates[j] = _joined(c, mine, ratio, np.maximum(swing, 1e-9), ~over)
         out = dataclasses.replace(predicted, candidates=candidates)
         write_predictions(record, out)
         return out
@@ -246,20 +249,3 @@ class Session:
             progress("simulate", min(done, total), total)
 
         return report
-
-
-def _joined(
-    c: Candidates,
-    rows: list[AmplitudeRow],
-    ratio: Array,
-    displacement: Array,
-    eligible: np.ndarray[Any, np.dtype[np.bool_]],
-) -> Candidates:
-    return Candidates(
-        joint=c.joint,
-        frequency_hz=np.append(c.frequency_hz, [r.frequency_hz for r in rows]),
-        amplitude_nm=np.vstack([c.amplitude_nm, [[r.amplitude_nm] * 4 for r in rows]]),
-        predicted=np.vstack([c.predicted, ratio]),
-        displacement=np.vstack([c.displacement, displacement]),
-        eligible=np.append(c.eligible, eligible),
-    )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,13 @@ class Breakaway:
     """(frictions, 4) torque at which the joint breaks away in every configuration [N·m]."""
     ratio: Array
     """(frictions, 4) |tau| / |tau_base| of every configuration [-]; NaN where the joint stuck."""
-    displacement: float
-    """Root mean square over frictions and configurations of the oscillation [rad]."""
+    oscillation: Array
+    """(frictions, 4) root mean square oscillation before breakaway [rad]."""
+
+    @property
+    def displacement(self) -> float:
+        """Root mean square of the oscillation over frictions and configurations [rad]."""
+        return float(np.sqrt(np.mean(np.square(self.oscillation))))
 
     @property
     def left(self) -> float:
@@ -72,7 +78,7 @@ class BreakawayObjective:
         pareto: str | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        """Measure the base torques, and how far a table moves each joint.
+        """Measure the base torques.
 
         Args:
             experiment: the arm and its seed.
@@ -106,15 +112,17 @@ class BreakawayObjective:
                     raise ExperimentError(
                         f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither"
                     )
-        self.displacement = bounds.displacement_rad.copy()
+        self._limits = {r.joint: r for r in limits if r.amplitude_nm > 0}
+
+    @cached_property
+    def displacement(self) -> Array:
         """(n,) largest displacement of each joint [rad]; inf where there is no limit."""
-        rows = {r.joint: r for r in limits if r.amplitude_nm > 0}
-        shaken = self.measure(
-            [row for j, row in rows.items() if np.isnan(self.displacement[j - 1])]
-        )
-        for row, found in shaken.items():
-            self.displacement[row.joint - 1] = found.displacement
-        self.displacement[np.isnan(self.displacement)] = np.inf
+        out = self.bounds.displacement_rad.copy()
+        rows = [row for j, row in self._limits.items() if np.isnan(out[j - 1])]
+        for row, found in self.measure(rows).items():
+            out[row.joint - 1] = found.displacement
+        out[np.isnan(out)] = np.inf
+        return out
 
     def measure(self, rows: Sequence[AmplitudeRow]) -> dict[AmplitudeRow, Breakaway]:
         """Measure settings, all in one batch per friction."""
@@ -128,11 +136,10 @@ class BreakawayObjective:
         for row, group in jobs.items():
             tau = np.array([[f[job].mean for job in group] for f in found])
             base = np.array([[b[job.configuration].mean for job in group] for b in self.base])
-            shaken = [f[job].displacement for f in found for job in group]
             out[row] = Breakaway(
                 tau=tau,
                 ratio=np.abs(tau / base),
-                displacement=float(np.sqrt(np.mean(np.square(shaken)))),
+                oscillation=np.array([[f[job].displacement for job in group] for f in found]),
             )
         return out
 

@@ -102,7 +102,7 @@ def test_an_interrupted_training_goes_on_to_the_bit(tmp_path, monkeypatch, algor
 
 def test_a_finished_training_is_not_begun_again(tmp_path, monkeypatch):
     first = train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL)
-    monkeypatch.setattr(training._Training, "_learn", lambda _: pytest.fail("trained"))
+    monkeypatch.setattr(training._Process, "_learn", lambda _: pytest.fail("trained"))
     again = train(SPRINT, "ppo", steps=32, out=tmp_path, settings=SMALL)
     assert again.points == first.points or str(again.points) == str(first.points)
     assert again.steps_per_second is None

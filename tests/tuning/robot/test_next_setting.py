@@ -164,7 +164,7 @@ def joint_bounds(draw):
 def test_nothing_beyond_the_limits_is_ever_asked_for(bounds, seed, count):
     """Random bounds, random studies: torque, torque rate, frequencies, forbidden bands."""
     try:
-        rows = grid(bounds, 1)
+        rows = grid(bounds, 1, S)
     except StictionError:
         return  # they leave nothing
     rng = np.random.default_rng(seed)

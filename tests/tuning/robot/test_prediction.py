@@ -9,38 +9,28 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Measurement
 from tuning.robot.prediction import allowed, grid, predict
 from tuning.search.bounds import bounds_of
+from tuning.search.breakaway import Breakaway
 from tuning.settings import tuning_settings
 
 S = tuning_settings().robot
 
 
 class Springs:
-    """In place of an experiment: a joint swings by A/(J ω²), a tenth of A is off the torque."""
+    """Instead of simulations: a joint swings by A/(J ω²), a tenth of A is off the torque."""
 
-    n = 1
+    def __init__(self, bounds, limit):
+        self.bounds, self.displacement, self.ran = bounds, np.full(7, limit), 0
 
-    def __init__(self):
-        self.ran = 0
-
-    def run(self, jobs, *, iterations, progress):
-        for j in jobs:
+    def measure(self, rows):
+        out = {}
+        for row in rows:
             self.ran += 1
-            omega = 2 * np.pi * j.frequency_hz
-            swing = j.amplitude_nm / (0.5 * omega**2) if omega else 0.0
-            tau = j.configuration.sign * (1.0 - 0.1 * j.amplitude_nm)
-            yield Measurement(
-                job=j,
-                tau=np.full(iterations, tau),
-                start=np.zeros(iterations),
-                start_torque=np.zeros(iterations),
-                shaken_speed=np.full(iterations, swing * omega),
-                deviation=0.0,
-                traces=(),
-                trace_dt=0.05,
-            )
+            swing = row.amplitude_nm / (0.5 * (2 * np.pi * row.frequency_hz) ** 2)
+            ratio = np.full((1, 4), 1.0 - 0.1 * row.amplitude_nm)
+            out[row] = Breakaway(tau=ratio, ratio=ratio, oscillation=np.full((1, 4), swing))
+        return out
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +39,9 @@ def bounds():
 
 
 def test_every_candidate_keeps_the_limit_and_the_best_come_near_it(bounds):
-    limit = np.full(7, 1e-4)
-    c = predict(Springs(), bounds, limit, joints=[1])[1]
+    c = predict(Springs(bounds, 1e-4), S)[1]
     rms = np.sqrt((c.displacement**2).mean(axis=1))
-    assert (rms <= limit[0]).all()
+    assert (rms <= 1e-4).all()
     np.testing.assert_allclose(
         c.displacement[:, 0] * 0.5 * (2 * np.pi * c.frequency_hz) ** 2, c.amplitude_nm[:, 0]
     )
@@ -66,9 +55,10 @@ def test_every_candidate_keeps_the_limit_and_the_best_come_near_it(bounds):
 
 
 def test_without_a_limit_there_is_no_second_pass(bounds):
-    springs = Springs()
-    c = predict(springs, bounds, np.full(7, np.inf), joints=[1])[1]
-    assert springs.ran == 4 * (len(c) + 1)
+    springs = Springs(bounds, np.inf)
+    found = predict(springs, S)
+    assert springs.ran == sum(map(len, found.values()))
+    c = found[1]
     assert len(c) == S.frequencies * S.amplitudes
     assert c.amplitude_nm.max() == bounds.largest(1, 15.0)
 
@@ -76,12 +66,12 @@ def test_without_a_limit_there_is_no_second_pass(bounds):
 def test_a_limit_that_leaves_nothing_is_said(bounds):
     high = dataclasses.replace(bounds, amplitude_nm=np.array([[1.0, 2.0]] * 7))
     with pytest.raises(StictionError, match="joint 1: no setting within the bounds keeps to"):
-        predict(Springs(), high, np.full(7, 1e-9), joints=[1])
+        predict(Springs(high, 1e-9), S)
 
 
 def test_the_grid_fills_what_a_forbidden_band_leaves(bounds):
     band = dataclasses.replace(bounds, forbidden_hz=((((14.0, 60.0),),) + ((),) * 6))
-    rows = grid(band, 1)
+    rows = grid(band, 1, S)
     frequencies = sorted({r.frequency_hz for r in rows})
     assert len(frequencies) == S.frequencies
     assert 60.0 <= frequencies[0] < 61.0
@@ -89,4 +79,4 @@ def test_the_grid_fills_what_a_forbidden_band_leaves(bounds):
     assert all(allowed(band, r) for r in rows)
     nothing = dataclasses.replace(bounds, forbidden_hz=((((14.0, 90.0),),) + ((),) * 6))
     with pytest.raises(StictionError, match="bounds of joint 1 leave no setting"):
-        grid(nothing, 1)
+        grid(nothing, 1, S)
