@@ -228,10 +228,12 @@ class _Process:
     # ---- while it learns ---------------------------------------------------------------------
 
     def _keep_best(self) -> None:
+        of = self._identity
         shown = {
-            k: self._identity[k] for k in ("algorithm", "seed", "start", "arguments", "settings")
+            "algorithm": of["algorithm"],
+            "steps": int(self._model.num_timesteps),
+            **{name: of[name] for name in ("seed", "start", "arguments", "settings")},
         }
-        shown["steps"] = int(self._model.num_timesteps)
         export(self._model, self._training.task, shown).save(self._out / POLICY)
 
     def _save(self, finished: bool = False) -> None:

@@ -111,7 +111,7 @@ def verify_breakaway(
                 measures={
                     "tau": found[row].tau.tolist(),
                     "ratio": found[row].ratio.tolist(),
-                    "displacement_rad": found[row].displacement,
+                    "oscillation_rad": found[row].oscillation.tolist(),
                 },
             )
             for row in wanted
@@ -125,7 +125,7 @@ def verify_breakaway(
         out[name][joint] = Breakaway(
             tau=np.array(attributes["tau"], dtype=float),
             ratio=np.array(attributes["ratio"], dtype=float),
-            displacement=attributes["displacement_rad"],
+            oscillation=np.array(attributes["oscillation_rad"], dtype=float),
         )
     return out
 
