@@ -9,7 +9,7 @@ A setting of one joint is measured in its four configurations under every fricti
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -152,14 +152,6 @@ class BreakawayObjective:
 
     def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> Outcome:
         """Return what is stored of a setting; ``found`` is None in a forbidden band."""
-        about = {
-            "joint": row.joint,
-            "frequency_hz": row.frequency_hz,
-            "amplitude_nm": row.amplitude_nm,
-            "waveform": row.waveform,
-            "offset_nm": row.offset_nm,
-            "gate_rad_s": row.gate_rad_s,
-        }
         limit = self.displacement[row.joint - 1]
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
@@ -178,7 +170,7 @@ class BreakawayObjective:
             values=(found.left, *price) if np.isfinite(found.left) else None,
             constraints=(0.0 if self.pareto == "shaking" else shaken, *forbidden),
             measures={
-                **about,
+                **asdict(row),
                 "left": found.left,
                 "displacement_rad": found.displacement,
                 "power_w": prices["power"],

@@ -6,6 +6,7 @@ The text is in ``templates/search.md.j2``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -37,39 +38,18 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     _write_verification(folder / "verification.csv", found, verified, chosen)
     _write_comparison(folder / "comparison.csv", verified)
     _draw(found, searched, folder, verified)
-    tuned = verified.breakaway[chosen]
-    reductions = {j: result.reduction for j, result in tuned.items()}
-    mean = float(np.mean([reductions[j][0] if j in reductions else 0.0 for j in _joints(found)]))
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     summary: dict[str, Any] = {
         "robot": found.sje.sticking.arm.name,
         "objective": objective,
         "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
-        "final": [
-            {
-                "joint": r.joint,
-                "frequency_hz": r.frequency_hz,
-                "amplitude_nm": r.amplitude_nm,
-                "waveform": r.waveform,
-                "offset_nm": r.offset_nm,
-                "gate_rad_s": r.gate_rad_s,
-                "bounds_met": met.get(r.joint, []),
-            }
-            for r in final
-        ],
-        "mean_reduction_percent": 100.0 * mean,
+        "final": [{**asdict(r), "bounds_met": met.get(r.joint, [])} for r in final],
+        "mean_reduction_percent": _mean_reduction(found, verified, chosen),
         "compensation": None
         if found.compensation is None
         else {"kind": found.compensation.kind, "gain_nm": list(found.compensation.gain)},
         "comparison": {
-            name: {
-                **(
-                    {"mean_reduction_percent": 100.0 * _mean_reduction(found, verified, name)}
-                    if name in verified.breakaway
-                    else {}
-                ),
-                **_tracking_summary(verified, name),
-            }
+            name: _comparison(found, verified, name)
             for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
         },
     }
@@ -104,42 +84,35 @@ def _joints(found: Stages) -> range:
 
 
 def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
-    """Return a table's mean reduction over all joints; a joint without dither counts as 0."""
+    """Return a table's mean reduction over all joints [%]; a joint without dither counts as 0."""
     joints = verified.breakaway[name]
-    return float(np.mean([joints[j].reduction[0] if j in joints else 0.0 for j in _joints(found)]))
+    each = [joints[j].reduction[0] if j in joints else 0.0 for j in _joints(found)]
+    return 100.0 * float(np.mean(each))
 
 
-def _tracking_summary(verified: Verified, name: str) -> dict[str, Any]:
-    return {
-        path: {
-            "position_left": result.position[0],
-            "orientation_left": result.orientation[0],
-            "resting_position_left": result.resting_position[0],
-            "resting_orientation_left": result.resting_orientation[0],
-            "vibration_m": result.vibration_m,
-            "vibration_at_rest_m": result.vibration_at_rest_m,
-        }
-        for path, result in verified.tracking.get(name, {}).items()
-    }
+def _comparison(found: Stages, verified: Verified, name: str) -> dict[str, Any]:
+    """Return the summary of a table."""
+    out: dict[str, Any] = {}
+    if name in verified.breakaway:
+        out["mean_reduction_percent"] = _mean_reduction(found, verified, name)
+    for path, result in verified.tracking.get(name, {}).items():
+        out[path] = {f"{k}_left": getattr(result, k)[0] for k in LEFT}
+        out[path] |= {k: getattr(result, k) for k in ("vibration_m", "vibration_at_rest_m")}
+    return out
 
 
 def _better_without_dither(verified: Verified) -> list[dict[str, Any]]:
     """Return the compensations that leave less error than the table found, at no more vibration."""
-    tuned = verified.tracking["search gte"]
-    out = []
+    out, tuned = [], verified.tracking["search gte"]
     for name, paths in verified.tracking.items():
-        if not name.endswith("as believed"):
-            continue
-        if all(
+        if name.endswith("as believed") and all(
             paths[p].position[0] * paths[p].orientation[0]
             < tuned[p].position[0] * tuned[p].orientation[0]
             and paths[p].vibration_at_rest_m <= tuned[p].vibration_at_rest_m
             for p in PATHS
         ):
-            left = [100 * paths[p].position[0] for p in PATHS]
-            turned = [100 * paths[p].orientation[0] for p in PATHS]
-            kind = name.split(",")[0]
-            out.append({"kind": kind, "position": max(left), "orientation": max(turned)})
+            worst = {k: max(100 * getattr(paths[p], k)[0] for p in PATHS) for k in LEFT[:2]}
+            out.append({"kind": name.split(",")[0], **worst})
     return out
 
 
@@ -164,15 +137,15 @@ def _draw(found: Stages, searched: Records, folder: Path, verified: Verified) ->
 
 def _write_verification(path: Path, found: Stages, verified: Verified, name: str) -> None:
     """Write the table that was found, as measured again, in the form of SJE tables."""
-    robot, rows_of = found.sje.sticking.arm.name, {r.joint: r for r in found.tables[name]}
+    robot, dither = found.sje.sticking.arm.name, {r.joint: r for r in found.tables[name]}
     rows = [
         SJERow(
             robot,
             joint,
             c.load,
             c.direction,
-            rows_of[joint].frequency_hz,
-            rows_of[joint].amplitude_nm,
+            dither[joint].frequency_hz,
+            dither[joint].amplitude_nm,
             float(tau.mean()),
             float(tau.std(ddof=1)) if len(tau) > 1 else 0.0,
             len(tau) * found.search.verify_iterations,
@@ -232,7 +205,7 @@ def _joint_table(found: Stages, verified: Verified) -> str:
             mean, low, high = (100 * x for x in joints[j].reduction)
             span = "" if np.isnan(low) else f" ({low:.0f} … {high:.0f})"
             row.append(f"{mean:.1f}{span}, {1e3 * joints[j].displacement:.3f} mrad")
-        rows.append([*row, f"{100 * _mean_reduction(found, verified, name):.1f}"])
+        rows.append([*row, f"{_mean_reduction(found, verified, name):.1f}"])
     return table_text(header, rows)
 
 

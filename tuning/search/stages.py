@@ -182,14 +182,13 @@ class Stages:
         """Return the best allowed setting of every joint on the thesis's grid."""
         rows = grid_rows(self.sje, self.bounds, self.settings)
 
-        def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
-            wanted = [rows[p["row"]] for _, p in asked]
+        def measure(wanted: list[AmplitudeRow]) -> list[Outcome]:
             found = self.objective.measure(wanted)
             return [self.objective.outcome(r, found[r], -np.inf) for r in wanted]
 
         record = self.run.record("grid", self.options.objectives)
         self.records["grid"] = [record]
-        known = measured_once(record, len(rows), evaluate, self._progress("grid"))
+        known = measured_once(record, rows, measure, self._progress("grid"))
         return best_of_grid(self.sje.n, rows, known)
 
     def breakaway(self) -> Table:

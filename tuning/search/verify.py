@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +20,18 @@ from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.settings import SearchSettings
-from tuning.study.record import Outcome, Parameters, Record, Search
+from tuning.study.record import Outcome, Record, Search
 from tuning.study.samplers import sampler
-from tuning.study.workers import fill
+from tuning.study.workers import Progress, fill
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
+T = TypeVar("T")
 MakeRecord = Callable[[str], Record]
 """Opens a study of this run by its name."""
 PATHS = TRAJECTORIES
@@ -94,39 +95,27 @@ def verify_breakaway(
     """Measure every joint of every table in the SJE."""
     rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
     distinct = list(dict.fromkeys(rows.values()))
-    objectives: list[BreakawayObjective] = []
 
-    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
-        if not objectives:  # only where something is left to measure
-            objectives.append(
-                BreakawayObjective(
-                    experiment, bounds, frictions, iterations=settings.verify_iterations
-                )
-            )
-        wanted = [distinct[p["row"]] for _, p in asked]
-        found = objectives[0].measure(wanted)
+    def measure(wanted: list[AmplitudeRow]) -> list[Outcome]:
+        objective = BreakawayObjective(
+            experiment, bounds, frictions, iterations=settings.verify_iterations
+        )
+        found = objective.measure(wanted)
         return [
             Outcome(
                 values=(0.0,),
-                measures={
-                    "tau": found[row].tau.tolist(),
-                    "ratio": found[row].ratio.tolist(),
-                    "oscillation_rad": found[row].oscillation.tolist(),
-                },
+                measures={name: x.tolist() for name, x in vars(found[row]).items()},
             )
             for row in wanted
         ]
 
     made = record(f"verify-sje-{digest(distinct)}")
-    known = measured_once(made, len(distinct), evaluate, progress)
+    known = dict(zip(distinct, measured_once(made, distinct, measure, progress), strict=True))
+    names = ("tau", "ratio", "oscillation")
     out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
     for (name, joint), row in rows.items():
-        attributes = known[distinct.index(row)]
-        out[name][joint] = Breakaway(
-            tau=np.array(attributes["tau"], dtype=float),
-            ratio=np.array(attributes["ratio"], dtype=float),
-            oscillation=np.array(attributes["oscillation_rad"], dtype=float),
-        )
+        arrays = {k: np.array(known[row][k], dtype=float) for k in names}
+        out[name][joint] = Breakaway(**arrays)
     return out
 
 
@@ -142,15 +131,11 @@ def verify_tracking(
 ) -> dict[str, dict[str, PathResult]]:
     """Run every treatment on the path used for tuning and on one that was not."""
     treatments = {NOTHING: Treatment(), **treatments}
-    names = list(treatments)
-    cases = [(name, path) for name in names for path in PATHS]
+    cases = [(name, path) for name in treatments for path in PATHS]
 
-    def evaluate(asked: list[tuple[int, Parameters]]) -> list[Outcome]:
-        out: dict[int, Outcome] = {}
-        for path in PATHS:
-            mine = [p["row"] for _, p in asked if cases[p["row"]][1] == path]
-            if not mine:
-                continue
+    def measure_all(wanted: list[tuple[str, str]]) -> list[Outcome]:
+        out: dict[tuple[str, str], Outcome] = {}
+        for path in dict.fromkeys(path for _, path in wanted):
             places: list[Place] = [(path, k) for k in thesis_stiffness()]
             objective = TrackingObjective(
                 experiment,
@@ -160,28 +145,28 @@ def verify_tracking(
                 iterations=settings.verify_iterations,
                 joints=range(1, experiment.n + 1),
             )
-            asked_for = [treatments[cases[k][0]] for k in mine]
-            for k, found in zip(mine, objective.measure(asked_for), strict=True):
-                out[k] = Outcome(
+            mine = [case for case in wanted if case[1] == path]
+            measured = objective.measure([treatments[name] for name, _ in mine])
+            for case, found in zip(mine, measured, strict=True):
+                ratios = found.by_friction(objective.plain)
+                out[case] = Outcome(
                     values=(0.0,),
                     measures={
-                        **{k: v.tolist() for k, v in found.by_friction(objective.plain).items()},
+                        **{k: v.tolist() for k, v in ratios.items()},
                         "vibration_m": found.shaking[0],
                         "vibration_at_rest_m": found.shaking[1],
                         "power_w": float(found.power.mean()),
                     },
                 )
-        return [out[p["row"]] for _, p in asked]
+        return [out[case] for case in wanted]
 
     made = record(f"verify-gte-{digest(list(treatments.items()))}")
-    known = measured_once(made, len(cases), evaluate, progress)
-    result: dict[str, dict[str, PathResult]] = {name: {} for name in names}
+    known = measured_once(made, cases, measure_all, progress)
+    result: dict[str, dict[str, PathResult]] = {name: {} for name in treatments}
     for (name, path), attributes in zip(cases, known, strict=True):
         result[name][path] = PathResult(
-            **{name: _left(attributes[name]) for name in LEFT},
-            vibration_m=attributes["vibration_m"],
-            vibration_at_rest_m=attributes["vibration_at_rest_m"],
-            power_w=attributes["power_w"],
+            **{k: _left(attributes[k]) for k in LEFT},
+            **{k: attributes[k] for k in ("vibration_m", "vibration_at_rest_m", "power_w")},
         )
     return result
 
@@ -194,21 +179,22 @@ def _left(ratios: list[float]) -> tuple[float, float, float]:
 
 def measured_once(
     record: Record,
-    count: int,
-    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    things: Sequence[T],
+    measure: Callable[[list[T]], list[Outcome]],
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
-    """Measure ``count`` things by number, once each; return what was measured."""
-    if not count:
+    """Measure things once each, in one batch; return what was measured."""
+    if not things:
         return []
+    count = len(things)
     space = {"row": CategoricalDistribution(list(range(count)))}
     one = Search(
         record=record,
         space=space,
-        sampler=sampler("random", space, seed=0, startup=0),
+        sampler=sampler("random", space, seed=0),
         evaluations=count,
         batch=count,
         first=tuple({"row": k} for k in range(count)),
     )
-    fill([one], evaluate, progress)
+    fill([one], lambda asked: measure([things[p["row"]] for _, p in asked]), progress)
     return [dict(t.user_attrs) for t in record.trials]
