@@ -25,7 +25,7 @@ from tuning.policies.task import Task
 
 NAMED = ("none", "gated", "random", "rule")
 """Policies that need no file."""
-_TOGETHER = 64  # arms at once: the fastest number
+_TOGETHER = 64  # arms at once: the fastest number (measured)
 Progress = Callable[[str, float, float], None]
 """Called with a policy's name, episodes done and episodes in all."""
 

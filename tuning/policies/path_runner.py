@@ -1,12 +1,12 @@
 """An agent in the Generated Trajectory Experiment, without an environment.
 
-    runner = PathRunner(GeneratedTrajectoryExperiment("panda"), Policy.load("policy.zip"))
+    experiment = GeneratedTrajectoryExperiment("panda")
+    runner = PathRunner(experiment, Policy.load("policy.zip"))
     runs = runner.run([Case(trajectory="triangle", stiffness=(200, 20, 0))])
     print(measure(runs[0], experiment.protocol))
 
-It does what a robot's controller would do: at the policy's own rate, read the measurements, set
-amplitudes and frequencies, continue. The environment's own code makes the observations, so that
-both give the same bits.
+At the policy's own rate it reads the measurements and sets amplitudes and frequencies, as a robot's
+controller would. The environment's own code makes the observations, so both give the same bits.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.envs.sb3 import SB3VecEnv
 
 States = list[dict[str, Any]]
-_SPARE = 1000  # steps that no episode needs any more, before they are dropped
+_SPARE = 1000  # steps that no episode needs any more, before they are dropped (assumed)
 
 
 class ResumableVecEnv(SB3VecEnv):

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from tuning.robot.candidates import Candidates
-from tuning.search.bounds import Bounds
+from tuning.search.bounds import TRIED, Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective
 from tuning.settings import RobotSettings
 
 Array = NDArray[np.float64]
-TRIED = 2000
-"""Frequencies checked to find those outside forbidden bands (assumed)."""
 MARGIN = 0.97
 """Share of the displacement limit that the second pass aims at [-], because it interpolates
 (assumed)."""

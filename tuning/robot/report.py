@@ -29,7 +29,7 @@ from tuning.study.record import Record
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
 INTERVAL = 1.96
-"""Half of a 95 % interval over the standard deviation."""
+"""Half of a normal distribution's 95 % interval over its standard deviation [-]."""
 SIMULATED, MEASURED, BELIEVED = "#8a8a8a", "#d1701a", "#1f5fa8"
 
 
@@ -95,35 +95,28 @@ class State:
     """Shown at the top of the report."""
 
     @property
-    def asked(self) -> list[tuple[int, AmplitudeRow]]:
+    def asked(self) -> list[dict[str, Any]]:
         """Settings to measure next, each with its number (1, 2, …) within its joint."""
-        return [(k, j.row(s)) for j in self.joints for k, s in enumerate(j.asked, 1)]
+        numbered = [(k, j.row(s)) for j in self.joints for k, s in enumerate(j.asked, 1)]
+        return [{**_cells(row), "setting": k} for k, row in numbered]
 
     def to_json(self) -> dict[str, Any]:
         """Return what ``stiction tune --ask --json`` prints."""
-        joints = []
-        for j in self.joints:
-            believed = j.posterior.mean[j.chosen]
-            joints.append(
+        return {
+            "robot": self.robot,
+            "ask": self.asked,
+            "final": [_cells(j.final) for j in self.joints],
+            "joints": [
                 {
                     "joint": j.candidates.joint,
                     "measured_settings": len(j.measured()),
-                    "believed_reduction": float(1.0 - believed),
+                    "believed_reduction": float(1.0 - j.posterior.mean[j.chosen]),
                     "half_interval": float(INTERVAL * j.posterior.sd[j.chosen]),
                     "chance_of_better": j.chance,
                     "stop": not j.asked,
                 }
-            )
-        return {
-            "robot": self.robot,
-            "ask": [
-                {**dict(zip(AMPLITUDE_COLUMNS, _cells(r), strict=True)), "setting": k}
-                for k, r in self.asked
+                for j in self.joints
             ],
-            "final": [
-                dict(zip(AMPLITUDE_COLUMNS, _cells(j.final), strict=True)) for j in self.joints
-            ],
-            "joints": joints,
             "told": self.told,
         }
 
@@ -167,20 +160,15 @@ def state_of(
 
 
 def describe(summary: Mapping[str, Any]) -> str:
-    """Return ask.csv's text and a line of advice."""
-    rows = summary["ask"]
-    lines = [ask_text(rows)] if rows else []
-    stopped = [j for j in summary["joints"] if j["stop"]]
+    """Return the rows of ask.csv and a line of advice."""
+    rows, lines = summary["ask"], []
+    if rows:
+        header = _ask_columns(rows)
+        lines = [",".join(header), *(",".join(str(r[c]) for c in header) for r in rows)]
+    stopped = ", ".join(str(j["joint"]) for j in summary["joints"] if j["stop"])
     if stopped:
-        named = ", ".join(str(j["joint"]) for j in stopped)
-        lines.append(f"done: joints {named}: no untried setting is likely to be better")
+        lines.append(f"done: joints {stopped}: no untried setting is likely to be better")
     return "\n".join(lines)
-
-
-def ask_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows of `State.to_json` as CSV text."""
-    header = _ask_columns(max(r["setting"] for r in rows))
-    return "\n".join([",".join(header), *(",".join(str(r[c]) for c in header) for r in rows)])
 
 
 def write_state(folder: Path, state: State, *, asked: bool) -> None:
@@ -189,46 +177,44 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     if asked:
         _write_asked(folder, state)
     draw(state, folder / "belief.png")
-    words = _words(state)
-    title = f"Dither for {words['robot']}, beside the robot"
-    write_md_and_html(folder, TEMPLATE, title, note=state.note, **words)
+    title = f"Dither for {state.robot}, beside the robot"
+    write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
 
-def _ask_columns(most: int) -> tuple[str, ...]:
+def _ask_columns(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """Columns of ask.csv: an amplitude table; the number within the joint if there are several."""
-    return AMPLITUDE_COLUMNS if most == 1 else (*AMPLITUDE_COLUMNS, "setting")
+    several = max(r["setting"] for r in rows) > 1
+    return (*AMPLITUDE_COLUMNS, "setting") if several else AMPLITUDE_COLUMNS
 
 
-def _cells(row: AmplitudeRow) -> tuple[int, float, float]:
-    return row.joint, row.frequency_hz, row.amplitude_nm
+def _cells(row: AmplitudeRow) -> dict[str, Any]:
+    """Return a setting by `AMPLITUDE_COLUMNS`."""
+    return {name: getattr(row, name) for name in AMPLITUDE_COLUMNS}
 
 
 def _write_asked(folder: Path, state: State) -> None:
     """Write ask.csv, and measure.csv: every cell to measure, with an empty torque."""
-    if not state.asked:
+    asked = state.asked
+    if not asked:
         for name in ("ask.csv", "measure.csv"):
             (folder / name).unlink(missing_ok=True)
         return
-    header = _ask_columns(max(k for k, _ in state.asked))
-    write_lines(
-        folder / "ask.csv", header, [(*_cells(r), k)[: len(header)] for k, r in state.asked]
-    )
-    rows: list[tuple[Any, ...]] = []
-    open_joints = {row.joint for _, row in state.asked}
-    for joint, load, direction in state.missing:
-        if joint in open_joints:
-            rows.append((state.robot, joint, load, direction, 0.0, 0.0))
+    header = _ask_columns(asked)
+    write_lines(folder / "ask.csv", header, [tuple(r[c] for c in header) for r in asked])
+    open_joints = {r["joint"] for r in asked}
+    rows = [(*cell, 0.0, 0.0) for cell in state.missing if cell[0] in open_joints]
     for j in state.joints:
         done = j.readings.done(len(j.candidates))
         for s in j.asked:
-            _, frequency, amplitude = _cells(j.row(s))
+            row = j.row(s)
             rows += [
-                (state.robot, j.candidates.joint, *cell, frequency, amplitude)
+                (row.joint, *cell, row.frequency_hz, row.amplitude_nm)
                 for c, cell in enumerate(CONFIGURATIONS)
                 if not done[s, c]
             ]
     empty = ("",) * (len(SJE_COLUMNS) - 6)
-    write_lines(folder / "measure.csv", SJE_COLUMNS, [(*row, *empty) for row in rows])
+    lines = [(state.robot, *row, *empty) for row in rows]
+    write_lines(folder / "measure.csv", SJE_COLUMNS, lines)
 
 
 def draw(state: State, path: Path) -> None:
@@ -273,13 +259,13 @@ def _words(state: State) -> dict[str, Any]:
     s = state.settings
     best = []
     for j in state.joints:
-        row, at = j.final, j.chosen
+        row = j.final
         best.append(
             [
                 str(row.joint),
                 f"{number(row.frequency_hz)} Hz, {number(row.amplitude_nm, 3)} N·m",
                 "measured" if j.best is not None else "predicted only",
-                _interval(j, at),
+                _interval(j, j.chosen),
                 str(len(j.measured())),
                 f"{number(100 * j.chance, 0)} %",
                 "go on" if j.asked else "stop",

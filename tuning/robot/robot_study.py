@@ -103,7 +103,9 @@ def add_measured(
     new = {s: group for s, group in groups.items() if (file, s) not in known}
     ratio = BaseTorques(record, rows)
     for (joint, frequency, amplitude), group in new.items():
-        cells = [[r.load, r.direction, _or_none(r.tau_nm)] for r in group]
+        cells = [
+            [r.load, r.direction, r.tau_nm if math.isfinite(r.tau_nm) else None] for r in group
+        ]
         value = ratio.mean(group)
         record.add(
             optuna.trial.create_trial(
@@ -185,7 +187,3 @@ def readings(record: Record, predicted: Predicted, same: float) -> dict[int, Rea
                 ratio = abs(tau) / base.base((joint, load, direction), t["file"])
             out[joint].append((at, configuration, ratio))
     return {j: Readings.of(rows) for j, rows in out.items()}
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -27,6 +27,10 @@ from tuning.settings import BoundsSettings, tuning_settings
 Array = NDArray[np.float64]
 OPTIONS = ("waveform", "offset")
 """Parameters that may be searched besides amplitude and frequency."""
+BELOW_NYQUIST = 0.9
+"""Highest frequency without a user's file over half the controller's rate [-] (assumed)."""
+TRIED = 2000
+"""Frequencies checked to find those outside forbidden bands (assumed)."""
 PER_JOINT = ("amplitude_nm", "frequency_hz", "displacement_rad", "forbidden_hz")
 WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm", "gate_rad_s")
 
@@ -150,7 +154,7 @@ def bounds_of(
     amplitude = np.minimum(s.largest_scale * base, arm.limits.torque)
     out = Bounds(
         amplitude_nm=np.stack([np.zeros(n), amplitude], axis=1),
-        frequency_hz=np.tile([low, min(high, 0.9 * half)], (n, 1)),
+        frequency_hz=np.tile([low, min(high, BELOW_NYQUIST * half)], (n, 1)),
         torque_rate=np.array(experiment.interface.torque_rate),
         offset_nm=s.offset_scale * base,
         gate_rad_s=s.gate_rad_s,
@@ -173,7 +177,7 @@ def bounds_of(
                 f"{where}: amplitudes from {a_low:g} to {out.largest(j + 1, float(f_low)):g} N·m "
                 "leave nothing: expected 0 <= low < high within torque and torque rate"
             )
-        tried = np.geomspace(f_low, f_high, 2000)
+        tried = np.geomspace(f_low, f_high, TRIED)
         if all(out.forbidden(j + 1, float(f)) > 0 for f in tried):
             raise StictionError(
                 f"{where}: forbidden_hz leaves no frequency from {f_low:g} to {f_high:g} Hz"

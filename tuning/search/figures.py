@@ -11,7 +11,6 @@ import optuna
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from optuna.trial import FrozenTrial
 
 from stiction_envs.reporting.png import save_full
 from tuning.search.bounds import Bounds
@@ -23,7 +22,7 @@ from tuning.study.record import Record
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 COLOURS = ("#c0285f", "#d1701a", "#2b7bba", "#4a9a4a", "#8c6bb1", "#8a5a2b", "#1a7a6a", "#555555")
 LEAST = 8
-"""Fewest trials for a landscape."""
+"""Fewest trials for a landscape or for importances (assumed)."""
 
 
 def _joints(n: int, width: float = 3.4, height: float = 3.0) -> tuple[Figure, list[Axes]]:
@@ -43,13 +42,10 @@ def landscape(
     """Draw each joint's reduction over frequency and amplitude, and the setting of every table."""
     tried = [t for r in records for t in complete(r.trials) if "left" in t.user_attrs]
     figure, axes = _joints(bounds.n)
-    image = None
     for j, axis in enumerate(axes[: bounds.n], 1):
         mine = [t for t in tried if t.user_attrs["joint"] == j]
-        f, a, left = (
-            np.array([t.user_attrs[name] for t in mine])
-            for name in ("frequency_hz", "amplitude_nm", "left")
-        )
+        names = ("frequency_hz", "amplitude_nm", "left")
+        f, a, left = (np.array([t.user_attrs[name] for t in mine]) for name in names)
         reduction = 100.0 * (1.0 - left)
         good = np.array([allowed(t) for t in mine], dtype=bool)
         if len(mine) >= LEAST and np.ptp(f) > 0 and np.ptp(a) > 0:
@@ -91,8 +87,7 @@ def landscape(
         axis.set_xlim(0.95 * low, 1.05 * high)
         axis.set_ylim(-0.03 * max(most), 1.08 * max(most))
         axis.set(title=f"joint {j}", xlabel="frequency [Hz]", ylabel="amplitude [N·m]")
-    if image is not None:
-        figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
+    figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
     _legend(axes, bounds.n)
     save_full(figure, path)
 
@@ -166,7 +161,7 @@ def importance(records: Mapping[str, Sequence[Record]], path: Path) -> None:
                 found = optuna.importance.get_param_importances(
                     record.study,
                     evaluator=optuna.importance.PedAnovaImportanceEvaluator(),
-                    target=_first_value,
+                    target=lambda trial: float(trial.values[0]),
                 )
             for name, share in found.items():
                 names.append(f"joint {k + 1}: {name}" if stage == "sje" else name)
@@ -181,24 +176,17 @@ def importance(records: Mapping[str, Sequence[Record]], path: Path) -> None:
 def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> None:
     """Draw both objectives of all trials, and the Pareto front."""
     scale = 1e3 if price == "shaking" else 1.0
-    group = [
-        (stage, k, r) for stage, records_ in records.items() for k, r in enumerate(records_, 1)
-    ]
+    group = [(stage, k, r) for stage, found in records.items() for k, r in enumerate(found, 1)]
     figure, axes = _joints(len(group))
     for axis, (stage, k, record) in zip(axes, group, strict=False):
+        sje = stage == "sje"
         for trials, colour, label in (
             (complete(record.trials), "0.7", "tried"),
             (front(record.trials), COLOURS[0], "none is better"),
         ):
-            axis.plot(
-                [scale * t.values[1] for t in trials],
-                [100 * (t.values[0] if stage == "sje" else np.exp(t.values[0])) for t in trials],
-                "o",
-                color=colour,
-                ms=4,
-                label=label,
-            )
-        sje = stage == "sje"
+            left = [100 * (t.values[0] if sje else np.exp(t.values[0])) for t in trials]
+            x = [scale * t.values[1] for t in trials]
+            axis.plot(x, left, "o", color=colour, ms=4, label=label)
         label = {
             "shaking": "displacement, rms [mrad]" if sje else "vibration, rms [mm]",
             "power": "apparent power [W]" if sje else "power of the dither, mean [W]",
@@ -232,10 +220,6 @@ def tables(verified: Verified, path: Path) -> None:
             axis.grid(alpha=0.3)
     axes[0][0].legend(frameon=False, fontsize=8)
     save_full(figure, path)
-
-
-def _first_value(trial: FrozenTrial) -> float:
-    return float(trial.values[0])
 
 
 def _mark(

@@ -31,7 +31,7 @@ from tuning.settings import SharedSettings, tuning_settings
 JOURNAL = ("journal", "jsonl", "log")
 """File name extensions of a journal."""
 OPENINGS = 5
-"""Tries to create the tables: machines that start together can block each other."""
+"""Tries to create the tables (assumed): machines that start together can block each other."""
 
 
 def open_storage(storage: str | Path, settings: SharedSettings | None = None) -> BaseStorage:
@@ -56,7 +56,7 @@ def open_storage(storage: str | Path, settings: SharedSettings | None = None) ->
     try:
         for left in range(OPENINGS - 1, -1, -1):
             try:
-                return _shared_database(url, s) if shared else _sqlite(url)
+                return _shared_database(url, s) if shared else RDBStorage(_template(url))
             except OperationalError:
                 raise
             except SQLAlchemyError:
@@ -147,10 +147,6 @@ def _shown(url: URL) -> str:
     return url.set(query={}).render_as_string(hide_password=True)
 
 
-def _sqlite(url: URL) -> RDBStorage:
-    return RDBStorage(_template(url))
-
-
 @cache
 def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
     """Return the storage of a database server, one for all studies to use few connections."""
@@ -158,7 +154,7 @@ def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
     if url.get_backend_name() == "postgresql":
         connect = {"connect_timeout": int(settings.connect_s)}
         if url.get_driver_name() == "psycopg":
-            # a host that disappears is noticed as soon as one that refuses;
+            # a host that disappears is noticed within two probes 5 s apart (assumed);
             # heartbeats of all machines are in one time zone
             connect |= {
                 "keepalives_idle": int(settings.connect_s),
