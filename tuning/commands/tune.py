@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+
+if TYPE_CHECKING:
+    from stiction_envs.reporting.output_folder import OutputFolder
 
 # as the packages have them; written out, so that --help does not load them
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
@@ -176,9 +179,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return _beside_a_robot(args, arm)
     if args.protocol == "search":
         return _search(args, arm)
-    folder = common.output_folder(
-        args, arm.name, {**common.model_files(args), "table": args.table}, resumable=True
-    )
+    folder = _folder(args, arm, {"table": args.table})
 
     from tuning.protocol import tune as protocol
 
@@ -212,6 +213,17 @@ def _check_options(args: argparse.Namespace) -> None:
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
 
 
+def _folder(args: argparse.Namespace, arm: Any, inputs: dict[str, Path | None]) -> OutputFolder:
+    """Check the output folder; its provenance has no password of a storage."""
+    from tuning.study.storage import shown
+
+    recorded = argparse.Namespace(**vars(args))
+    recorded.storage = args.storage and shown(args.storage)
+    return common.output_folder(
+        recorded, arm.name, {**common.model_files(args), **inputs}, resumable=True
+    )
+
+
 def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
     from tuning.search.search import search
 
@@ -225,9 +237,10 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
         "without_dither": args.without_dither,
         "evaluations": args.evaluations,
     }
-    inputs = {**common.model_files(args), "bounds": args.bounds, "limit": args.limit}
-    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
-    folder = common.output_folder(args, arm.name, inputs, resumable=True)
+    inputs = {"bounds": args.bounds, "limit": args.limit}
+    folder = _folder(
+        args, arm, inputs | {f"beside {k}": p for k, p in enumerate(args.beside or ())}
+    )
     with Progress("trials") as progress:
 
         def say(stage: str, done: float, total: float) -> None:

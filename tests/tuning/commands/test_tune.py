@@ -117,6 +117,18 @@ def test_tune_with_a_storage_that_cannot_be_opened(refused, two, storage, messag
     assert "cret" not in line
 
 
+def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
+    monkeypatch.setattr("tuning.study.tuning_run.Record", lambda *_, **__: None)
+    monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
+    storage = "postgresql://tuner:s3cret@host/x"
+    assert cli("tune", two, *TUNE, "--out", "t", "--storage", storage).code == 0
+    tuner.tune(work / two, out=work / "u", storage=storage)
+    for name in "tu":
+        found = (work / name / "provenance.json").read_text()
+        assert "postgresql+psycopg://tuner:***@host/x" in found
+        assert "s3cret" not in found
+
+
 def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
     """Bad input that shows only once work has begun is exit code 1, and what was done stays."""
 
