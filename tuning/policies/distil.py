@@ -127,7 +127,6 @@ def distil(
     *,
     episodes: int | None = None,
     seed: int = 0,
-    settings: DistilSettings | None = None,
 ) -> Distilled:
     """Return the table and rule closest to an agent of the environment.
 
@@ -136,9 +135,8 @@ def distil(
         policy: anything with Stable-Baselines3's `predict`.
         episodes: episodes to record, and as many others to evaluate; None for the settings'.
         seed: seed of the first episode.
-        settings: None for the defaults.
     """
-    settings = policy_settings().distil if settings is None else settings
+    settings = policy_settings().distil
     episodes = settings.episodes if episodes is None else episodes
     env = task.make(episodes)
     names = env.core.arm.joint_names

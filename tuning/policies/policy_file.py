@@ -43,16 +43,14 @@ def write_archive(path: Path, card: Mapping[str, Any], arrays: Mapping[str, NDAr
     write_bytes_atomic(path, out.getvalue())
 
 
-def read_archive(
-    path: Path, settings: FileSettings | None = None
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return card and arrays (new) of a file from any source.
 
     Raises:
         StictionError: no such file, Stable-Baselines3's own zip, or anything that is not JSON and
             arrays of finite numbers within the size that is allowed.
     """
-    limits = policy_settings().file if settings is None else settings
+    limits = policy_settings().file
     try:
         with zipfile.ZipFile(path) as file:
             _check_entries(path, file, limits)

@@ -238,6 +238,7 @@ class Stages:
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,
             pareto=options.pareto,
+            settings=self.settings.bounds,
         )
         self.limit["gte"] = objective.vibration
         gentle = tuple(

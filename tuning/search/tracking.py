@@ -207,7 +207,7 @@ class TrackingObjective:
             rows.append(self.bounds.setting(j, {**mine, "gate_rad_s": gate}))
         return tuple(rows)
 
-    def parameters(self, table: Table, gate_rad_s: float | None = None) -> Parameters:
+    def parameters(self, table: Table) -> Parameters:
         """Return the parameters of `space` that are nearest to a table."""
         rows = {row.joint: row for row in table}
         out: Parameters = {}
@@ -219,9 +219,9 @@ class TrackingObjective:
             if "offset" in self.free:
                 out[f"offset_nm_{j}"] = row.offset_nm
             if self.gates == "each":
-                out[f"gate_rad_s_{j}"] = gate_rad_s or self.bounds.gate_rad_s[1]
+                out[f"gate_rad_s_{j}"] = self.bounds.gate_rad_s[1]
         if self.gates == "one":
-            out["gate_rad_s"] = gate_rad_s or self.bounds.gate_rad_s[1]
+            out["gate_rad_s"] = self.bounds.gate_rad_s[1]
         if self._believed is not None:
             out["compensation"] = float(np.mean(self._settings.compensation_factor))
             out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}

@@ -133,6 +133,19 @@ def test_options_that_cannot_be_are_one_clear_line(options, what):
         Options(**options)
 
 
+def test_settings_of_the_compensation_reach_its_search(small, monkeypatch):
+    class Stop(Exception):
+        pass
+
+    def stop(*_, settings, **__):
+        assert settings.compensation_reach == 2.0
+        raise Stop
+
+    monkeypatch.setattr("tuning.search.stages.TrackingObjective", stop)
+    with pytest.raises(Stop):
+        small("out", objective="gte", settings={"bounds.compensation_reach": 2.0})
+
+
 def test_a_study_of_another_search_is_not_continued(small, tmp_path):
     storage = f"sqlite:///{tmp_path / 'study.db'}"
     small("one", storage=storage, evaluations=2)

@@ -113,9 +113,9 @@ def test_gates_reach_the_table(make):
     table = one.table({**one.parameters(thesis_final_dither()), "gate_rad_s": 0.05})
     assert [row.gate_rad_s for row in table] == [0.05, 0.05]
     each = make(gates="each")
-    parameters = each.parameters(thesis_final_dither(), 0.1)
+    parameters = each.parameters(thesis_final_dither())
     table = each.table({**parameters, "gate_rad_s_7": 0.02})
-    assert [row.gate_rad_s for row in table] == [0.1, 0.02]
+    assert [row.gate_rad_s for row in table] == [1.0, 0.02]
 
 
 def test_waveform_and_offset_reach_the_table(make):
