@@ -31,9 +31,9 @@ class ThesisSettings:
     cap_half_widths: Positive
     """A candidate above this many friction half-widths of the joint's freest pose is dropped [-].
 
-    It consists of offset and load of one pose, not of friction; in the other pose it would drive
-    instead of dithering it. The thesis found joint 2's 3.7584 N·m "deemed too high" and replaced it
-    by 1.2 by hand (Table 4.9): 3.9 half-widths; the next largest kept is 2.2.
+    It consists of offset and load of one pose, not of friction. In the other pose it would move
+    the joint instead of dithering it. The thesis replaced joint 2's 3.7584 N·m, "deemed too high",
+    by 1.2 by hand (Table 4.9). It is 3.9 half-widths; the next largest one that was kept is 2.2.
     """
 
 
@@ -130,9 +130,9 @@ class RobotSettings:
     same: Positive
     """A measured setting is a proposed one if frequency and amplitude are within this [-]."""
     most_ratio: Positive
-    """A reported torque above this many base torques cannot be a measurement in N·m [-]."""
+    """A reported torque above this many base torques is refused: another unit, probably [-]."""
     base_factor: Positive
-    """Nor can a reported base torque that differs from the simulated one by this factor [-]."""
+    """A reported base torque that differs from the simulated one by this factor is refused [-]."""
     noise: Positive
     """Standard deviation of a repeated measurement of one cell, over the base torque [-]."""
     tolerance: Positive
@@ -172,7 +172,7 @@ class TuningSettings:
     shared: SharedSettings
     """A study in a database that machines share."""
     robot: RobotSettings
-    """Tuning beside a real robot."""
+    """Tuning on a real robot."""
 
 
 @cache

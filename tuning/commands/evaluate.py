@@ -48,33 +48,35 @@ def add_parser(subparsers: Any) -> None:
         type=common.whole(1),
         default=EPISODES,
         metavar="N",
-        help="of each policy (default: %(default)s)",
+        help="episodes of each policy (default: %(default)s)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/evaluate-ROBOT)")
 
 
 def add_task_options(parser: common.Parser) -> None:
-    """Add what says which environment: arm, experiment, episodes, arguments."""
+    """Add the options of an environment: arm, experiment, episodes, arguments."""
     common.add_robot_options(parser)
     parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
     parser.add_argument(
         "--trajectory",
         choices=TRAJECTORIES,
-        help="of every episode (gte); random: drawn paths, other ones in training than afterwards",
+        help="path of every episode (gte); random: drawn ones, others in training than in "
+        "evaluation",
     )
     parser.add_argument(
         "--stiffness",
         nargs=3,
         type=common.number(0),
         metavar=("KT", "KR", "KN"),
-        help="of every episode (gte): translational [N/m], rotational [N·m/rad], nullspace",
+        help="stiffness in every episode (gte): translational [N/m], rotational [N·m/rad], "
+        "nullspace",
     )
     parser.add_argument(
         "--friction-factor",
         type=common.number(0, above=True),
         metavar="X",
-        help="true stiction and load coefficient over those that bounds, observations and rewards "
-        "are in units of (default: 1)",
+        help="true stiction and load coefficient over those that scale bounds, observations and "
+        "rewards (default: 1)",
     )
     parser.add_argument(
         "--env",
@@ -91,7 +93,7 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
 
     Args:
         args: of the command.
-        more: reset options that hold unless the user says otherwise.
+        more: reset options; those of the user override them.
 
     Raises:
         StictionError: an option of another experiment, or an argument that does not exist.

@@ -32,20 +32,20 @@ def add_parser(subparsers: Any) -> None:
         required=True,
         type=common.whole(1),
         metavar="N",
-        help="of all arms together, each a control interval long (default: 0.1 s)",
+        help="steps of all arms together, each one control interval long (default: 0.1 s)",
     )
     parser.add_argument(
         "--start",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table that the policy begins with, its gates not looked at (default: half "
+        help="amplitude table that the policy starts with, without its gates (default: half "
         "of the highest amplitudes and frequencies)",
     )
     parser.add_argument(
         "--settings",
         type=Path,
         metavar="FILE.toml",
-        help="numbers of environments, networks, intervals and so on that differ from the defaults "
+        help="settings that differ from the defaults: environments, networks, intervals … "
         "([ppo], [sac], [td3], [run] as in tuning/policies/settings.toml)",
     )
     parser.add_argument(
@@ -56,7 +56,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(
         parser,
         out="output folder (default: runs/train-ROBOT); one that holds a part of the same training "
-        "is gone on with",
+        "is continued",
     )
 
 

@@ -27,7 +27,7 @@ SEARCH_ONLY = (
     *("search", "gates", "compensation", "without_dither", "ask", "tell"),
 )
 WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
-"""Of the search's options, those that tuning beside a robot has."""
+"""Options of the search that tuning on a real robot has too."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -92,7 +92,7 @@ def _add_search_options(parser: Any) -> None:
         "--objective",
         choices=OBJECTIVES,
         help="sje: torque left to move each joint (default); gte: error left at the goals of a "
-        "path; both: the one begins where the other ended",
+        "path; both: the second starts from the table of the first",
     )
     group.add_argument(
         "--sampler",
@@ -144,7 +144,8 @@ def _add_search_options(parser: Any) -> None:
         "--limit",
         type=Path,
         metavar="TABLE.csv",
-        help="shake no more than this amplitude table does (default: thesis Table 4.9 on a Panda)",
+        help="limit the oscillation to that of this amplitude table (default: thesis Table 4.9 on "
+        "a Panda)",
     )
     group.add_argument(
         "--beside",
@@ -159,15 +160,15 @@ def _add_search_options(parser: Any) -> None:
         type=common.whole(1),
         const=1,
         metavar="N",
-        help="beside a real robot: write the next N settings per joint to measure (ask.csv; "
+        help="with a real robot: write the next N settings per joint to measure (ask.csv; "
         "default: 1; --out: runs/ask-ROBOT)",
     )
     group.add_argument(
         "--tell",
         type=Path,
         metavar="TABLE.csv",
-        help="take what was measured (measure.csv filled in, or any SJE table); then --ask, if it "
-        "is there too",
+        help="enter measurements (measure.csv filled in, or any SJE table); then --ask, if it "
+        "is given too",
     )
 
 

@@ -143,7 +143,7 @@ class Policy:
             words += [f"with {', '.join(more[:3])}"] if more else []
             raise StictionError(
                 f"policy for other observations, {' and '.join(words) or 'in another order'}: "
-                f"expected the {len(names)} of {environment}: train it anew"
+                f"expected the {len(names)} of {environment}: train it again"
             )
         if abs(card.interval - interval) > 1e-9:
             raise StictionError(

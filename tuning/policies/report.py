@@ -89,7 +89,7 @@ def write_report(
         trained=policy["return"],
         error=error,
         undithered=none["return"],
-        words="" if gain > 2 * error else ": no gain that stands against the scatter of episodes",
+        words="" if gain > 2 * error else ": no significant gain over the scatter of episodes",
         first=trained.points[0].evaluation_return,
         best=trained.best.evaluation_return,
         best_steps=trained.best.steps,

@@ -38,12 +38,12 @@ def discrepancy_kernel(s: RobotSettings) -> Kernel:
         + shape² exp(−½ (Δ ln f / l_f)² − ½ (Δ ln x / l_x)²)
     """
     # an infinite length removes a column; a short one separates whole numbers
-    far, apart = np.inf, 1e-3
+    far, close = np.inf, 1e-3
     shape = RBF([s.frequency_length, s.displacement_length, far, far])
     return (
         ConstantKernel(s.offset**2)
-        + ConstantKernel(s.configuration**2) * RBF([far, far, apart, far])
-        + ConstantKernel(s.setting**2) * RBF([far, far, far, apart])
+        + ConstantKernel(s.configuration**2) * RBF([far, far, close, far])
+        + ConstantKernel(s.setting**2) * RBF([far, far, far, close])
         + ConstantKernel(s.shape**2) * shape
     )
 

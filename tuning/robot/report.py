@@ -129,21 +129,21 @@ def state_of(
     count: int,
 ) -> State:
     """Return the present state of the study, and up to ``count`` settings per joint to measure."""
-    told = readings(record, predicted, settings.same)
+    measured = readings(record, predicted, settings.same)
     joints = []
     for j, c in sorted(predicted.candidates.items()):
-        posterior = posterior_of(c, told[j], settings)
-        chance = chance_of_better(posterior, told[j], settings)
+        posterior = posterior_of(c, measured[j], settings)
+        chance = chance_of_better(posterior, measured[j], settings)
         asked = []
         if chance >= 1.0 - settings.confidence:
-            asked = next_settings(c, told[j], count, settings)
+            asked = next_settings(c, measured[j], count, settings)
         joints.append(
             JointState(
                 candidates=c,
-                readings=told[j],
+                readings=measured[j],
                 posterior=posterior,
                 asked=tuple(asked),
-                best=best_measured(posterior, told[j]),
+                best=best_measured(posterior, measured[j]),
                 chance=chance,
             )
         )
@@ -177,7 +177,7 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     if asked:
         _write_asked(folder, state)
     draw(state, folder / "belief.png")
-    title = f"Dither for {state.robot}, beside the robot"
+    title = f"Dither for {state.robot}, measured on the robot"
     write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
 

@@ -213,9 +213,9 @@ class Session:
         self, record: Record, predicted: Predicted, rows: list[MeasuredRow]
     ) -> Predicted:
         """Return the predictions, with those of settings that were measured but never proposed."""
-        told = dict.fromkeys(r.setting for r in rows if not r.is_base)
+        measured = dict.fromkeys(r.setting for r in rows if not r.is_base)
         same = self.settings.robot.same
-        new = [AmplitudeRow(*t) for t in told if predicted.find(t, same) is None]
+        new = [AmplitudeRow(*t) for t in measured if predicted.find(t, same) is None]
         if not new:
             return predicted
         found = self._objective.measure(new)

@@ -1,4 +1,4 @@
-"""Plots of a search: landscape, front, history, importance, tables beside each other."""
+"""Plots of a search: landscape, front, history, importance, comparison of tables."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def fronts(
         for k, (name, joints) in enumerate(verified.breakaway.items()):
             if j in joints:
                 found = joints[j]
-                _mark(axis, k, found.displacement, found.reduction, f"{name}, measured anew")
+                _mark(axis, k, found.displacement, found.reduction, f"{name}, measured again")
         axis.set(title=f"joint {j}", xlabel="displacement, rms [mrad]", ylabel="reduction [%]")
         axis.grid(alpha=0.3)
     _legend(axes, len(records))

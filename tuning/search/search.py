@@ -9,7 +9,7 @@ print(found)
               GTE: one study of whole tables -> table
                       |
                       v
-    final.csv -> measured anew: unseen seeds, frictions and paths, beside other tables -> report.md
+    final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
 """
 
 from __future__ import annotations
@@ -62,14 +62,14 @@ def search(
     progress: Progress | None = None,
     settings: TuningSettings | Changes | None = None,
 ) -> Tuning:
-    """Search the dither of every joint, and measure what was found anew.
+    """Search the dither of every joint, and measure the result again.
 
-    Interrupted at any moment, the same call goes on where it was and ends with the same files.
+    After an interruption, the same call continues and ends with the same files.
 
     Args:
         robot: name, model file, arm, or an arm with its friction (`load_model`).
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
-            "both": the one begins where the other ended.
+            "both": the second starts from the table of the first.
         sampler: one of `samplers.available`; None: gp for the SJE, cmaes for the GTE.
         pareto: second objective, of `options.PRICES`; None for one objective.
         free: of "waveform" and "offset": what is searched besides amplitude and frequency.
@@ -170,7 +170,7 @@ def search(
 
 
 def _check_vibration(bounds: Bounds, settings: TuningSettings) -> None:
-    """Raise where a dither could slip under the filter of the vibration measure."""
+    """Raise where the filter of the vibration measure could hide a dither."""
     edge = settings.bounds.vibration_edge * load_gte_protocol().vibration_low
     low = float(bounds.frequency_hz[:, 0].min())
     if low < edge:

@@ -96,8 +96,8 @@ class Record:
         self.file: Path | None = storage_file(storage)
         """File of the storage, None for a database server."""
         opened = open_storage(storage, self.settings)
-        told = json.dumps([objectives, about], sort_keys=True, default=str)
-        fingerprint = hashlib.sha256(told.encode()).hexdigest()
+        definition = json.dumps([objectives, about], sort_keys=True, default=str)
+        fingerprint = hashlib.sha256(definition.encode()).hexdigest()
         try:
             self.study = _study(opened, name, objectives)
             known = self.study.user_attrs.get("fingerprint")

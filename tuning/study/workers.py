@@ -74,7 +74,7 @@ def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | Non
     retries = _Retries(searches[0].record.place, settings)
     fills = [_SharedFill(s, retries) for s in searches]
     total = sum(s.evaluations for s in searches)
-    with _Heartbeat(fills, retries, settings), _trials_returned(fills):
+    with _heartbeats(fills, retries, settings), _trials_returned(fills):
         while True:
             due = [(k, trial) for k, one in enumerate(fills) for trial in one.claim()]
             if progress is not None:
@@ -134,8 +134,8 @@ class _SharedFill:
             return self.study.tell(trial, values, state=state, skip_if_finished=True)
 
         try:
-            told = self._retries(write)
-            lost = told.state == TrialState.FAIL and outcome.values is not None
+            stored = self._retries(write)
+            lost = stored.state == TrialState.FAIL and outcome.values is not None
         except UpdateFinishedTrialError:
             # ours, stored before the connection broke, or failed by another worker
             found = self._retries(self._trials)
@@ -151,9 +151,9 @@ class _SharedFill:
     def give_back(self) -> None:
         """Queue the settings of this worker's trials for others, as far as possible."""
         for trial in self.mine.values():
-            told = self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
-            if not has_outcome(told):
-                retry(self.study, told)
+            failed = self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
+            if not has_outcome(failed):
+                retry(self.study, failed)
         self.mine = {}
 
     def beat(self) -> None:
@@ -287,8 +287,8 @@ class _Retries:
                     self._say("does not answer: waiting for it")
                 if now - began > self._settings.give_up_s:
                     raise ExperimentError(
-                        f"storage {self._place}: no answer for {now - began:.0f} s; what was told "
-                        "is kept, run the same command again to go on"
+                        f"storage {self._place}: no answer for {now - began:.0f} s; finished "
+                        "trials are kept, run the same command again to go on"
                     ) from None
                 time.sleep(self._settings.retry_s)
                 continue
@@ -300,38 +300,36 @@ class _Retries:
         warnings.warn(f"storage {self._place}: {what}", stacklevel=3)
 
 
-class _Heartbeat:
-    """A thread that sends heartbeats for the trials that this worker runs."""
+@contextmanager
+def _heartbeats(
+    fills: Sequence[_SharedFill], retries: _Retries, settings: SharedSettings
+) -> Iterator[None]:
+    """Send heartbeats, from a thread, for the trials that this worker runs."""
+    end = threading.Event()
 
-    def __init__(
-        self, fills: Sequence[_SharedFill], retries: _Retries, settings: SharedSettings
-    ) -> None:
-        self._fills, self._retries, self._settings = fills, retries, settings
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._beat, daemon=True)
-
-    def __enter__(self) -> None:
-        self._retries.beaten = time.monotonic()
-        self._thread.start()
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
-
-    def _beat(self) -> None:
-        wait = self._settings.heartbeat_s
-        while not self._end.wait(wait):
+    def beat() -> None:
+        wait = settings.heartbeat_s
+        while not end.wait(wait):
             try:
-                for one in self._fills:
+                for one in fills:
                     one.beat()
-                if self._retries.silent:
-                    self._retries.troubles += 1  # it hung, and returned normally
-                self._retries.beaten = time.monotonic()
-                wait = self._settings.heartbeat_s
+                if retries.silent:
+                    retries.troubles += 1  # it hung, and returned normally
+                retries.beaten = time.monotonic()
+                wait = settings.heartbeat_s
             except (StorageInternalError, DBAPIError):
                 # the main thread reports it if it persists at its next call
-                self._retries.troubles += 1
-                wait = min(self._settings.retry_s, self._settings.heartbeat_s)
+                retries.troubles += 1
+                wait = min(settings.retry_s, settings.heartbeat_s)
+
+    retries.beaten = time.monotonic()
+    thread = threading.Thread(target=beat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
 
 
 @contextmanager

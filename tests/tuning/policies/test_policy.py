@@ -172,21 +172,12 @@ STRANGE = {
     "deep": (lambda e: e.update({"policy.json": b"[" * 10**5}), "not JSON"),
     "list": (lambda e: e.update({"policy.json": b"[]"}), "expected an object"),
     "format": (lambda e: card(e, format="stiction-envs policy 2"), "policy 2': expected"),
-    "activation": (
-        lambda e: card(e, activation="exec"),
-        "expected one of tanh, relu",
-    ),
+    "activation": (lambda e: card(e, activation="exec"), "expected one of tanh, relu"),
     "output": (lambda e: card(e, output=3), "output is 3: expected `str`"),
-    "names": (
-        lambda e: card(e, observation_names=[1, 2, 3]),
-        "names is [1, 2, 3]: expected `str`",
-    ),
+    "names": (lambda e: card(e, observation_names=[1, 2, 3]), "names is [1, 2, 3]: expected `str`"),
     "clip": (lambda e: card(e, clip=-1.0), "clip is -1.0: expected `float` > 0.0"),
     "interval": (lambda e: card(e, interval=True), "interval is True"),
-    "environment": (
-        lambda e: card(e, environment="GTE"),
-        "expected one as GTE-v0",
-    ),
+    "environment": (lambda e: card(e, environment="GTE"), "expected one as GTE-v0"),
     "layers": (lambda e: card(e, layers=10**9), "layers is 1000000000"),
 }
 

@@ -226,18 +226,21 @@ def test_the_final_rule_reproduces_the_thesis_choices():
             assert amplitude == printed
 
 
-def test_the_final_amplitude_obeys_the_torque_rate():
-    amplitude, reason = final_amplitude(
-        np.array([4.0, 4.0]), 10.0, frequency_hz=80.0, torque_rate=1000.0
+@pytest.mark.parametrize(
+    ("intermediate", "half_width", "frequency", "rate", "expected", "reason"),
+    [
+        (4.0, 10.0, 80.0, 1000.0, 1000 / (2 * np.pi * 80), "by the torque rate"),
+        (9.0, 1.0, 1.0, np.inf, tuning_settings().thesis.cap_half_widths, "all four were above"),
+    ],
+)
+def test_the_final_amplitude_obeys_rate_and_cap(
+    intermediate, half_width, frequency, rate, expected, reason
+):
+    amplitude, why = final_amplitude(
+        np.full(4, intermediate), half_width, frequency_hz=frequency, torque_rate=rate
     )
-    assert amplitude == pytest.approx(1000 / (2 * np.pi * 80))
-    assert "torque rate" in reason
-
-
-def test_all_candidates_above_the_cap():
-    cap = tuning_settings().thesis.cap_half_widths
-    amplitude, _ = final_amplitude(np.array([9.0]), 1.0, frequency_hz=1.0, torque_rate=np.inf)
-    assert amplitude == cap
+    assert amplitude == expected
+    assert reason in why
 
 
 @pytest.mark.parametrize(

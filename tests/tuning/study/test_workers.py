@@ -253,11 +253,8 @@ def test_slots_are_counted_by_chains_of_trials():
 def test_a_silence_that_no_call_told_is_trouble(beats, troubles):
     """A connection that hung for 10 s and ended well: others may have been cut off as long."""
     settings = dataclasses.replace(IMPATIENT, heartbeat_s=0.05, beats=beats)
-    retries, beaten, enough = (
-        workers._Retries("x", settings),
-        itertools.count(),
-        threading.Event(),
-    )
+    retries, beaten = workers._Retries("x", settings), itertools.count()
+    enough = threading.Event()
 
     class Fill:
         def beat(self):
@@ -267,7 +264,7 @@ def test_a_silence_that_no_call_told_is_trouble(beats, troubles):
             if k == 3:
                 enough.set()
 
-    with workers._Heartbeat([Fill()], retries, settings):
+    with workers._heartbeats([Fill()], retries, settings):
         assert enough.wait(10)
     assert retries.troubles == troubles
 
