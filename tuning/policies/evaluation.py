@@ -53,19 +53,16 @@ class Evaluated:
     def summary(self) -> dict[str, dict[str, float]]:
         """Return, per policy, the means of all numbers and the standard error of the return."""
         out: dict[str, dict[str, float]] = {}
+        # from the return on; the columns before it describe the episode
+        names = list(self.rows[0])
+        measures = [n for n in names[names.index("return") + 1 :] if not n.startswith("undithered")]
         for policy in self.policies:
             returns = self.values(policy, "return")
             error = np.std(returns, ddof=1) / np.sqrt(len(returns)) if len(returns) > 1 else np.nan
             out[policy] = {"episodes": len(returns), "return": float(returns.mean())}
             out[policy]["return_error"] = float(error)
-            out[policy] |= {n: float(self.values(policy, n).mean()) for n in self._measures}
+            out[policy] |= {n: float(self.values(policy, n).mean()) for n in measures}
         return out
-
-    @property
-    def _measures(self) -> list[str]:
-        # from the return on; the columns before it describe the episode
-        names = list(self.rows[0])
-        return [n for n in names[names.index("return") + 1 :] if not n.startswith("undithered")]
 
 
 def evaluate_all(

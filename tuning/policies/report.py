@@ -52,11 +52,6 @@ def means_table(
     return ["policy", *(COLUMNS[c][0] for c in shown)], rows
 
 
-def _friction_note(task: Task) -> str:
-    arm = load_arm(task.robot, chain=task.arguments.get("chain"))
-    return friction_note(arm, friction_of(arm, task.arguments.get("friction")))
-
-
 def write_report(
     folder: Path,
     task: Task,
@@ -78,13 +73,13 @@ def write_report(
     summary = evaluated.summary()
     none, policy = summary["none"], summary["trained"]
     gain, error = policy["return"] - none["return"], policy["return_error"]
-    robot = arm_title(task.arm_name)
+    arm = load_arm(task.robot, chain=task.arguments.get("chain"))
     write_md_and_html(
         folder,
         TEMPLATE,
         f"{algorithm.upper()} on {task.name}",
-        note=_friction_note(task),
-        robot=robot,
+        note=friction_note(arm, friction_of(arm, task.arguments.get("friction"))),
+        robot=arm_title(task.arm_name),
         algorithm=f"{algorithm.upper()} on {task.name}",
         trained=policy["return"],
         error=error,

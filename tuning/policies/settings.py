@@ -16,21 +16,29 @@ from stiction_envs.method_settings import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class PPOSettings:
-    """Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3."""
+class AlgorithmSettings:
+    """Settings that all algorithms share."""
 
     envs: Count
     """Arms that are stepped together."""
-    rollout: Count
-    """Steps of each arm between two updates."""
     batch_size: Count
     """Transitions of a gradient step."""
-    epochs: Count
-    """Passes over a rollout."""
     learning_rate: Positive
     """Learning rate of Adam [-]."""
     gamma: Share
     """Discount per step [-]."""
+    network: tuple[Count, ...]
+    """Units of each hidden layer (PPO: tanh, others: ReLU), the same for actor and critics."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings(AlgorithmSettings):
+    """Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3."""
+
+    rollout: Count
+    """Steps of each arm between two updates."""
+    epochs: Count
+    """Passes over a rollout."""
     gae_lambda: Share
     """λ of the generalised advantage estimate [-]."""
     clip_range: Share
@@ -39,32 +47,20 @@ class PPOSettings:
     """Weight of the entropy [-]."""
     log_std: float
     """Logarithm of an action's initial standard deviation, in [-1, 1] of its range."""
-    network: tuple[Count, ...]
-    """Units of each hidden layer (tanh), the same for actor and critic."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class OffPolicySettings:
+class OffPolicySettings(AlgorithmSettings):
     """Settings that soft actor-critic and TD3 share."""
 
-    envs: Count
-    """Arms that are stepped together."""
     learning_starts: Count
     """Steps with random actions at the beginning."""
     gradient_steps: Count
     """Updates after each step of all arms."""
-    batch_size: Count
-    """Transitions of a gradient step."""
     buffer_size: Count
     """Largest number of transitions in the replay buffer."""
-    learning_rate: Positive
-    """Learning rate of Adam [-]."""
-    gamma: Share
-    """Discount per step [-]."""
     tau: Share
     """Rate at which target networks follow, per update [-]."""
-    network: tuple[Count, ...]
-    """Units of each hidden layer (ReLU), the same for actor and critics."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,8 @@ class Task:
     def __post_init__(self) -> None:
         if self.experiment not in EXPERIMENTS:
             raise unknown("experiment", self.experiment, EXPERIMENTS)
-        names = argument_names(self.experiment)
+        arguments = EXPERIMENTS[self.experiment].vector_class().episodes.arguments
+        names = [f.name for f in fields(arguments) if f.name not in _NOT_OPTIONS]
         for name in self.arguments:
             if name not in names:
                 raise unknown(f"argument of the {self.experiment} environment", name, names)
@@ -67,9 +68,3 @@ class Task:
             num_envs, robot=self.robot, autoreset_mode="SameStep", **arguments
         )
         return made
-
-
-def argument_names(experiment: str) -> list[str]:
-    """Return the names of an environment's arguments, besides the arm and the threads."""
-    arguments = EXPERIMENTS[experiment].vector_class().episodes.arguments
-    return [f.name for f in fields(arguments) if f.name not in _NOT_OPTIONS]

@@ -45,6 +45,7 @@ from tuning.policies.training_callbacks import Checkpoints, CurvePoint, Evaluati
 
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
 """Contents of the folder of a training."""
+NO_TENSORBOARD = f"tensorboard is not installed: the curve is in {CURVE} alone"
 Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
 
@@ -212,7 +213,7 @@ class _Process:
             points=tuple(self._evaluations.points),
             resumed_at=at,
             steps_per_second=rate,
-            notes=_notes(),
+            notes=() if _has_tensorboard() else (NO_TENSORBOARD,),
         )
 
     def _learn(self) -> float:
@@ -260,13 +261,6 @@ class _Process:
 
 def _has_tensorboard() -> bool:
     return importlib.util.find_spec("tensorboard") is not None
-
-
-def _notes() -> tuple[str, ...]:
-    """Return notes for the user, even if the training was already finished."""
-    if _has_tensorboard():
-        return ()
-    return (f"tensorboard is not installed: the curve is in {CURVE} alone",)
 
 
 def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:

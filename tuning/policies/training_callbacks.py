@@ -45,12 +45,6 @@ def write_curve(path: Path, points: Sequence[CurvePoint]) -> None:
     write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
-def _point(row: Mapping[str, Any]) -> CurvePoint:
-    """Return a point from a checkpoint, whose JSON has no NaN."""
-    values: dict[str, Any] = {k: np.nan if v is None else v for k, v in row.items()}
-    return CurvePoint(**values)
-
-
 class Evaluations(BaseCallback):
     """Evaluates at the start, at intervals and at the end, on the same episodes every time.
 
@@ -138,8 +132,10 @@ class Evaluations(BaseCallback):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a checkpoint."""
-        # JSON has no NaN
-        self.points = [_point(p) for p in state["points"]]
+        for row in state["points"]:
+            # JSON has no NaN
+            values: dict[str, Any] = {k: np.nan if v is None else v for k, v in row.items()}
+            self.points.append(CurvePoint(**values))
         self._ended = list(state["ended"])
 
 

@@ -164,10 +164,9 @@ def verify_tracking(
     known = measured_once(made, cases, measure_all, progress)
     result: dict[str, dict[str, PathResult]] = {name: {} for name in treatments}
     for (name, path), attributes in zip(cases, known, strict=True):
-        result[name][path] = PathResult(
-            **{k: _left(attributes[k]) for k in LEFT},
-            **{k: attributes[k] for k in ("vibration_m", "vibration_at_rest_m", "power_w")},
-        )
+        shaken = {k: attributes[k] for k in ("vibration_m", "vibration_at_rest_m", "power_w")}
+        left: dict[str, Any] = {k: _left(attributes[k]) for k in LEFT}
+        result[name][path] = PathResult(**left, **shaken)
     return result
 
 
