@@ -28,7 +28,7 @@ from tests.robots.arms import chain
 from tuning.protocol.report import thesis_rows
 from tuning.protocol.stages import ThesisTuner
 from tuning.search.bounds import Bounds
-from tuning.search.reference_tables import other_tables
+from tuning.search.reference_tables import reference_tables
 from tuning.settings import tuning_settings
 
 
@@ -101,10 +101,9 @@ def test_tuning_it_shows_nothing_of_the_thesis(stranger: Path):
     experiment = SingleJointExperiment(stranger)
     tuner = cast(ThesisTuner, SimpleNamespace(experiment=experiment))
     assert thesis_rows(tuner) == []
-    found = other_tables(
+    found = reference_tables(
         experiment,
         cast(Bounds, SimpleNamespace(largest=lambda joint, frequency: np.inf)),
-        own={},
-        settings=tuning_settings(),
+        tuning_settings(),
     )
-    assert list(found.others) == ["base torque"]
+    assert list(found) == ["base torque"]

@@ -15,7 +15,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import Line, read_lines
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow
 from stiction_envs.measured.thesis_robots import our_name
-from tuning.robot.prediction import allowed
 from tuning.search.bounds import Bounds
 from tuning.settings import RobotSettings
 
@@ -111,8 +110,8 @@ def check_measured(
         if row.is_base:
             continue
         setting = AmplitudeRow(row.joint, row.frequency_hz, row.amplitude_nm)
-        if not allowed(bounds, setting):
-            raise StictionError(f"{row.where}: {_beyond(bounds, setting)}")
+        if (reason := bounds.beyond(setting)) is not None:
+            raise StictionError(f"{row.where}: {reason}")
         if math.isfinite(row.tau_nm):
             _check_torque(row, base[row.cell], math.inf, settings.most_ratio)
 
@@ -133,16 +132,3 @@ def _check_torque(row: MeasuredRow, base: float, below: float, above: float) -> 
         raise StictionError(
             f"{what}: expected {low}{base * above:.3g} N·m (the base torque is about {base:.3g})"
         )
-
-
-def _beyond(bounds: Bounds, row: AmplitudeRow) -> str:
-    """Return which bound a setting exceeds."""
-    low, high = bounds.frequency_hz[row.joint - 1]
-    if not low <= row.frequency_hz <= high:
-        return f"frequency_hz is {row.frequency_hz:g}: expected {low:g} to {high:g} Hz"
-    if bounds.forbidden(row.joint, row.frequency_hz) > 0:
-        bands = ", ".join(f"{a:g} to {b:g}" for a, b in bounds.forbidden_hz[row.joint - 1])
-        return f"frequency_hz is {row.frequency_hz:g}: expected outside of {bands} Hz"
-    least = bounds.amplitude_nm[row.joint - 1, 0]
-    most = bounds.largest(row.joint, row.frequency_hz)
-    return f"amplitude_nm is {row.amplitude_nm:g}: expected {least:.3g} to {most:.3g} N·m there"

@@ -24,17 +24,6 @@ MARGIN = 0.97
 (assumed)."""
 
 
-def allowed(bounds: Bounds, row: AmplitudeRow) -> bool:
-    """Return whether a setting is within all bounds of its joint."""
-    low, high = bounds.frequency_hz[row.joint - 1]
-    return bool(
-        low <= row.frequency_hz <= high
-        and max(bounds.amplitude_nm[row.joint - 1, 0], 0.0) <= row.amplitude_nm
-        and 0 < row.amplitude_nm <= bounds.largest(row.joint, row.frequency_hz)
-        and bounds.forbidden(row.joint, row.frequency_hz) <= 0
-    )
-
-
 def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeRow]:
     """Return settings of a joint (from 1): frequencies even in the logarithm, amplitudes in size.
 
@@ -52,7 +41,7 @@ def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeR
         for f in (free[at] if len(free) else [])
         for share in np.arange(1, settings.amplitudes + 1) / settings.amplitudes
     ]
-    kept = [row for row in dict.fromkeys(rows) if allowed(bounds, row)]
+    kept = [row for row in dict.fromkeys(rows) if bounds.beyond(row) is None]
     if not kept:
         raise StictionError(f"bounds of joint {joint} leave no setting: expected one or more")
     return kept
@@ -72,7 +61,7 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
     joints = range(1, bounds.n + 1)
     rows = [row for j in joints for row in grid(bounds, j, settings)]
     found = objective.measure(rows)
-    found |= objective.measure([r for r in _at_limit(found, limit) if allowed(bounds, r)])
+    found |= objective.measure([r for r in _at_limit(found, limit) if bounds.beyond(r) is None])
     out = {}
     for j in joints:
         kept = {

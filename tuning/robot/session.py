@@ -35,7 +35,7 @@ from tuning.robot.robot_study import (
 )
 from tuning.search.bounds import bounds_of
 from tuning.search.breakaway import BreakawayObjective
-from tuning.search.reference_tables import other_tables
+from tuning.search.reference_tables import reference_tables
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record
 from tuning.study.tuning_run import open_run
@@ -71,7 +71,7 @@ class Session:
             robot: name, model file, arm, or an arm with its friction (`load_model`).
             bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
             limit: amplitude table whose displacement may not be exceeded; None for thesis Table 4.9
-                on the Panda, and on other arms for the table that `other_tables` returns.
+                on the Panda, and on other arms for the first one of `reference_tables`.
             out: output folder; None for ``runs/ask-ROBOT``.
             force: whether the files of *another* run in it are replaced; a session's own are kept.
             seed: of the simulations.
@@ -92,9 +92,8 @@ class Session:
         )
         e, arm = self.experiment, self.experiment.sticking.arm
         self.bounds = bounds_of(e, bounds, self.settings.bounds)
-        self.limits: tuple[AmplitudeRow, ...]
         if limit is None:
-            self.limits = other_tables(e, self.bounds, own={}, settings=self.settings).limits
+            self.limits = next(iter(reference_tables(e, self.bounds, self.settings).values()))
         else:
             read = read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque)
             self.limits = tuple(read)

@@ -113,6 +113,20 @@ class Bounds:
         share = (row.amplitude_nm - least) / max(most - least, 1e-12)
         return {"frequency_hz": frequency, "amplitude": float(np.clip(share, 0.0, 1.0))}
 
+    def beyond(self, row: AmplitudeRow) -> str | None:
+        """Return which bound a dither exceeds, and what is expected; None for none."""
+        low, high = self.frequency_hz[row.joint - 1]
+        if not low <= row.frequency_hz <= high:
+            return f"frequency_hz is {row.frequency_hz:g}: expected {low:g} to {high:g} Hz"
+        if self.forbidden(row.joint, row.frequency_hz) > 0:
+            bands = ", ".join(f"{a:g} to {b:g}" for a, b in self.forbidden_hz[row.joint - 1])
+            return f"frequency_hz is {row.frequency_hz:g}: expected outside of {bands} Hz"
+        least = max(self.amplitude_nm[row.joint - 1, 0], 0.0)
+        most = self.largest(row.joint, row.frequency_hz)
+        if row.amplitude_nm > 0 and least <= row.amplitude_nm <= most:
+            return None
+        return f"amplitude_nm is {row.amplitude_nm:g}: expected {least:.3g} to {most:.3g} N·m there"
+
     def met(self, row: AmplitudeRow, tolerance: float = 0.01) -> list[str]:
         """Return which bounds a setting lies on, in words."""
         low, high = self.frequency_hz[row.joint - 1]
@@ -126,6 +140,15 @@ class Bounds:
             rate = most < self.amplitude_nm[row.joint - 1, 1]
             out.append("torque rate" if rate else f"largest amplitude {most:.3g} N·m")
         return out
+
+
+def base_torques(experiment: SingleJointExperiment) -> Array:
+    """Return the largest base torque of every joint that its friction predicts (n,) [N·m]."""
+    out = np.zeros(experiment.n)
+    for job in experiment.jobs():
+        j = job.configuration.joint - 1
+        out[j] = max(out[j], experiment.expected(job))
+    return out
 
 
 def bounds_of(
@@ -144,11 +167,7 @@ def bounds_of(
         StictionError: a file that cannot be read, or bounds that leave nothing.
     """
     s = tuning_settings().bounds if settings is None else settings
-    n, arm = experiment.n, experiment.sticking.arm
-    base = np.zeros(n)
-    for job in experiment.jobs():
-        j = job.configuration.joint - 1
-        base[j] = max(base[j], experiment.expected(job))
+    n, arm, base = experiment.n, experiment.sticking.arm, base_torques(experiment)
     half = experiment.interface.controller_rate_hz / 2
     low, high = s.frequency_hz
     amplitude = np.minimum(s.largest_scale * base, arm.limits.torque)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from stiction_envs.dither.tables import HERE
@@ -11,7 +10,7 @@ from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 from tuning.protocol.rules import frequencies_of
-from tuning.search.bounds import Bounds
+from tuning.search.bounds import Bounds, base_torques
 from tuning.settings import TuningSettings
 from tuning.study.record import LIMITS
 
@@ -19,24 +18,10 @@ Table = tuple[AmplitudeRow, ...]
 THESIS, PROTOCOL, GRID = "Table 4.9", "make tune", "best grid point"
 
 
-@dataclass(frozen=True, kw_only=True)
-class OtherTables:
-    """Tables to compare with."""
-
-    others: Mapping[str, Table]
-    """Tables by name."""
-    limits: Table
-    """Table whose displacement and vibration a search may not exceed."""
-
-
-def other_tables(
-    experiment: SingleJointExperiment,
-    bounds: Bounds,
-    *,
-    own: Mapping[str, Table],
-    settings: TuningSettings,
-) -> OtherTables:
-    """Return the reference tables of an arm, and the user's own.
+def reference_tables(
+    experiment: SingleJointExperiment, bounds: Bounds, settings: TuningSettings
+) -> dict[str, Table]:
+    """Return the reference tables of an arm by name; the first limits a search.
 
     An arm without any gets the protocol's rule of thumb: the base torque at its second lowest
     frequency, or at its only one.
@@ -51,17 +36,8 @@ def other_tables(
         frequency = sorted(frequencies_of(robot, settings.thesis))[:2][-1]
         out["base torque"] = tuple(
             AmplitudeRow(j, frequency, min(base, bounds.largest(j, frequency)))
-            for j, base in base_torques(experiment).items()
+            for j, base in enumerate(base_torques(experiment).tolist(), 1)
         )
-    return OtherTables(others={**out, **own}, limits=next(iter(out.values())))
-
-
-def base_torques(experiment: SingleJointExperiment) -> dict[int, float]:
-    """Return the largest base torque of every joint that its friction predicts [N·m]."""
-    out: dict[int, float] = {}
-    for job in experiment.jobs():
-        j = job.configuration.joint
-        out[j] = max(out.get(j, 0.0), experiment.expected(job))
     return out
 
 
@@ -73,7 +49,7 @@ def grid_rows(
     half = experiment.interface.controller_rate_hz / 2
     return tuple(
         AmplitudeRow(j, f, min(scale * base, bounds.largest(j, f)))
-        for j, base in base_torques(experiment).items()
+        for j, base in enumerate(base_torques(experiment).tolist(), 1)
         for f in frequencies_of(robot, settings.thesis)
         for scale in settings.thesis.scales
         if f < half and bounds.forbidden(j, f) <= 0

@@ -30,7 +30,7 @@ from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import Bounds, bounds_of
 from tuning.search.options import Options
-from tuning.search.reference_tables import other_tables
+from tuning.search.reference_tables import reference_tables
 from tuning.search.report import write_search_report
 from tuning.search.stages import Progress, Stages
 from tuning.settings import TuningSettings, tuning_settings
@@ -121,13 +121,11 @@ def search(
         "torque_limit": arm.limits.torque,
         "controller_rate_hz": sje.interface.controller_rate_hz,
     }
-    tables = other_tables(
-        sje,
-        where,
-        own={Path(p).stem: tuple(read_amplitudes(p, **read)) for p in beside},
-        settings=s,
-    )
-    limits = tables.limits if limit is None else tuple(read_amplitudes(limit, **read))
+    tables = reference_tables(sje, where, s)
+    limits = next(iter(tables.values()))
+    if limit is not None:
+        limits = tuple(read_amplitudes(limit, **read))
+    tables |= {Path(p).stem: tuple(read_amplitudes(p, **read)) for p in beside}
     run = open_run(
         "search",
         "search",
@@ -153,7 +151,7 @@ def search(
         run=run,
         sje=sje,
         bounds=where,
-        others=dict(tables.others),
+        others=tables,
         limits=limits,
         options=options,
         settings=s,

@@ -1,11 +1,11 @@
-"""What a search is held against on an arm that the thesis did not measure."""
+"""What a search is compared with on an arm that the thesis did not measure."""
 
 import pytest
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.method_settings import override
 from tuning.search.bounds import bounds_of
-from tuning.search.reference_tables import other_tables
+from tuning.search.reference_tables import reference_tables
 from tuning.settings import tuning_settings
 
 
@@ -15,6 +15,6 @@ def test_the_limit_is_the_base_torque_at_the_second_slowest_frequency(
 ):
     experiment = SingleJointExperiment(small_arm, protocol=fast)
     settings = override(tuning_settings(), {"thesis.frequencies_hz": tried})
-    found = other_tables(experiment, bounds_of(experiment), own={}, settings=settings)
-    assert [r.frequency_hz for r in found.limits] == [taken, taken]
-    assert found.others == {"base torque": found.limits}
+    found = reference_tables(experiment, bounds_of(experiment), settings)
+    assert [r.frequency_hz for r in found.pop("base torque")] == [taken, taken]
+    assert found == {}
