@@ -126,10 +126,15 @@ def killed(begin, finished, tmp_path, *, times, within, seed):
 
 def start(begin, folder):
     """Start the process that works in a folder."""
+    target, arguments = begin(folder)
+    return launch(target, *arguments)
+
+
+def launch(target, *arguments, **options):
+    """Start a process that has this module loaded."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["tests.tuning.study.searches"])
-    target, arguments = begin(folder)
-    process = context.Process(target=target, args=arguments)
+    process = context.Process(target=target, args=arguments, kwargs=options)
     process.start()
     return process
 

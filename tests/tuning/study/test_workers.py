@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import multiprocessing
 import random
 import threading
 import time
@@ -15,13 +14,19 @@ import pytest
 from optuna.trial import TrialState, create_trial
 
 from stiction_envs.errors import ExperimentError, StictionError
-from tests.tuning.study.searches import ABOUT, IMPATIENT, SPACE, evaluate, search, tune_small, work
+from tests.tuning.study.searches import (
+    ABOUT,
+    IMPATIENT,
+    SPACE,
+    evaluate,
+    launch,
+    search,
+    tune_small,
+    work,
+)
 from tuning.study import record, workers
 from tuning.study.samplers import grid
 from tuning.study.storage import open_storage
-
-CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["tests.tuning.study.searches"])
 
 
 @pytest.fixture(autouse=True)
@@ -30,15 +35,12 @@ def quiet():
 
 
 def start(url, log, count=1, **options):
-    out = [CONTEXT.Process(target=work, args=(url, log), kwargs=options) for _ in range(count)]
-    for process in out:
-        process.start()
-    return out
+    return [launch(work, url, log, **options) for _ in range(count)]
 
 
-def finish(processes):
+def finish(processes, seconds=120):
     for process in processes:
-        process.join(120)
+        process.join(seconds)
         if process.exitcode is None:
             process.kill()
         assert process.exitcode == 0
@@ -411,15 +413,7 @@ def test_machines_run_the_thesis_protocol_together(database, small_arm, tmp_path
     model = str(tmp_path / "small.xml")
     alone = f"sqlite:///{tmp_path}/alone.db"
     jobs = [(alone, "alone"), (database, "a"), (database, "b")]
-    workers = [
-        CONTEXT.Process(target=tune_small, args=(model, place, tmp_path / name))
-        for place, name in jobs
-    ]
-    for process in workers:
-        process.start()
-    for process in workers:
-        process.join(300)
-        assert process.exitcode == 0
+    finish([launch(tune_small, model, place, tmp_path / name) for place, name in jobs], 300)
     for name in ("base", "frequency", "scale", "intermediate", "final", "verification"):
         texts = {(tmp_path / job / f"{name}.csv").read_text() for _, job in jobs}
         assert len(texts) == 1, name
