@@ -32,7 +32,7 @@ def settings(inputs):
 
 @pytest.fixture
 def train(cli, settings):
-    """Run a short training; more arguments come behind, and before the usual ones."""
+    """Run a short training with more arguments."""
 
     def run(*more, experiment="sje", algo="ppo", steps=64):
         argv = ["train", "panda", experiment, "--algo", algo, "--steps", steps]
@@ -207,6 +207,6 @@ def test_names_are_those_of_the_packages():
 
 
 def test_the_gated_table_is_among_the_inputs():
-    """Whoever changes it gets another provenance; an arm without one has no file."""
+    """Its content is part of the provenance; an arm without one has no file."""
     assert evaluate.policy_files("panda", ["none", "gated"])["gated"].name == "panda_gated.csv"
     assert evaluate.policy_files("iiwa7", ["none", "gated"]) == {}

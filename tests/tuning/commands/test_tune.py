@@ -1,4 +1,4 @@
-"""``stiction tune`` on an arm of two joints: the protocol, the search, and beside a robot."""
+"""``stiction tune`` on an arm of two joints: the protocol, the search, and with a robot."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
 
 
 def finished(folder) -> tuner.Tuning:
-    """What a run of the protocol gives, without having run."""
+    """Return a result of the protocol without running it."""
     summary = {"robot": "two", "final": [], "mean_reduction_percent": None}
     return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
 
@@ -56,7 +56,7 @@ def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
 
 
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
-    """The folder of the same run is gone on with, whatever the number of threads."""
+    """The same run continues in its folder, with any number of threads."""
 
     def some_work(tuner, *_):
         (tuner.out / "half.csv").write_text("half")
@@ -130,7 +130,7 @@ def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
 
 
 def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
-    """Bad input that shows only once work has begun is exit code 1, and what was done stays."""
+    """Bad input that is found after work has begun gives exit code 1; finished files stay."""
 
     def refuse(tuner, *_):
         (tuner.out / "base.csv").write_text("done")

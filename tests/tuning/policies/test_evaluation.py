@@ -35,7 +35,7 @@ def policy(env, tmp_path) -> Path:
 
 
 def test_every_policy_meets_the_same_episodes(policy, tmp_path):
-    """And its rows do not depend on who else is evaluated, nor on how many episodes there are."""
+    """Rows do not depend on the other policies, nor on the number of episodes."""
     table = tmp_path / "table.csv"
     table.write_text("joint,frequency_hz,amplitude_nm\n6,30,0.5\n")
     names = ["none", str(policy), str(table)]

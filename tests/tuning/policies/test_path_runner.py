@@ -1,4 +1,4 @@
-"""An agent outside of the environment does what it does inside."""
+"""An agent does the same without an environment as in one."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ SMALL = small_settings()
 
 
 def interrupted(monkeypatch, after: int):
-    """Make a training stop behind its so manieth checkpoint."""
+    """Interrupt a training after a number of checkpoints."""
     saved = []
 
     def save(*arguments, **named):
@@ -136,7 +136,7 @@ def test_the_curve_has_a_row_per_evaluation(tmp_path):
 
 
 def pretend_tensorboard(monkeypatch, spec):
-    """Make it installed, or not; torch looks for other modules while it is loaded."""
+    """Pretend that it is installed, or not; torch still finds other modules."""
     find = training.importlib.util.find_spec
     monkeypatch.setattr(
         training.importlib.util, "find_spec", lambda n: spec if n == "tensorboard" else find(n)
@@ -171,7 +171,7 @@ def test_evaluations_are_of_the_same_episodes(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_process_goes_on(tmp_path):
-    """kill -9 wherever it may be, a half-written checkpoint left behind."""
+    """kill -9 at any moment, with a half-written checkpoint in the folder."""
     root = Path(__file__).parents[3]
     code = (
         "import sys; from pathlib import Path\n"
@@ -231,7 +231,7 @@ def test_the_policy_is_stable_baselines_deterministic_action(tmp_path, algorithm
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_training_begins_with_a_table(tmp_path, algorithm):
-    """Whatever is seen, to a hundredth of the range; joints that are not in it rest."""
+    """For every observation, to a hundredth of the range; joints not in the table rest."""
     table = [AmplitudeRow(2, 40.0, 1.0), AmplitudeRow(6, 25.0, 0.5)]
     still = small_settings(**{f"{algorithm}.learning_rate": 1e-30})
     policy = train(SPRINT, algorithm, steps=32, out=tmp_path, start=table, settings=still).policy
@@ -271,7 +271,7 @@ RAMPS = Task(
     experiment="sje",
     arguments={"control_interval_s": 0.2, "fixed_options": {"load": "no_load"}},
 )
-"""Of any joint: 28 steps and more."""
+"""Ramps of any joint take 28 steps or more."""
 PATHS = replace(
     SPRINT, arguments={**SPRINT.arguments, "fixed_options": {"stiffness": (400, 40, 0)}}
 )
@@ -286,7 +286,7 @@ PATHS = replace(
     ],
 )
 def test_arms_on_their_way_are_brought_back(task, seed):
-    """Observations, rewards, ends and what comes after them, of arms at different times."""
+    """Observations, rewards, ends and the next episodes, of arms at different times."""
     env = ResumableVecEnv(task.make(3))
     env.seed(seed)
     env.reset()

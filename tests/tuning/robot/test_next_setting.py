@@ -89,7 +89,7 @@ def test_what_is_not_eligible_is_only_learnt_from():
 
 
 def test_expected_improvement_by_hand():
-    """Of N(0.02, 0.03²): μ Φ(μ/σ) + σ φ(μ/σ); of one that is certain, what it is better by."""
+    """Of N(0.02, 0.03²): μ Φ(μ/σ) + σ φ(μ/σ); of a certain one, its advantage."""
     covariance = np.diag([0.0, 0.03**2, 0.0])
     mean = np.array([0.9, 0.88, 0.85])
     posterior = made(mean, covariance)

@@ -1,4 +1,4 @@
-"""Candidates from bounds and a displacement limit, with a physics that is known by hand."""
+"""Candidates from bounds and a displacement limit, with physics worked out by hand."""
 
 from __future__ import annotations
 

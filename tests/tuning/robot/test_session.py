@@ -1,4 +1,4 @@
-"""The whole way on an arm of two joints: ask, measure on another robot than simulated, tell."""
+"""Ask, measure, tell on an arm of two joints; the measured robot is not the simulated one."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def test_force_does_not_wipe_what_was_told(session):
 
 
 def test_torques_are_held_against_the_base_torques_of_their_day(session):
-    """Friction that has risen by a quarter overnight is no news about the dither."""
+    """If all torques rise by a quarter overnight, the ratios stay."""
     arm, options, _ = session
     today = list(csv.DictReader(fill(options["out"]).open()))
     tell(arm, options["out"].parent / "told.csv", **options)

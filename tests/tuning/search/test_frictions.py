@@ -1,4 +1,4 @@
-"""Frictions that may be true as well as the model's."""
+"""Frictions that are as plausible as the model's."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The whole search, on a small arm: what it finds, what it leaves behind, how it goes on."""
+"""The whole search on a small arm: its result, its files, and how it continues."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_a_study_of_another_search_is_not_continued(small, tmp_path):
 
 
 def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
-    """A storage outlives a folder: what was measured of one table is never said of another."""
+    """A storage may serve several folders: results of one table never belong to another."""
     storage = f"sqlite:///{tmp_path / 'study.db'}"
     table = tmp_path / "mine.csv"
     reductions = []

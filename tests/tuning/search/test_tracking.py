@@ -1,4 +1,4 @@
-"""What a treatment leaves of the error at the goals, and how much it shakes."""
+"""The error that a treatment leaves at the goals, and its vibration."""
 
 import dataclasses
 

@@ -154,7 +154,7 @@ IMPATIENT = SharedSettings(
 
 
 def work(storage, log, *, names=("random",), evaluations=24, batch=1, pause=0.5):
-    """Be one of several machines; every evaluated setting is a line in ``log``."""
+    """Work as one of several machines; every evaluated setting is a line in ``log``."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     options = {"evaluations": evaluations, "batch": batch, "settings": IMPATIENT}
     searches = [search(storage, name, **options) for name in names]
@@ -182,7 +182,7 @@ def note(log, *what):
 
 
 def tune_small(model, storage, out):
-    """Be a process that runs ``stiction tune small.xml``, quickly."""
+    """Run ``stiction tune small.xml`` with a fast protocol."""
     protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
     tune(
         model,

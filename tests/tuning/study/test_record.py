@@ -141,7 +141,7 @@ def test_what_cannot_be_measured_is_kept_as_a_failed_trial(tmp_path):
 
 
 def test_constraints_are_optunas_own(tmp_path):
-    """A search that may not shake by more than 0.05 mm/Hz ends below it, one that may, above."""
+    """A search limited to 0.05 mm/Hz ends below that limit, one without a limit above it."""
     best = []
     for limit in (0.05, 1.0):
 

@@ -1,4 +1,4 @@
-"""Samplers by name: which one runs, also where a package is missing or brings its own."""
+"""Samplers by name: which one runs, also without PyTorch or from another package."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_an_unknown_sampler_is_one_clear_line(outside):
 
 
 def test_a_study_keeps_the_sampler_that_ran(small_arm, fast, tmp_path, monkeypatch):
-    """PyTorch that is installed in mid-study would go on with gp where tpe began."""
+    """If PyTorch is installed in mid-study, gp must not continue what tpe began."""
     missing = ["torch"]
     monkeypatch.setattr(samplers, "find_spec", lambda name: None if name in missing else name)
     small = {"search.draws": 1, "search.verify_draws": 1, "search.verify_iterations": 1}

@@ -1,4 +1,4 @@
-"""Many machines, one study: no trial lost, none counted twice, whoever dies."""
+"""Many machines, one study: no trial is lost or counted twice when workers die."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def raw(url, name="random"):
 
 
 def check(url, evaluations, name="random"):
-    """The budget is met, by trials that are there once and have an outcome."""
+    """Check that the budget is met by distinct trials that have an outcome."""
     found = record.Record(url, f"small-{name}", about=ABOUT, settings=IMPATIENT).trials
     assert len(found) == evaluations
     if name != "nsga2":  # whose children may be like their parents
