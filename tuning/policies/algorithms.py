@@ -51,8 +51,8 @@ def settings_of(algorithm: str, settings: PolicySettings) -> Settings:
     """
     if algorithm not in ALGORITHMS:
         raise unknown("algorithm", algorithm, ALGORITHMS)
-    found: Settings = getattr(settings, algorithm)
-    return found
+    found: dict[str, Settings] = {"sac": settings.sac, "ppo": settings.ppo, "td3": settings.td3}
+    return found[algorithm]
 
 
 def least_steps(settings: Settings) -> tuple[int, str]:
