@@ -156,8 +156,8 @@ def _merge(into: dict[str, Any], given: Mapping[str, Any], where: str) -> None:
             value = value["value"]
         if isinstance(value, Mapping) and isinstance(node.get(last), dict):
             _merge(node[last], value, f"{where}{name}.")
-        else:
-            node[last] = value
+        else:  # numpy's numbers count as Python's
+            node[last] = value.tolist() if hasattr(value, "tolist") else value
 
 
 def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
@@ -133,6 +134,14 @@ def test_users_change_some_by_name(tmp_path):
     assert override(s, own) == override(s, str(own)) == by_name
     both = override(s, {"inner": {"share": 0.25}, "inner.times": (2,)})
     assert both.inner == Inner(times=(2.0,), share=0.25)
+
+
+def test_numpys_numbers_are_numbers(tmp_path):
+    s = load(tmp_path, GOOD)
+    given = {"inner.share": np.float32(0.25), "rows": np.int64(3), "inner.times": np.array([2.0])}
+    found = override(s, given)
+    assert found == override(s, {"inner.share": 0.25, "rows": 3, "inner.times": (2.0,)})
+    assert type(found.rows) is int
 
 
 @pytest.mark.parametrize(
