@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon", "random")
 NAMED = ("none", "gated", "random", "rule")
-EPISODES = 32
+EPISODES = 32  # as in tuning/policies/settings.toml
 GTE_ONLY = ("trajectory", "stiffness")
 
 

@@ -145,7 +145,7 @@ class Policy:
                 f"policy for other observations, {' and '.join(words) or 'in another order'}: "
                 f"expected the {len(names)} of {environment}: train it again"
             )
-        if abs(card.interval - interval) > 1e-9:
+        if abs(card.interval - interval) > 1e-9:  # [s], rounding
             raise StictionError(
                 f"policy for a control interval of {card.interval:g} s: expected {interval:g} s"
             )

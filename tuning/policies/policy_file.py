@@ -27,7 +27,7 @@ CARD = "policy.json"
 """The entry that describes the file."""
 KINDS = ("<f4", "<f8")
 """Types that the numbers of an array may have."""
-_EPOCH = (1980, 1, 1, 0, 0, 0)
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
 _SB3 = {"_stable_baselines3_version", "policy.pth", "data"}
 
 

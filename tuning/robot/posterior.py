@@ -26,6 +26,7 @@ from tuning.settings import RobotSettings, tuning_settings
 
 Array = NDArray[np.float64]
 CONFIGURATIONS = 4
+"""Pose and direction: two of each."""
 
 
 def discrepancy_kernel(s: RobotSettings) -> Kernel:
@@ -37,7 +38,7 @@ def discrepancy_kernel(s: RobotSettings) -> Kernel:
         offset² + configuration² δ_cc' + setting² δ_ss'
         + shape² exp(−½ (Δ ln f / l_f)² − ½ (Δ ln x / l_x)²)
     """
-    # an infinite length removes a column; a short one separates whole numbers
+    # an infinite length removes a column; a short one separates whole numbers (1e-3: assumed)
     far, close = np.inf, 1e-3
     shape = RBF([s.frequency_length, s.displacement_length, far, far])
     return (

@@ -42,7 +42,6 @@ from tuning.study.tuning_run import open_run
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[str, float, float], None]
-STUDY = "study.db"
 
 
 class Session:
@@ -227,6 +226,7 @@ class Session:
                 amplitude_nm=np.vstack([c.amplitude_nm, [row.amplitude_nm] * 4]),
                 # a setting that leaves the joint stuck in simulation is predicted to have no effect
                 predicted=np.vstack([c.predicted, np.nan_to_num(m.ratio, nan=1.0)]),
+                # at least 1e-9 rad (assumed): its logarithm is an input of the posterior
                 displacement=np.vstack([c.displacement, np.maximum(m.oscillation, 1e-9)]),
                 eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
             )

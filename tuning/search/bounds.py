@@ -128,7 +128,7 @@ class Bounds:
         return f"amplitude_nm is {row.amplitude_nm:g}: expected {least:.3g} to {most:.3g} N·m there"
 
     def met(self, row: AmplitudeRow, tolerance: float = 0.01) -> list[str]:
-        """Return which bounds a setting lies on, in words."""
+        """Return which bounds a setting lies on, in words; ``tolerance`` is relative (assumed)."""
         low, high = self.frequency_hz[row.joint - 1]
         most = self.largest(row.joint, row.frequency_hz) if row.frequency_hz else np.inf
         out = []
