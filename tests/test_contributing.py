@@ -11,7 +11,9 @@ import pytest
 
 from stiction_envs.dither.dither import Dither
 from stiction_envs.gap.causes import unregister
-from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.diagnosis import diagnose_logs, model_of
+from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.report.figures import draw_cause
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, panda
 
@@ -25,16 +27,25 @@ def block(section: str, language: str) -> str:
     return found
 
 
-def test_the_cause_is_named():
+def test_the_cause_is_named_drawn_and_put_into_the_model(tmp_path):
     exec(block("A cause", "python"), {"__name__": "contributed"})
     try:
-        fifth = np.eye(7)[4]
+        fifth, path = np.eye(7)[4], tmp_path / "model.toml"
         log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.sin(12 * q) ** 3 * fifth)
-        (cause,) = diagnose_logs([log], "panda").causes
+        found = diagnose_logs([log], "panda")
+        made = extend(found.base, model_of(found))
+        path.write_text(made.toml(meta={}, provenance={}), "utf-8")
+        again = diagnose_logs([log], "panda", nominal=path)
+        picture = draw_cause(found, found.causes[0], tmp_path / "cause.png")
     finally:
         unregister("magnetic_detent")
+    (cause,) = found.causes
     assert (cause.name, cause.joints) == ("magnetic_detent", (5,))
     assert cause.parameters[5]["detent_nm"].value == pytest.approx(0.8, abs=0.03)
+    assert made.missing == ("magnetic_detent of joint 5: MuJoCo's joints have no such thing",)
+    assert again.causes == ()
+    assert "twelve waves a turn" in picture.caption
+    assert (tmp_path / "cause.png").is_file()
 
 
 def test_the_waveform_shakes():

@@ -1,7 +1,7 @@
 """Judge a smooth torque over the angle by ranges of the angle that were left out.
 
-Blocks of time contain the same angles again and again. A curve with enough coefficients predicts
-all of them, but is arbitrary where the joint has not been. Left-out ranges of the angle show this.
+All blocks of time contain the same angles. A curve with enough coefficients predicts all of them,
+but is arbitrary where the joint has not been. Left-out ranges of the angle show this.
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ class AngleRanges:
         self._ranges = equal_travel(data, j, self._settings.ranges)
         self._own = [t for t in terms if t != term and library.affected_joints(t) == [j]]
         self._target = library.residual[:, j].copy()
-        fitted = library.split(terms, library.grams.fit(library.model_columns(terms)))
-        for other, mine in zip(terms, fitted, strict=True):
+        for other, mine in zip(terms, library.fitted(terms), strict=True):
             if other != term and other not in self._own and j in library.affected_joints(other):
                 self._target -= library.columns(other, j) @ mine
 

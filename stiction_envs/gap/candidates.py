@@ -17,20 +17,21 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
+Numbers = tuple[float, ...]
 ARM = -1
-"""Stands for all joints in place of a joint's number in a `Candidate`."""
+"""The joint's number of a `Candidate` of all joints."""
 ROOM = 256
 """Initial capacity for columns of a joint."""
 THREADS = 4
-"""Largest number of threads that make columns: each needs memory of its own."""
+"""Largest number of threads that compute columns: each needs its own memory."""
 SURE = 0.9
-"""Part of the steady level above which friction counts as steady [-]."""
+"""Part of the steady level above which friction counts as steady [-]; assumed."""
 MOSTLY = 0.8
-"""Part of rows at rest above which they have the same weight as the others [-]."""
+"""Part of rows at rest above which they have the same weight as the others [-]; assumed."""
 
 
 def certain(data: Data, joint: int) -> Array:
-    """Return (T,) weights: less than one where a joint rests between two directions, else one."""
+    """Return (T,) weights: `uncertain` where a joint rests below its steady friction, else one."""
     s = data.settings.candidates
     speed = np.abs(rate(data.reversal_path[:, joint], data.runs(), data.dt))
     off = (speed < data.settings.motion.rest_speed) & (np.abs(data.direction(joint)) < SURE)
@@ -51,7 +52,7 @@ class Candidate:
 
 
 class RegressorLibrary:
-    """Columns of every candidate that these data allow, with their sums per block."""
+    """Columns of every candidate that these data can show, with their sums per block."""
 
     def __init__(self, data: Data, causes: Sequence[Cause]) -> None:
         """Compute all columns; nonlinear causes choose the parameters to try."""
@@ -63,7 +64,7 @@ class RegressorLibrary:
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._width = [0] * data.n
-        self._limits: dict[Candidate, tuple[list[float], list[float], list[float]]] = {}
+        self._limits: dict[Candidate, tuple[Numbers, Numbers, Numbers]] = {}
         self.residual = data.residual
         own = data.settings.candidates
         share = own.diagnosed if data.diagnosed else own.given
@@ -73,13 +74,13 @@ class RegressorLibrary:
         self.independent_rows = 1.0
         """Number of rows that form one independent observation."""
         if np.isfinite(data.dt) and np.isfinite(data.cutoff):
-            # neighbours within half a period of the filter are dependent
+            # neighbours within half a period of the filter depend on each other
             self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
         self.prior_rows = own.prior_rows * self.independent_rows
         """Weight of a prior in rows."""
         arm_wide = [c for c in causes if c.arm_wide]
         each = [c for c in causes if not c.arm_wide]
-        first = self._made(0, each)  # computes what all joints need from the recording
+        first = self._made(0, each)  # also computes what all joints need from the recording
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
             for offered in chain(
                 [first], pool.map(lambda j: self._made(j, each), range(1, data.n))
@@ -90,39 +91,33 @@ class RegressorLibrary:
             for term, columns in self._offered(cause, ARM, self.residual[:, 0]):
                 self._add(term, columns)
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
-        """(T, n) weight of what friction does at rest."""
+        """(T, n) weight of rows by how well friction is known there."""
         self.weight = self.certain.copy()
         self._reweigh()
-        self.grams = JointGrams([self._gram(j) for j in range(data.n)])
+        self.grams = JointGrams([self._gram(j, self._store(j)) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
-        """Return (T,) residual after the common linear causes were subtracted."""
-        parts = [
-            cause.columns(self.data, joint, ())
-            for cause in self.causes.values()
-            if cause.removed_first
-        ]
-        r = self.residual[:, joint]
-        if not parts:
+        """Return (T,) residual after the causes that are `removed_first` were subtracted."""
+        r, first = self.residual[:, joint], [c for c in self.causes.values() if c.removed_first]
+        if not first:
             return np.asarray(r)
+        parts = [c.columns(self.data, joint, ()) for c in first]
         x = np.concatenate(parts, axis=1)
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
     def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Array]]]:
-        """Return the candidates of a joint with their columns; joints are independent here."""
+        """Return the candidates of a joint with their columns."""
         left = self._cleaned(joint)
         return [x for cause in causes for x in self._offered(cause, joint, left)]
 
     def _offered(
         self, cause: Cause, joint: int, left: Array
     ) -> list[tuple[Candidate, list[Array]]]:
-        reason = cause.why_not_identifiable(self.data, max(joint, 0))
-        if reason:
+        if reason := cause.why_not_identifiable(self.data, max(joint, 0)):
             self.not_identifiable[cause.name, joint] = reason
             return []
-        terms = (
-            Candidate(cause.name, joint, x) for x in cause.shapes(self.data, max(joint, 0), left)
-        )
+        shapes = cause.shapes(self.data, max(joint, 0), left)
+        terms = (Candidate(cause.name, joint, x) for x in shapes)
         return [(t, self._rows(t)) for t in terms]
 
     def tried(self, term: Candidate) -> list[Shape]:
@@ -147,17 +142,17 @@ class RegressorLibrary:
         return [np.array(cause.columns(self.data, j, term.shape).T, order="C") for j in joints]
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return causes that one needs in a model: none where the nominal model has friction."""
+        """Return the causes that a cause needs: none if the nominal model has friction."""
         return () if self.data.has_friction else self.causes[name].needs
 
     def complexity(self, terms: Sequence[Candidate]) -> int:
-        """Return the number of parameters of some terms, linear and not."""
+        """Return the number of free parameters of some terms, linear and nonlinear."""
         have = {t.cause for t in terms}
         return sum(
             self._size(t)
             + len(t.shape)
             - self.causes[t.cause].dependent_parameters
-            # a cause that usually comes with another is the less simple name
+            # a cause without another that it needs is less simple
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms
         )
@@ -186,14 +181,14 @@ class RegressorLibrary:
                 self._add(term, self._rows(term))
         self.grams = JointGrams([self._grown(j) for j in range(self.data.n)])
 
-    def _gram(self, joint: int) -> Gram:
-        """Return the sums of all columns of a joint."""
-        d, columns = self.data, self._store(joint)
+    def _gram(self, joint: int, columns: Array) -> Gram:
+        """Return the sums of columns (T, P) on a joint."""
+        d = self.data
         weight = self.weight[:, joint] / d.noise[joint] ** 2
         return Gram.of(columns, self.residual[:, joint], d.block, weight, d.blocks)
 
     def _grown(self, joint: int) -> Gram:
-        """Return the sums with the columns that were added since."""
+        """Return the sums of a joint with the columns that were added since."""
         gram, d = self.grams.joints[joint], self.data
         had = gram.xr.shape[1]
         if had == self._width[joint]:
@@ -204,29 +199,20 @@ class RegressorLibrary:
         return gram.with_columns(columns[:, :had], columns[:, had:], residual, d.block, weight)
 
     def _store(self, joint: int) -> Array:
-        """Return (T, P) all columns of a joint, each of them contiguous."""
+        """Return (T, P) all columns of a joint, each contiguous."""
         return self._rows_of[joint][: self._width[joint]].T
 
     def _reweigh(self) -> None:
-        """Reduce the weight of what no linear model explains (spikes, contacts)."""
-        huber, d = self.data.settings.candidates.huber, self.data
+        """Reduce the weight of rows that no linear model explains (spikes, contacts)."""
+        huber, n = self.data.settings.candidates.huber, self.data.n
         model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
 
         def columns(joint: int) -> Array:
             return self._store(joint).T[list(model.columns[joint])].T
 
-        grams = [
-            Gram.of(
-                columns(j),
-                self.residual[:, j],
-                d.block,
-                self.weight[:, j] / d.noise[j] ** 2,
-                d.blocks,
-            )
-            for j in range(d.n)
-        ]
+        grams = JointGrams([self._gram(j, columns(j)) for j in range(n)])
         among = tuple(tuple(range(len(at))) for at in model.columns)
-        c = JointGrams(grams).fit(replace(model, columns=among))
+        c = grams.fit(replace(model, columns=among))
         for j, at in enumerate(model.coefficients):
             e = self.residual[:, j] - columns(j) @ c[list(at)]
             scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
@@ -238,33 +224,25 @@ class RegressorLibrary:
 
     def model_columns(self, terms: Sequence[Candidate]) -> ModelColumns:
         """Return the model of some terms; arm-wide terms share their coefficients."""
-        columns: list[list[int]] = [[] for _ in range(self.data.n)]
-        where: list[list[int]] = [[] for _ in range(self.data.n)]
-        low: list[float] = []
-        high: list[float] = []
-        firm: list[float] = []
+        columns: list[tuple[int, ...]] = [()] * self.data.n
+        where: list[tuple[int, ...]] = [()] * self.data.n
+        low: Numbers = ()
+        high: Numbers = ()
+        firm: Numbers = ()
         for term in terms:
-            lowest, highest, precision = self._held(term)
+            lowest, highest, precision = self._limits_of(term)
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
-                where[joint] += range(len(low), len(low) + len(lowest))
-            low += lowest
-            high += highest
-            firm += precision
-        return ModelColumns(
-            tuple(map(tuple, columns)),
-            tuple(map(tuple, where)),
-            tuple(low),
-            tuple(high),
-            tuple(firm),
-        )
+                where[joint] += tuple(range(len(low), len(low) + len(lowest)))
+            low, high, firm = low + lowest, high + highest, firm + precision
+        return ModelColumns(tuple(columns), tuple(where), low, high, firm)
 
-    def _held(self, term: Candidate) -> tuple[list[float], list[float], list[float]]:
+    def _limits_of(self, term: Candidate) -> tuple[Numbers, Numbers, Numbers]:
         """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
         if term not in self._limits:
             low, high = self.bounds(term)
             firm = self.prior_rows / np.square(self.prior(term))
-            self._limits[term] = low.tolist(), high.tolist(), firm.tolist()
+            self._limits[term] = tuple(low.tolist()), tuple(high.tolist()), tuple(firm.tolist())
         return self._limits[term]
 
     def bounds(self, term: Candidate) -> tuple[Array, Array]:
@@ -287,12 +265,12 @@ class RegressorLibrary:
 
     def split(self, terms: Sequence[Candidate], c: Array) -> list[Array]:
         """Return the coefficients of each term."""
-        out, at = [], 0
-        for term in terms:
-            size = self._size(term)
-            out.append(c[..., at : at + size])
-            at += size
-        return out
+        ends = np.cumsum([self._size(t) for t in terms], dtype=int)
+        return np.split(c, ends, axis=-1)[:-1]
+
+    def fitted(self, terms: Sequence[Candidate]) -> list[Array]:
+        """Return the coefficients of each term, fitted to all blocks."""
+        return self.split(terms, self.grams.fit(self.model_columns(terms)))
 
     def torque(self, terms: Sequence[Candidate], c: Array, joint: int) -> Array:
         """Return (T,) torque of a model on a joint [N·m]."""

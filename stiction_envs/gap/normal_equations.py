@@ -1,23 +1,27 @@
 """Least squares on sums over blocks: every fit, held-out error and resample from one pass.
 
-Per joint the residual r (T,) and the columns X (T, P) of all causes are summed up once per block,
+Per joint the residual r (T,) and the columns X (T, P) of all causes are summed once per block,
 G_b = Xᵀ W X, g_b = Xᵀ W r, s_b = rᵀ W r. Any choice of columns, any set of blocks, any resample of
 blocks is then a small linear system.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Method = TypeVar("Method", bound=Callable[..., Array])
 RIDGE = 1e-9
-"""Relative ridge that keeps dependent columns solvable; far below any effect."""
+"""Ridge that keeps dependent columns solvable, over their squares [-]; assumed: far below any
+effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,24 +35,22 @@ class Gram:
     rr: Array
     """(B,)."""
     count: Array
-    """(B,) samples of each block, by their weights."""
+    """(B,) number of rows of each block, by their weights."""
 
     @cached_property
     def whole(self) -> tuple[Array, Array, float]:
-        """(P, P), (P,) and number: the sums over all blocks."""
+        """The sums over all blocks: (P, P), (P,) and a number."""
         return self.xx.sum(axis=0), self.xr.sum(axis=0), float(self.rr.sum())
 
     @classmethod
-    def of(
-        cls, columns: Array, residual: Array, block: NDArray[np.int64], weight: Array, blocks: int
-    ) -> Gram:
-        """Sum up.
+    def of(cls, columns: Array, residual: Array, block: Index, weight: Array, blocks: int) -> Gram:
+        """Compute the sums.
 
         Args:
-            columns: (T, P).
-            residual: (T,).
+            columns: (T, P) columns.
+            residual: (T,) residual.
             block: (T,) block of each row, −1 for none.
-            weight: (T,) of each row: robust weight over noise variance.
+            weight: (T,) robust weight of each row over the noise variance.
             blocks: number of blocks B.
         """
         p, x = columns.shape[1], columns.T
@@ -56,29 +58,24 @@ class Gram:
         rr, count = np.zeros(blocks), np.zeros(blocks)
         for b, rows in _rows_of(block, blocks):
             root = np.sqrt(weight[rows])
-            # a product with its own transpose, of which BLAS works out one half
+            # BLAS computes half of a product with its own transpose
             part, left = x[:, rows] * root, residual[rows] * root
             xx[b], xr[b], rr[b] = part @ part.T, part @ left, left @ left
             count[b] = weight[rows].sum()
-        # in samples of full weight
+        # in rows of full weight
         return cls(xx, xr, rr, count / max(float(weight.max(initial=0.0)), 1e-300))
 
     def with_columns(
-        self,
-        before: Array,
-        more: Array,
-        residual: Array,
-        block: NDArray[np.int64],
-        weight: Array,
+        self, before: Array, more: Array, residual: Array, block: Index, weight: Array
     ) -> Gram:
-        """Return the sums with further columns behind those that they have.
+        """Return the sums with further columns after the present ones.
 
         Args:
-            before: (T, P) columns that are summed up.
-            more: (T, K) further ones.
-            residual: (T,) as before, and so are the others.
-            block: (T,).
-            weight: (T,).
+            before: (T, P) present columns.
+            more: (T, K) further columns.
+            residual: (T,) residual, as of `of`.
+            block: (T,) blocks, as of `of`.
+            weight: (T,) weights, as of `of`.
         """
         old, new = before.shape[1], more.shape[1]
         xx = np.zeros((len(self.rr), old + new, old + new))
@@ -93,10 +90,8 @@ class Gram:
         return Gram(xx, xr, self.rr, self.count)
 
 
-def _rows_of(
-    block: NDArray[np.int64], blocks: int
-) -> Iterator[tuple[int, slice | NDArray[np.int64]]]:
-    """Yield each block that has rows with them, as a slice where they are neighbours."""
+def _rows_of(block: Index, blocks: int) -> Iterator[tuple[int, slice | Index]]:
+    """Yield each block that has rows, and its rows, as a slice where they are neighbours."""
     for b in range(blocks):
         rows = np.flatnonzero(block == b)
         if len(rows):
@@ -110,7 +105,7 @@ def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
 
 
 def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
-    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as `solve` does."""
+    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as of `solve`."""
     if not xr.shape[1]:
         return np.zeros_like(xr)
     scale = np.sqrt(np.maximum(np.diagonal(xx, axis1=1, axis2=2), 1e-300))
@@ -122,14 +117,14 @@ def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
     if beyond.any():
         some = (x[beyond] for x in (normal, target, lows, highs, out))
         out[beyond] = _bounded(*some)
-    # what is on a bound is on it to the last digit: whoever asks compares with the bound
+    # a coefficient on a bound equals it exactly, since callers compare the two
     return np.where(out <= lows, low, np.where(out >= highs, high, out / scale))
 
 
 def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
     """Return the minima (B, P) within bounds by active sets, all systems at once.
 
-    Lawson and Hanson's where they go round.
+    The method of Lawson and Hanson solves the systems whose active sets cycle.
     """
     c = np.asarray(np.clip(free, low, high))
     held: NDArray[np.bool_] = np.asarray((free < low) | (free > high))
@@ -137,7 +132,7 @@ def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array)
     for _ in range(3 * free.shape[1]):
         n, x, fixed = normal[left], c[left], held[left]
         loose = np.logical_not(fixed)
-        # what is held keeps its value, the others are solved for given it
+        # held coefficients keep their values; the others are solved given them
         rest = target[left] - np.einsum("bpq,bq->bp", n, np.where(fixed, x, 0.0))
         system = np.where(loose[:, :, None] & loose[:, None, :], n, 0.0)
         system += fixed[:, :, None] * np.eye(x.shape[1])
@@ -186,102 +181,95 @@ class ModelColumns:
         return np.array(self.firm) if self.firm else np.zeros(len(self.low))
 
 
+def _kept(method: Method) -> Method:
+    """Keep the result of a method of `JointGrams` for each model: the search repeats models."""
+
+    @wraps(method)
+    def kept(self: JointGrams, model: ModelColumns, weight: Array | None = None) -> Any:
+        if weight is not None:
+            return method(self, model, weight)
+        key = method.__name__, model
+        if key not in self._results:
+            self._results[key] = method(self, model)
+        return self._results[key]
+
+    return cast(Method, kept)
+
+
 class JointGrams:
     """The Grams of all joints."""
 
     def __init__(self, grams: Sequence[Gram]) -> None:
         self.joints = list(grams)
         self.blocks = len(grams[0].rr)
-        # the same models come back again and again while causes are chosen
-        self._fits: dict[ModelColumns, Array] = {}
-        self._errors: dict[ModelColumns, Array] = {}
-        self._left_out: dict[ModelColumns, Array] = {}
-        self._held_out: dict[ModelColumns, Array] = {}
+        self.counts = np.array([g.count.sum() for g in grams])
+        """(joints,) number of rows, by their weights."""
+        self._results: dict[tuple[str, ModelColumns], Array] = {}
+
+    def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:
+        """Yield the joints with columns: number, sums, columns, and their coefficients."""
+        for j, (columns, where) in enumerate(zip(model.columns, model.coefficients, strict=True)):
+            if columns:
+                yield j, self.joints[j], np.array(columns), np.array(where)
 
     def system(self, model: ModelColumns, weight: Array | None = None) -> tuple[Array, Array]:
-        """Return (xx, xr) of a model over blocks with multiplicities ``weight`` (B,), or all."""
+        """Return (xx, xr) of a model, over blocks with multiplicities ``weight`` (B,) or 1."""
         p = len(model.low)
         xx, xr = np.zeros((p, p)), np.zeros(p)
-        for gram, columns, where in zip(
-            self.joints, model.columns, model.coefficients, strict=True
-        ):
-            if not columns:
-                continue
-            cols, at = np.array(columns), np.array(where)
+        for _, gram, cols, at in self._each(model):
             if weight is None:
                 part, along = gram.whole[0][cols[:, None], cols], gram.whole[1][cols]
             else:
                 part = np.einsum("b,bpq->pq", weight, gram.xx[:, cols[:, None], cols])
                 along = np.einsum("b,bp->p", weight, gram.xr[:, cols])
-            # each coefficient has one column of a joint at most
+            # each coefficient has at most one column of a joint
             xx[at[:, None], at] += part
             xr[at] += along
         xx[np.diag_indices(p)] += model.prior
         return xx, xr
 
+    @_kept
     def fit(self, model: ModelColumns, weight: Array | None = None) -> Array:
         """Return the coefficients of a model, fitted to blocks with multiplicities ``weight``."""
-        if weight is None and model in self._fits:
-            return self._fits[model]
         xx, xr = self.system(model, weight)
-        out = solve(xx, xr, np.array(model.low), np.array(model.high))
-        if weight is None:
-            self._fits[model] = out
-        return out
+        return solve(xx, xr, np.array(model.low), np.array(model.high))
 
+    @_kept
     def errors(self, model: ModelColumns) -> Array:
         """Return (joints,) squared errors that the fit leaves, in units of noise variance."""
-        if model in self._errors:
-            return self._errors[model]
-        c, out = self.fit(model), np.empty(len(self.joints))
-        for j, (gram, columns, where) in enumerate(
-            zip(self.joints, model.columns, model.coefficients, strict=True)
-        ):
-            cols, mine = np.array(columns, dtype=int), c[np.array(where, dtype=int)]
-            xx, xr, rr = gram.whole
+        c, out = self.fit(model), np.array([g.whole[2] for g in self.joints])
+        for j, gram, cols, at in self._each(model):
+            mine, (xx, xr, rr) = c[at], gram.whole
             out[j] = rr - 2 * xr[cols] @ mine + mine @ xx[cols[:, None], cols] @ mine
-        self._errors[model] = np.maximum(out, 0.0)
-        return self._errors[model]
+        return np.maximum(out, 0.0)
 
     def block_systems(self, model: ModelColumns) -> tuple[Array, Array]:
         """Return xx (B, P, P) and xr (B, P) of a model in each block, without its prior."""
         p = len(model.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
-        for gram, columns, where in zip(
-            self.joints, model.columns, model.coefficients, strict=True
-        ):
-            if columns:
-                cols, at = np.array(columns), np.array(where)
-                xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
-                xr[:, at] += gram.xr[:, cols]
+        for _, gram, cols, at in self._each(model):
+            xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
+            xr[:, at] += gram.xr[:, cols]
         return xx, xr
 
+    @_kept
     def leave_one_block_out(self, model: ModelColumns) -> Array:
         """Return (B, P) the fit to all blocks but each."""
-        if model in self._left_out:
-            return self._left_out[model]
         xx, xr = self.block_systems(model)
         low, high = np.array(model.low), np.array(model.high)
         prior = np.diag(model.prior)
-        out = solve_all(xx.sum(axis=0) - xx + prior, xr.sum(axis=0) - xr, low, high)
-        self._left_out[model] = out
-        return out
+        return solve_all(xx.sum(axis=0) - xx + prior, xr.sum(axis=0) - xr, low, high)
 
+    @_kept
     def held_out(self, model: ModelColumns) -> Array:
         """Return (joints, B) squared errors of each block under the fit of all others."""
-        if model in self._held_out:
-            return self._held_out[model]
         c = self.leave_one_block_out(model)
-        out = np.empty((len(self.joints), self.blocks))
-        for j, (gram, columns, where) in enumerate(
-            zip(self.joints, model.columns, model.coefficients, strict=True)
-        ):
-            cols, mine = np.array(columns, dtype=int), c[:, np.array(where, dtype=int)]
-            xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
-            out[j] = gram.rr - 2 * (xr * mine).sum(axis=1)
+        out = np.array([g.rr for g in self.joints])
+        for j, gram, cols, at in self._each(model):
+            mine, xx, xr = c[:, at], gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
+            out[j] -= 2 * (xr * mine).sum(axis=1)
             out[j] += (np.einsum("bpq,bp->bq", xx, mine) * mine).sum(axis=1)
-        self._held_out[model] = np.maximum(out, 0.0)
-        return self._held_out[model]
+        return np.maximum(out, 0.0)
 
     def cross_predicted(
         self, model: ModelColumns, rest: ModelColumns, own: NDArray[np.bool_]
@@ -289,24 +277,19 @@ class JointGrams:
         """Return pᵀe and pᵀp (joints, B) of what a model predicts beyond a smaller one.
 
         Both are fitted to all blocks but the one they predict; p is the difference of their
-        torques there, e is what the smaller one leaves. Where what is more is real, pᵀe = pᵀp but
-        for noise; where it is not, pᵀe is about zero.
+        torques there, e is the error of the smaller one. Where the difference is real, pᵀe = pᵀp
+        except for noise; where it is not, pᵀe is about zero.
 
         Args:
-            model: model.
-            rest: the smaller one.
-            own: (P,) the coefficients that are in the former only.
+            model: the model.
+            rest: the smaller model.
+            own: (P,) which coefficients only the former has.
         """
         before = np.zeros((self.blocks, len(own)))
         before[:, ~own] = self.leave_one_block_out(rest)
         more = self.leave_one_block_out(model) - before
         pe, pp = np.zeros((2, len(self.joints), self.blocks))
-        for j, (gram, columns, where) in enumerate(
-            zip(self.joints, model.columns, model.coefficients, strict=True)
-        ):
-            if not columns:
-                continue
-            cols, at = np.array(columns), np.array(where)
+        for j, gram, cols, at in self._each(model):
             a, c = more[:, at], before[:, at]
             force = np.einsum("bpq,bp->bq", gram.xx[:, cols[:, None], cols], a)
             pp[j] = (force * a).sum(axis=1)
@@ -314,23 +297,19 @@ class JointGrams:
         return pe, pp
 
     def gained(self, model: ModelColumns, rest: ModelColumns) -> Array:
-        """Return (joints,) torque of a model that a smaller one has not, over the noise.
+        """Return (joints,) torque of a model that a smaller one lacks, over the noise.
 
-        Root mean square, by what the fit to all blocks gains.
+        Root mean square, from the gain of the fit to all blocks.
         """
         less = self.errors(rest) - self.errors(model)
-        count = np.array([max(g.count.sum(), 1.0) for g in self.joints])
-        return np.asarray(np.sqrt(np.maximum(less, 0.0) / count))
+        return np.asarray(np.sqrt(np.maximum(less, 0.0) / np.maximum(self.counts, 1.0)))
 
     def sizes(self, model: ModelColumns, own: NDArray[np.bool_]) -> Array:
         """Return (joints,) root mean square torque of some coefficients over the noise."""
         c = self.fit(model) * own
         out = np.zeros(len(self.joints))
-        for j, (gram, columns, where) in enumerate(
-            zip(self.joints, model.columns, model.coefficients, strict=True)
-        ):
-            cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
-            xx = gram.whole[0][cols[:, None], cols] / max(gram.count.sum(), 1.0)
+        for j, gram, cols, at in self._each(model):
+            xx = gram.whole[0][cols[:, None], cols] / max(self.counts[j], 1.0)
             out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
         return out
 
@@ -340,11 +319,11 @@ class JointGrams:
         """Return (times, P) coefficients of bootstrap resamples of the blocks.
 
         Args:
-            model: model.
-            times: resamples.
-            rng: draws them.
-            spread: (P,) standard deviations of the prior, whose mean is drawn too: what the blocks
-                do not show is then as uncertain as it was before; None for no prior.
+            model: the model.
+            times: number of resamples.
+            rng: random generator.
+            spread: (P,) standard deviations of the prior, whose mean is drawn too, so that what the
+                blocks do not show stays as uncertain; None for no prior.
         """
         draws = rng.multinomial(self.blocks, np.full(self.blocks, 1 / self.blocks), size=times)
         systems = [self.system(model, w) for w in draws.astype(float)]

@@ -27,9 +27,9 @@ from stiction_envs.gap.normal_equations import t_statistic
 
 Array = NDArray[np.float64]
 ROUNDS = 3
-"""Largest number of rounds of adding and removing."""
+"""Largest number of rounds of adding and removing; assumed."""
 MOST_TERMS = 40
-"""Largest number of terms in a model."""
+"""Largest number of terms that are added in a round; assumed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
     least = np.maximum(s.least_torque, np.maximum(share * others, library.known))
     # columns contain acceleration noise as residuals do, so that it would explain itself
-    count = np.array([g.count.sum() for g in grams.joints])
+    count = grams.counts
     large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
     # log-likelihood of joints with separate noise, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
@@ -107,8 +107,7 @@ def is_implausible(
 
     It is also not meaningful if it only repeats known angles and left-out ranges must confirm it.
     """
-    c = library.split(terms, library.grams.fit(library.model_columns(terms)))
-    for term, mine in zip(terms, c, strict=True):
+    for term, mine in zip(terms, library.fitted(terms), strict=True):
         cause = library.causes[term.cause]
         if term in added and (
             cause.negligible(mine, term.shape)
@@ -243,7 +242,7 @@ class Chooser:
     def _significant(self, joint: int) -> list[Offer]:
         """Return the significant terms on a joint, by held-out error."""
         out = []
-        for _, added in self._offers(joint):
+        for added in self._offers(joint):
             terms = [*self.terms, *added]
             found = gain(self.library, terms, added)
             if not found.significant:
@@ -269,10 +268,10 @@ class Chooser:
         """
         lib = self.library
         errors = lib.grams.held_out(lib.model_columns(self.terms))[joint].sum()
-        if errors < self._settings.pair_error**2 * lib.grams.joints[joint].count.sum():
+        if errors < self._settings.pair_error**2 * lib.grams.counts[joint]:
             return []
         out = []
-        for (_, one), (_, two) in combinations(self._offers(joint), 2):
+        for one, two in combinations(self._offers(joint), 2):
             if one[-1].cause == two[-1].cause:
                 continue
             added = list(dict.fromkeys([*one, *two]))
@@ -283,7 +282,7 @@ class Chooser:
                 out.append(Offer(added, found))
         return out
 
-    def _offers(self, joint: int) -> list[tuple[float, list[Candidate]]]:
+    def _offers(self, joint: int) -> list[list[Candidate]]:
         """Return the best term of each cause on a joint by its in-sample gain, best first.
 
         It returns all terms of causes whose predictions differ strongly between neighbouring
@@ -317,18 +316,16 @@ class Chooser:
             key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
             if value > best.get(key, (0.0, []))[0]:
                 best[key] = (value, added)
-        ranked = sorted(best.values(), key=lambda x: -x[0])
-        short = list(dict.fromkeys(added[-1].cause for _, added in ranked))[
-            : self._settings.shortlist
-        ]
-        return [x for x in ranked if x[1][-1].cause in short]
+        ranked = [added for _, added in sorted(best.values(), key=lambda x: -x[0])]
+        causes = list(dict.fromkeys(added[-1].cause for added in ranked))
+        return [x for x in ranked if x[-1].cause in causes[: self._settings.shortlist]]
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:
     """Return the description length of the logs' torque under a model [nats]."""
     grams = library.grams
     left = grams.held_out(library.model_columns(terms)).sum(axis=1)
-    rows = np.array([max(float(g.count.sum()), 1.0) for g in grams.joints])
+    rows = np.maximum(grams.counts, 1.0)
     seen = rows / library.independent_rows
     fit = 0.5 * float(np.sum(seen * np.log1p(left / rows)))
     return fit + 0.5 * library.complexity(terms) * float(np.log(max(seen.sum(), 2.0)))

@@ -38,9 +38,6 @@ class Asked(Cause):
     def columns(self, data, joint, shape):
         raise NotImplementedError
 
-    def values(self, coefficients, shape):
-        raise NotImplementedError
-
 
 class Twist(Cause):
     """A cause of one joint that all joints' torques show, each by another share."""
@@ -55,9 +52,6 @@ class Twist(Cause):
 
     def columns(self, data, joint, shape):
         raise NotImplementedError
-
-    def values(self, coefficients, shape):
-        return {"twist_nm": float(coefficients[0])}
 
 
 @pytest.fixture(scope="module")

@@ -40,8 +40,10 @@ def with_causes(library: RegressorLibrary, *names: str, **torques: float) -> Reg
     return RegressorLibrary(with_torque(library.data, more), [BY_NAME[x] for x in names])
 
 
-def test_what_is_hidden_is_chosen(library: RegressorLibrary) -> None:
-    assert set(Chooser(library).choose()) == {DRY, OFFSET}
+def test_what_is_hidden_is_chosen_and_its_terms_are_counted(library: RegressorLibrary) -> None:
+    steps: list[int] = []
+    assert set(Chooser(library, steps.append).choose()) == {DRY, OFFSET}
+    assert steps == [1, 2]
 
 
 def test_what_is_barred_stays_out(library: RegressorLibrary) -> None:
@@ -64,14 +66,8 @@ def test_gains_of_terms_on_different_joints_add_up(library: RegressorLibrary) ->
     assert both.total == pytest.approx(sum(x.total for x in each), rel=1e-6)
 
 
-def test_without_a_delay_nothing_is_settled(library: RegressorLibrary) -> None:
+def test_without_a_delay_nothing_is_refined(library: RegressorLibrary) -> None:
     assert refine_delay(library, [DRY, OFFSET]) == [DRY, OFFSET]
-
-
-def test_progress_counts_terms(library: RegressorLibrary) -> None:
-    steps: list[int] = []
-    Chooser(library, steps.append).choose()
-    assert steps == [1, 2]
 
 
 # ---- what is significant -------------------------------------------------------------------
@@ -204,9 +200,6 @@ class Made(Cause):
 
     def columns(self, data, joint, shape):
         return self.torque[:, [joint]]
-
-    def values(self, coefficients, shape):
-        return {"size": float(coefficients[0])}
 
 
 @pytest.mark.parametrize("true", ["local", "whole"])

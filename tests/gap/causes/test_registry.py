@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap import causes
 from stiction_envs.gap.causes import CAUSES, cause_named, register, registered, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.tables import causes as table_causes
 from tests.gap.small_logs import hidden, panda
 
 
@@ -44,6 +46,15 @@ def test_what_is_not_whole_is_not_registered(field: str, value: object, says: st
     with pytest.raises(StictionError, match=says):
         register(broken())
     assert registered() == CAUSES
+
+
+@pytest.mark.parametrize("kind", [causes, table_causes])
+def test_logs_and_tables_have_causes_of_their_own(kind) -> None:
+    with pytest.raises(StictionError, match="expected a name that is not taken"):
+        kind.register(kind.registered()[0])
+    with pytest.raises(StictionError, match=r"unknown cause 'friction': expected one of \w+"):
+        kind.unregister("friction")
+    assert (kind is causes) == ("payload" in {c.name for c in kind.registered()})
 
 
 def test_a_cause_that_is_not_registered_is_refused_at_once() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.report.table_result import TableResult
 from stiction_envs.gap.tables.causes import SimulatedCause, register, registered, unregister
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
@@ -61,10 +60,3 @@ def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tm
     assert "heavier_gear, joint 7" in report
     assert "`gear_kgm2` [kg·m²]" in report
     assert (tmp_path / "plots" / "summary.png").is_file()
-
-
-def test_a_name_is_given_once(outside):
-    with pytest.raises(StictionError, match="expected a name that is not taken"):
-        register(HeavierGear())
-    with pytest.raises(StictionError, match="unknown cause 'friction'"):
-        unregister("friction")
