@@ -21,9 +21,9 @@ Numbers = tuple[float, ...]
 ARM = -1
 """The joint's number of a `Candidate` of all joints."""
 ROOM = 256
-"""Initial capacity for columns of a joint."""
+"""Initial capacity for columns of a joint; assumed."""
 THREADS = 4
-"""Largest number of threads that compute columns: each needs its own memory."""
+"""Largest number of threads that compute columns: each needs its own memory; assumed."""
 SURE = 0.9
 """Part of the steady level above which friction counts as steady [-]; assumed."""
 MOSTLY = 0.8

@@ -42,7 +42,7 @@ def smooth(order: int) -> Candidate:
     return Candidate(SMOOTH, JOINT, (float(order),))
 
 
-def test_a_joint_travels_as_far_in_each_range(data: Data) -> None:
+def test_a_joint_travels_equally_far_in_each_range(data: Data) -> None:
     ranges = equal_travel(data, JOINT, 7)
     assert np.array_equal(ranges < 0, data.block < 0)
     rows = ranges >= 0
@@ -52,7 +52,7 @@ def test_a_joint_travels_as_far_in_each_range(data: Data) -> None:
     assert all(q[ranges == k].max() <= q[ranges == k + 1].min() for k in range(6))
 
 
-def test_of_poses_each_range_has_as_many(data: Data) -> None:
+def test_poses_are_divided_equally_among_ranges(data: Data) -> None:
     still = replace(data, recording=replace(data.recording, dq=0 * data.dq))
     ranges = equal_travel(still, JOINT, 7)
     many = np.bincount(ranges[ranges >= 0])
@@ -67,7 +67,7 @@ def test_a_hump_holds_at_angles_that_were_left_out(data: Data) -> None:
     assert {t.cause for t in Chooser(library).choose()} == {SMOOTH}
 
 
-def test_what_only_repeats_does_not_hold(data: Data) -> None:
+def test_a_torque_that_only_repeats_does_not_hold(data: Data) -> None:
     """The trap: blocks of time see the same angles again, and like any curve through them."""
     q = data.q[:, JOINT]
     library = library_of(data, 0.2 * np.sin(11 * q))

@@ -67,7 +67,7 @@ def library(data: Data) -> RegressorLibrary:
     return RegressorLibrary(data, causes(*LINEAR, "payload"))
 
 
-def test_rest_off_the_level_of_friction_counts_little() -> None:
+def test_rows_at_rest_below_the_level_of_friction_have_little_weight() -> None:
     """A joint that rests weighs little where its direction is open, unless it rests always."""
     s = gap_settings()
     t = np.arange(1000) / 100
@@ -134,7 +134,7 @@ def test_models_are_fits_to_their_columns(library: RegressorLibrary, terms) -> N
     )
 
 
-def test_who_is_acted_on(library: RegressorLibrary) -> None:
+def test_affected_joints(library: RegressorLibrary) -> None:
     assert library.affected_joints(DRY) == [3]
     assert library.affected_joints(PAYLOAD) == list(range(7))
 

@@ -14,7 +14,7 @@ BLOCK = np.repeat(np.arange(6), 100)
 FREE = ModelColumns(((0, 1, 2),), ((0, 1, 2),), (-np.inf,) * 3, (np.inf,) * 3)
 
 
-def stack() -> JointGrams:
+def joint_grams() -> JointGrams:
     return JointGrams([Gram.of(X, R, BLOCK, W, 6)])
 
 
@@ -24,7 +24,7 @@ def least_squares(x: np.ndarray, r: np.ndarray, weight: np.ndarray) -> np.ndarra
 
 
 def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
-    out = stack().held_out(FREE)
+    out = joint_grams().held_out(FREE)
     for b in range(6):
         rest = b != BLOCK
         c = least_squares(X[rest], R[rest], W[rest])
@@ -34,7 +34,7 @@ def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
 
 def test_the_fit_is_weighted_least_squares_with_multiplicities_of_blocks() -> None:
     """One block counts twice and one not at all; later fits do not remember it."""
-    grams, weight = stack(), np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    grams, weight = joint_grams(), np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     for often in (None, np.ones(6), weight, None):
         expected = least_squares(X, R, W * (1.0 if often is None else often[BLOCK]))
         for _ in range(2):
@@ -75,20 +75,20 @@ def test_bounded_fits_are_those_of_a_general_solver() -> None:
         assert np.sum((r - x @ c) ** 2) <= np.sum((r - x @ best) ** 2) + 1e-6
 
 
-def test_what_is_foretold_comes_true_for_what_is_real_only() -> None:
+def test_a_cross_predicted_torque_matches_the_error_only_if_it_is_real() -> None:
     """Σpᵀe/Σpᵀp is one for the columns that are in the data, and pᵀe sums up to the gain."""
     own = np.array([False, True, False])
     rest = ModelColumns(((0, 2),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
-    pe, pp = stack().cross_predicted(FREE, rest, own)
+    pe, pp = joint_grams().cross_predicted(FREE, rest, own)
     assert np.isclose(pe.sum() / pp.sum(), 1.0, atol=0.03)
-    gained = stack().held_out(rest) - stack().held_out(FREE)
+    gained = joint_grams().held_out(rest) - joint_grams().held_out(FREE)
     assert np.allclose(gained, 2 * pe - pp)
-    assert np.isclose(stack().gained(FREE, rest)[0], 2.0, rtol=0.1)
+    assert np.isclose(joint_grams().gained(FREE, rest)[0], 2.0, rtol=0.1)
 
 
 def test_no_columns_leave_the_residual() -> None:
     nothing = ModelColumns(((),), ((),), (), ())
-    assert np.allclose(stack().held_out(nothing).sum(), (W * R * R).sum())
+    assert np.allclose(joint_grams().held_out(nothing).sum(), (W * R * R).sum())
 
 
 def test_errors_and_sizes_are_those_of_the_torques() -> None:
@@ -128,7 +128,7 @@ def test_resamples_scatter_as_estimates_do() -> None:
 
 def test_leaving_a_block_out_keeps_bounds() -> None:
     bounded = ModelColumns(((0, 1, 2),), ((0, 1, 2),), (-np.inf, -1.5, -np.inf), (np.inf,) * 3)
-    c = stack().leave_one_block_out(bounded)
+    c = joint_grams().leave_one_block_out(bounded)
     assert np.allclose(c[:, 1], -1.5)
     for b in range(6):
         keep = b != BLOCK
@@ -136,7 +136,7 @@ def test_leaving_a_block_out_keeps_bounds() -> None:
         assert np.allclose(c[b, [0, 2]], expected, atol=1e-6)
 
 
-def test_what_is_on_a_bound_is_on_it_to_the_last_digit() -> None:
+def test_a_coefficient_on_a_bound_equals_it_exactly() -> None:
     """However the columns are scaled, and in every system of many."""
     rng = np.random.default_rng(8)
     low, high = np.full(4, -0.3), np.full(4, 1.5)

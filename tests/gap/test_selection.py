@@ -46,7 +46,7 @@ def test_what_is_hidden_is_chosen_and_its_terms_are_counted(library: RegressorLi
     assert steps == [1, 2]
 
 
-def test_what_is_barred_stays_out(library: RegressorLibrary) -> None:
+def test_excluded_causes_are_not_tried(library: RegressorLibrary) -> None:
     chosen = Chooser(library, None, [OFFSET], [DRY]).choose()
     assert DRY not in chosen
     assert chosen[0] == OFFSET
@@ -54,7 +54,7 @@ def test_what_is_barred_stays_out(library: RegressorLibrary) -> None:
     assert Candidate("viscous_friction", 3, ()) in chosen
 
 
-def test_what_does_not_stand_is_pruned(library: RegressorLibrary) -> None:
+def test_insignificant_terms_are_pruned(library: RegressorLibrary) -> None:
     nothing = [Candidate("viscous_friction", 0, ()), Candidate("torque_offset", 1, ())]
     assert pruned(library, [nothing[0], DRY, nothing[1], OFFSET]) == [DRY, OFFSET]
 
@@ -117,14 +117,14 @@ def test_what_is_left_within_the_noise_floor_is_not_explained(size, found) -> No
     assert library.grams.gained(*(library.model_columns(x) for x in ([OFFSET], [])))[5] > 0.5
 
 
-def test_what_is_on_its_bound_means_nothing(library: RegressorLibrary) -> None:
+def test_a_value_on_its_bound_is_implausible(library: RegressorLibrary) -> None:
     backwards = with_causes(library, *FEW, coulomb_friction=-2.0)
     assert is_implausible(backwards, [DRY, OFFSET], [DRY])
     assert not is_implausible(backwards, [DRY, OFFSET], [OFFSET])
     assert not is_implausible(library, [DRY, OFFSET], [DRY, OFFSET])
 
 
-def test_what_cannot_be_alone_goes_with_what_it_needs(library: RegressorLibrary) -> None:
+def test_a_cause_is_pruned_with_the_one_that_it_needs(library: RegressorLibrary) -> None:
     """Asymmetry of a joint without friction is none, however significant."""
     asymmetry = Candidate("direction_asymmetry", 3, ())
     both = {"coulomb_friction": -1.0, "direction_asymmetry": 0.5}

@@ -153,8 +153,8 @@ def _select(model: Model, say: Callable[[str], None]) -> Model:
         model = chosen
         model.set_noise()
         for h in list(model.values)[:-1]:
-            if _lost(model, (h,)) < s.least_gain:
-                model.drop((h,))
+            if _lost(model, h) < s.least_gain:
+                model.drop([h])
                 refused.add(h)
     return model
 
@@ -198,14 +198,13 @@ def _arbitrate(
     return max(tried, key=lambda pair: pair[0])
 
 
-def _lost(model: Model, some: tuple[Hypothesis, ...]) -> float:
-    """Return the held-out gain that is lost without some hypotheses [nats]."""
-    joints = sorted({j for h in some for j in h.joints})
-    without, full = (m.held(joints, refitted=True) for m in (_without(model, some), model))
+def _lost(model: Model, h: Hypothesis) -> float:
+    """Return the held-out gain that is lost without a hypothesis [nats]."""
+    without, full = (m.held(h.joints, refitted=True) for m in (_without(model, [h]), model))
     return without - full
 
 
-def _without(model: Model, some: tuple[Hypothesis, ...]) -> Model:
+def _without(model: Model, some: Sequence[Hypothesis]) -> Model:
     new = model.copy()
     new.drop(some)
     return new
@@ -240,9 +239,9 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
         groups.setdefault((h.name, h.joints), []).append(h)
     causes = []
     for (name, joints), some in groups.items():
-        without = _without(model, tuple(some))
+        without = _without(model, some)
         fits = [model.fit(h) for h in some]
-        lost = _lost(model, tuple(some))
+        lost = without.held(joints, refitted=True) - model.held(joints, refitted=True)
         values = [model.values[h] for h in some]
         cause = some[0].cause
         causes.append(

@@ -22,7 +22,7 @@ from stiction_envs.measured.tables import our_name
 from stiction_envs.robots import Arm
 
 UNUSED_NM = 1.0
-"""Base torque of joints where none was measured and none is used [N·m]."""
+"""Base torque of joints where none was measured and none is used [N·m]; without effect."""
 
 
 def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[Cell]]:

@@ -156,8 +156,9 @@ class Model:
     def hypotheses(self) -> Iterator[Hypothesis]:
         """Yield all hypotheses that are not accepted yet."""
         r = self.readings
-        wheres = {j: tuple(sorted({x.where for x in r.all if x.where.joint == j}))
-                  for j in r.joints}  # fmt: skip
+        wheres = {
+            j: tuple(sorted({x.where for x in r.all if x.where.joint == j})) for j in r.joints
+        }
         taken = {(h.name, h.joints) for h in self.values if not h.cause.repeatable}
         for cause in self.causes:
             for h in cause.statements(wheres):
@@ -233,7 +234,11 @@ class Model:
         return np.asarray((self.readings.torque - self.predicted(values)) / self.data.unit)
 
     def scaled(
-        self, rows: Index, values: Mapping[Hypothesis, float], h: Hypothesis | None, x: Array
+        self,
+        rows: Index,
+        values: Mapping[Hypothesis, float],
+        h: Hypothesis | None = None,
+        x: Array | None = None,
     ) -> tuple[Array, Array]:
         """Return residuals (m, rows) and the readings' change per log level (rows,), over noise."""
         sd = self.noise[rows] * self.data.unit[rows]
@@ -263,7 +268,7 @@ class Model:
         """Return (N,) residuals over noise after friction levels and offsets were adjusted."""
         r = self.readings
         rows, every = np.arange(len(r.all)), np.ones(len(r.all), dtype=bool)
-        z, slope = self.scaled(rows, self.values, None, np.zeros(1))
+        z, slope = self.scaled(rows, self.values)
         noise = self.settings.noise
         return levelled(z, slope, r.sign / self.noise, r.level, r.base, every, noise)[0][0]
 
@@ -280,13 +285,13 @@ class Model:
             refitted: whether values are fitted without the held-out block, and not only levels.
         """
         left_out = self.left_out(joints) if refitted else {}
-        rows, none = self.readings.of_joints(joints), np.zeros(1)
-        z, slope = self.scaled(rows, self.values, None, none)
+        rows = self.readings.of_joints(joints)
+        z, slope = self.scaled(rows, self.values)
         # the loss of the levels depends on their calibration, not on held-out blocks
         total = float(self._profile(rows, z, slope, np.ones(len(rows), dtype=bool))[1][0])
         for block, used in self._folds(rows):
             if left_out:
-                z, slope = self.scaled(rows, self.without(block, left_out), None, none)
+                z, slope = self.scaled(rows, self.without(block, left_out))
             total += float(self._profile(rows, z, slope, used)[2][0, ~used].sum())
         return total
 
@@ -349,6 +354,7 @@ class Model:
             k = int(train.argmin())
             left_out[block] = float(x[k])
             held += float(each[k, ~used].sum())
+        # half the 95 % quantile of χ² of one degree of freedom
         inside = x[total < total[best] + 1.92]
         # without the base torques a level looks like a drift
         values = np.array([v for b, v in left_out.items() if any(self.readings.blocks[b])])
@@ -381,7 +387,7 @@ class Model:
                 break
         return self.fit(h)
 
-    def drop(self, some: tuple[Hypothesis, ...]) -> None:
+    def drop(self, some: Sequence[Hypothesis]) -> None:
         """Drop hypotheses, and adjust the others."""
         for h in some:
             del self.values[h]

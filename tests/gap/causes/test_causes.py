@@ -47,7 +47,7 @@ def data() -> Data:
     return assemble(load_arm("panda"), prepare(case.logs))
 
 
-def test_those_of_the_contract_are_what_can_be_hidden() -> None:
+def test_the_causes_are_those_that_can_be_hidden() -> None:
     assert list(BY_NAME) == list(dict.fromkeys(e.cause for e in EFFECTS.values()))
 
 
@@ -147,7 +147,7 @@ def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> N
     assert np.abs(exact).max() > 1e-4
 
 
-def test_a_centre_far_from_the_link_is_none_of_it(data: Data) -> None:
+def test_a_centre_far_from_the_link_is_on_the_bound(data: Data) -> None:
     cause, mass = BY_NAME["link_parameters"], float(inertial_parameters(data.pinocchio)[3, 0])
     for moved, far in ((0.14, False), (0.16, True)):
         change = np.array([-0.5 * mass, 0.5 * mass * moved, 0.0, 0.0])
@@ -286,7 +286,7 @@ def test_no_rotor_is_negative(data: Data) -> None:
         assert BY_NAME["link_inertia"].bounds(known, j)[0][0] == -rotor[j]
 
 
-def test_a_joint_that_only_holds_tells_less(data: Data) -> None:
+def test_a_joint_that_only_holds_shows_less(data: Data) -> None:
     """Its acceleration is noise, nothing is dragged, and friction may bear an offset."""
     q, dq = data.q.copy(), data.dq.copy()
     q[:, 2], dq[:, 2] = q[0, 2], 1e-3 * np.sin(data.t)
@@ -335,7 +335,7 @@ def test_a_delays_low_pass_is_first_order(data: Data) -> None:
     assert np.abs(left[5:-5]).max() < 0.1 * np.abs(y - n)[run].max()
 
 
-def test_what_a_target_sees_of_a_deflection_is_its_torques_product(data: Data) -> None:
+def test_the_transposed_operator_has_the_same_product(data: Data) -> None:
     rng = np.random.default_rng(5)
     delta, target = rng.normal(size=(2, len(data.t)))
     direct = target @ own_torque_of(data, 3, delta[:, None])[:, 0]

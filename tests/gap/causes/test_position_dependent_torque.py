@@ -86,7 +86,7 @@ def test_an_order_has_its_own_bounds_and_columns(data: Data) -> None:
     np.testing.assert_array_equal(library.columns(orders[1], 3), widest[:, :5])
 
 
-def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_mean_nothing(data: Data) -> None:
+def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_are_implausible(data: Data) -> None:
     """Law checked: the iiwa's joint 3 fits as well with 48 N·m that cancel; found on its log."""
     q = data.q.copy()
     q[:, 2] = np.linspace(-0.8, 0.8, len(q))

@@ -19,7 +19,7 @@ class Other(TorqueOffset):
     name = "other_offset"
 
 
-def test_what_is_registered_is_known_until_it_is_taken_out() -> None:
+def test_a_registered_cause_is_known_until_it_is_removed() -> None:
     other = register(Other())
     try:
         assert cause_named("other_offset") is other
@@ -41,7 +41,7 @@ def test_what_is_registered_is_known_until_it_is_taken_out() -> None:
         ("parameters", (), "no parameters"),
     ],
 )
-def test_what_is_not_whole_is_not_registered(field: str, value: object, says: str) -> None:
+def test_an_incomplete_cause_is_not_registered(field: str, value: object, says: str) -> None:
     broken = type("Broken", (Other,), {field: value})
     with pytest.raises(StictionError, match=says):
         register(broken())

@@ -231,7 +231,7 @@ def test_report_is_plain_data_and_repeats(diagnose):
     }  # fmt: skip
 
 
-def test_too_few_settings_say_nothing(diagnose):
+def test_too_few_blocks_are_no_evidence(diagnose):
     base, cells = tables([5], seed=1)
     found = diagnose((base, [c for c in cells if c.row.frequency_hz == 15.0]))
     assert found.verdict == "cannot tell"
@@ -240,7 +240,7 @@ def test_too_few_settings_say_nothing(diagnose):
 
 
 @pytest.mark.slow
-def test_less_is_named_where_more_must_be_gained(diagnose):
+def test_a_larger_least_gain_names_fewer_causes(diagnose):
     hidden = tables([5], Truth(joint=5, day=1.12), seed=1)
     assert diagnose(hidden).causes
     assert diagnose(hidden, {"verdict.least_gain": 1e6}).causes == ()

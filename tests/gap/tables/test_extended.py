@@ -91,7 +91,7 @@ def test_a_friction_level_may_be_of_one_pose(values, factors):
         np.testing.assert_allclose(after.mean(axis=1) / before.mean(axis=1), expected[:, 0])
 
 
-def test_what_is_none_of_the_arm_is_said_and_left_out():
+def test_what_is_not_of_the_arm_is_left_out_with_a_reason():
     causes = (
         dataclasses.replace(cause("low_pass", cutoff_hz=40.0), joints=(5, 7)),
         cause("base_drift", factor=1.1),

@@ -80,7 +80,7 @@ def test_rows_of_other_robots_are_left_out(put):
         (base(8) + dithered(8), "joint 8: panda has 7"),
     ],
 )
-def test_tables_that_say_nothing_are_refused(put, rows, says):
+def test_unusable_tables_are_refused(put, rows, says):
     with pytest.raises(StictionError, match=says.replace("(", r"\(")) as caught:
         read_tables([put("a.csv", rows)], ARM)
     assert "\n" not in str(caught.value)

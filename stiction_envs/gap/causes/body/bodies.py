@@ -38,7 +38,7 @@ _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):
     _SPREADS[_k, _a, _b] = _SPREADS[_k, _b, _a] = 1.0
 ROWS = 4000
-"""Number of rows that are computed at once: all of them would fill the memory."""
+"""Number of rows that are computed at once: all of them would fill the memory; assumed."""
 
 
 def body_columns(recording: Recording, *gravity: float) -> Array:

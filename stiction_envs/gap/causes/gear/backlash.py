@@ -23,9 +23,10 @@ DRAGGED, LOST = 0.0, -1.0
 """Used in place of a damping ratio for links that friction holds while the motor crosses the gap
 after a reversal: the gear carries no load, or the link only stays behind."""
 AT_ONCE = 32
-"""Number of gaps that are simulated at once: more take memory without saving time."""
+"""Number of gaps that are simulated at once: more take memory without saving time; assumed."""
 SIZED = 8
-"""Step on the grid of gaps at which the size of their torque is computed, which changes slowly."""
+"""Step on the grid of gaps at which the size of their torque is computed, since it changes slowly;
+assumed."""
 FLANK = 10000.0
 """Stiffness of a gear's flanks [N·m/rad]; assumed: harmonic drives of 100 N·m and more have as
 much."""

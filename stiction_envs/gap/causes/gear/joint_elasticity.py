@@ -26,7 +26,7 @@ BEST = 6
 LEAST_ROTOR = 0.01
 """Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
 SPRINGS = 20
-"""Number of springs that are simulated at once: more take memory without saving time."""
+"""Number of springs that are simulated at once: more take memory without saving time; assumed."""
 
 
 class JointElasticity(DeflectedLink):
