@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, Configuration
+from stiction_envs.experiments.sje.protocol import Configuration, configurations
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.report.table_result import TableResult
@@ -51,16 +51,15 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
     cells = [_cell(path, row, base) for path, row in rows if row.amplitude_nm > 0]
     if not cells:
         raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
-    for joint in {c.row.joint for c in cells}:
-        if joint > arm.n:
-            raise StictionError(f"{paths[0]}: joint {joint}: {arm.name} has {arm.n}")
-        for load in LOADS:
-            for direction in DIRECTIONS:
-                if Configuration(joint, load, direction) not in base:
-                    raise StictionError(
-                        f"{paths[0]}: joint {joint} has dithered torques, but no base torque in "
-                        f"{load} {direction}: expected all four"
-                    )
+    joints = sorted({c.row.joint for c in cells})
+    if joints[-1] > arm.n:
+        raise StictionError(f"{paths[0]}: joint {joints[-1]}: {arm.name} has {arm.n}")
+    for where in configurations(arm.n, joints):
+        if where not in base:
+            raise StictionError(
+                f"{paths[0]}: joint {where.joint} has dithered torques, but no base torque in "
+                f"{where.load} {where.direction}: expected all four"
+            )
     tau = np.tile([UNUSED_NM, -UNUSED_NM], (arm.n, 2, 1))
     for where, value in base.items():
         if where.joint <= arm.n:
@@ -130,7 +129,7 @@ def diagnose_files(
         nominal_name: its name in the report.
         sources: the files of the tables.
         provenance: provenance of the run.
-        threads: threads, 0 for all processors.
+        threads: number of threads, 0 for all processors.
         progress: called with a stage and 0.
         settings: constants of the method; None for those of ``settings.toml``.
 
