@@ -228,45 +228,33 @@ class LoneJoint:
         new = copy.copy(self)
         new.tables = dict(self.tables)
         for q, knots in self.knots.items():
-            here = self._log(q, self.state)
-            found = {here: np.zeros(self.tables[q].shape[1])}
+            found = {self._log(q, self.state): np.zeros(self.tables[q].shape[1])}
             for state, tau in known.items():
                 if without(state, q) == without(self.state, q):
                     x = self._log(q, state)
-                    change = self._at(q, x) - self._at(q, here)
+                    change = self.shift(q, np.array([[x]]))[0]
                     found.setdefault(x, tau - known[self.state] - change)
             if len(found) > 1:
                 values = sorted(found)
-                at = np.interp(knots, values, np.arange(len(values)))
                 missing = np.array([found[v] for v in values])
-                new.tables[q] = self.tables[q] + _between(missing, at)
+                new.tables[q] = self.tables[q] + _between(np.array(values), missing, knots[:, None])
         return new
 
-    def _at(self, q: Quantity, x: float) -> Array:
-        at = np.interp([x], self.knots[q], np.arange(len(self.knots[q])))
-        return np.asarray(_between(self.tables[q], at)[0])
-
     def _log(self, q: Quantity, state: State) -> float:
-        """Return the logarithm of a value of a state, within what was simulated."""
+        """Return the logarithm of a value of a state, within the simulated range."""
         knots = self.knots[q]
         return float(np.clip(np.log(self.whole.value(state, q)), knots[0], knots[-1]))
 
     def shift(self, q: Quantity, x: Array) -> Array:
-        """Return (m, rows) change of the readings [N·m] from the state to log values x (m,)."""
-        knots, table = self.knots[q], self.tables[q]
-        at = np.interp(np.append(x, self._log(q, self.state)), knots, np.arange(len(knots)))
-        tau = _between(table, at)
-        return np.asarray(tau[:-1] - tau[-1])
+        """Return (m, rows) change of the readings [N·m] from the state.
 
-    def level_shift(self, x: Array) -> Array:
-        """Return (m, rows) change of the readings [N·m] for log factors x (m, rows) on friction."""
-        levels, table = self.knots[FRICTION_LEVEL], self.tables[FRICTION_LEVEL]
-        here = self._at(FRICTION_LEVEL, self._log(FRICTION_LEVEL, self.state))
-        at = np.interp(x, levels, np.arange(len(levels)))
-        i = np.minimum(at.astype(int), len(levels) - 2)
-        t, column = at - i, np.arange(x.shape[1])
-        tau = (1 - t) * table[i, column] + t * table[i + 1, column]
-        return np.asarray(tau - here)
+        Args:
+            q: one of the quantities, or the friction level.
+            x: logarithms of its value, (m, 1) or (m, rows).
+        """
+        here = np.array([[self._log(q, self.state)]])
+        there, before = (_between(self.knots[q], self.tables[q], v) for v in (x, here))
+        return there - before
 
 
 def _parameters(columns: LoneJointTorques, values: Mapping[Quantity, float]) -> dict[str, float]:
@@ -291,8 +279,9 @@ def _holds(p: Mapping[str, float], columns: LoneJointTorques, link: float, zeta:
     return bool(1e-3 * sigma1[0] < 1.6 * (rotor + link)[0])
 
 
-def _between(table: Array, at: Array) -> Array:
-    """Return (m, rows) values of a table (knots, rows) at fractional knots (m,)."""
+def _between(knots: Array, table: Array, x: Array) -> Array:
+    """Return (m, rows) of a table (knots, rows), interpolated at x, (m, 1) or (m, rows)."""
+    at = np.interp(x, knots, np.arange(len(knots)))
     i = np.minimum(at.astype(int), len(table) - 2)
-    t = (at - i)[:, None]
-    return np.asarray((1 - t) * table[i] + t * table[i + 1])
+    t, row = at - i, np.arange(table.shape[1])
+    return np.asarray((1 - t) * table[i, row] + t * table[i + 1, row])

@@ -204,7 +204,7 @@ class Model:
             if k.cause.quantity is not None:
                 for j, some in self._by_joint(rows):
                     if j in k.joints:
-                        out[:, some] += self.lone(j).shift(k.cause.quantity, v)
+                        out[:, some] += self.lone(j).shift(k.cause.quantity, v[:, None])
                 continue
             concerned = self.readings.of(k.where)[rows]
             if (torque := k.cause.added(self.data, rows)) is not None:
@@ -213,7 +213,7 @@ class Model:
                 log_level += np.where(concerned, level, 0.0)
         if log_level.any():
             for j, some in self._by_joint(rows):
-                out[:, some] += self.lone(j).level_shift(log_level[:, some])
+                out[:, some] += self.lone(j).shift(FRICTION_LEVEL, log_level[:, some])
         return out
 
     def _by_joint(self, rows: Index) -> list[tuple[int, Mask]]:
@@ -246,7 +246,7 @@ class Model:
         step = np.array([[-0.1], [0.1]])
         slope = np.empty(len(rows))
         for j, some in self._by_joint(rows):
-            change = self.lone(j).level_shift(step * np.ones(int(some.sum())))
+            change = self.lone(j).shift(FRICTION_LEVEL, step)
             slope[some] = (change[1] - change[0]) / 0.2
         return z, slope / sd
 

@@ -45,8 +45,11 @@ class Reading:
     """Readings that are left out together: (frequency [Hz], scale [-]); (0, 0): base torques."""
     torque: float
     """Measured, along the ramp: negative if the joint moved against it [N·m]."""
-    cell: Cell | None
-    """None for a base torque."""
+
+    @property
+    def is_base(self) -> bool:
+        """Whether it is a base torque."""
+        return self.amplitude == 0.0
 
     @property
     def job(self) -> Job:
@@ -67,7 +70,6 @@ class Readings:
                 amplitude=0.0,
                 block=(0.0, 0.0),
                 torque=float(w.sign * base.tau[w.index]),
-                cell=None,
             )
             for w in (configurations(base.n_joints, self.joints) if self.joints else [])
         ]
@@ -78,7 +80,6 @@ class Readings:
                 amplitude=c.row.amplitude_nm,
                 block=(c.row.frequency_hz, round(c.row.scale, 1)),
                 torque=c.configuration.sign * c.row.tau_sje_nm,
-                cell=c,
             )
             for c in good
         ]
@@ -88,7 +89,7 @@ class Readings:
         self.sign = np.array([r.where.sign for r in self.all])
         self.torque = np.array([r.torque for r in self.all])
         self.frequency = np.array([r.frequency for r in self.all])
-        self.base = np.array([r.cell is None for r in self.all], dtype=bool)
+        self.base = np.array([r.is_base for r in self.all], dtype=bool)
         self.blocks = sorted({r.block for r in self.all})
         self.block = np.array([self.blocks.index(r.block) for r in self.all], dtype=np.int64)
         self.level = 2 * np.searchsorted(self.joints, self.joint) + self.pose
@@ -110,7 +111,7 @@ class Readings:
         """Return the value (N,) of the base torque that belongs to a reading."""
         where = self.all[i].where
         return float(
-            next(values[k] for k, x in enumerate(self.all) if x.cell is None and x.where == where)
+            next(values[k] for k, x in enumerate(self.all) if x.is_base and x.where == where)
         )
 
 

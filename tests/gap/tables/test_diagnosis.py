@@ -293,7 +293,7 @@ def test_a_level_of_one_changes_no_reading_on_any_grid(levels, knots, monkeypatc
     monkeypatch.setattr(lone_joint, "FRICTION_LEVEL", level)
     jobs, bench = Readings(base, some).jobs(7), Bench.of(arm, base, nominal())
     lone = lone_joint.LoneJoint(jobs, bench, whole, NOMINAL, [])
-    nothing, more = lone.level_shift(np.array([[0.0], [np.log(1.2)]]) * np.ones(len(jobs)))
+    nothing, more = lone.shift(level, np.array([[0.0], [np.log(1.2)]]))
     np.testing.assert_allclose(nothing, 0.0, atol=1e-12)
     assert (more > 0.0).all()
 

@@ -39,7 +39,7 @@ class CorruptedCell(TableCause):
         r, x = seen.data.readings, seen.data.readings.all[i]
         off = 100 * (r.torque - seen.with_it) / seen.data.unit
         near = [k for k, y in enumerate(r.all) if y.where == x.where and k != i]
-        what = f"{x.frequency:g} Hz, {x.amplitude:.4g} N·m" if x.cell else "base torque"
+        what = "base torque" if x.is_base else f"{x.frequency:g} Hz, {x.amplitude:.4g} N·m"
         expected = x.where.sign * seen.with_it[i]
         return (
             f"joint {x.where.joint} {x.where.load} {x.where.direction}, {what}: "
