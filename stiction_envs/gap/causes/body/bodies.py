@@ -156,8 +156,7 @@ def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
         element, i = new.find("inertial"), body.inertia
         assert element is not None
         del element.attrib["diaginertia"]
-        full = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
-        element.set("fullinertia", mjcf.numbers(full))
+        element.set("fullinertia", mjcf.numbers([i[a, b] for a, b in _PAIRS]))
         return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
     model = arm.pinocchio()
     links = inertial_parameters(model)

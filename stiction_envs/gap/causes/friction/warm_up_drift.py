@@ -60,10 +60,12 @@ class WarmUpDrift(Cause):
     def assumption(self, data: Data, shape: Shape) -> str:
         """Return since when time counts, where there are several logs."""
         if shape:
-            fits = "fits better than the time since {} began"
-            if shape == (OF_SESSION,):
-                return f"with the time since the session began, which {fits.format('each log')}"
-            return f"with the time since each log began, which {fits.format('the session')}"
+            both = ("the session", "each log")
+            this, other = both if shape == (OF_SESSION,) else both[::-1]
+            return (
+                f"with the time since {this} began, which fits better than the time since {other} "
+                "began"
+            )
         if len(np.unique(data.recording.log)) < 2:
             return ""
         why = "their pauses are long" if data.recording.common_clock else "no clock is common"
