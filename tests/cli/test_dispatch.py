@@ -36,10 +36,16 @@ def test_progress_off_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
     assert lines[-1] == "sje: 100 % (80 of 80 s simulated)"
 
 
+def terminal_on_stderr(monkeypatch) -> io.StringIO:
+    """Replace standard error by a terminal; return it."""
+    made = io.StringIO()
+    monkeypatch.setattr(made, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", made)
+    return made
+
+
 def test_progress_on_a_terminal_is_a_bar(monkeypatch):
-    terminal = io.StringIO()
-    monkeypatch.setattr(terminal, "isatty", lambda: True)
-    monkeypatch.setattr(sys, "stderr", terminal)
+    terminal = terminal_on_stderr(monkeypatch)
     with Progress() as progress:
         progress.set("base", 1.0, 4.0)
         progress.set("final", 2.0, 4.0)
@@ -64,9 +70,7 @@ def test_progress_of_the_whole_off_a_terminal_is_a_line_per_stage(capsys):
 
 
 def test_progress_of_the_whole_on_a_terminal_is_one_bar(monkeypatch):
-    terminal = io.StringIO()
-    monkeypatch.setattr(terminal, "isatty", lambda: True)
-    monkeypatch.setattr(sys, "stderr", terminal)
+    terminal_on_stderr(monkeypatch)
     with Progress() as progress:
         progress.whole("reading", 0.0)
         bar = progress._bar
@@ -76,34 +80,35 @@ def test_progress_of_the_whole_on_a_terminal_is_one_bar(monkeypatch):
         assert str(bar).startswith("report:  75 %|")
 
 
-def test_unexpected_error_is_one_line(cli, work, monkeypatch):
-    def broken(args):
-        raise RuntimeError("two\nlines")
+@pytest.fixture
+def failing(cli, monkeypatch):
+    """Run `stiction sje panda`, which raises an error from a cause."""
 
-    monkeypatch.setattr(sje.common, "read_arm", broken)
-    ran = cli("sje", "panda")
+    def run(error: BaseException, cause: BaseException | None = None):
+        def fail(args):
+            raise error from cause
+
+        monkeypatch.setattr(sje.common, "read_arm", fail)
+        return cli("sje", "panda")
+
+    return run
+
+
+def test_unexpected_error_is_one_line(failing, monkeypatch):
+    ran = failing(RuntimeError("two\nlines"))
     assert ran.code == 1
     assert ran.lines == ["error: RuntimeError: two lines (STICTION_DEBUG=1 shows the traceback)"]
     monkeypatch.setenv("STICTION_DEBUG", "1")
-    assert "Traceback" in cli("sje", "panda").err
+    assert "Traceback" in failing(RuntimeError("two\nlines")).err
 
 
-def test_interrupt_says_how_to_go_on(cli, work, monkeypatch):
-    def interrupt(args):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sje.common, "read_arm", interrupt)
-    ran = cli("sje", "panda")
-    assert ran.code == 1
-    assert ran.lines == ["error: interrupted: nothing was written; run the same command again"]
-
-
-def test_an_interrupt_that_compiled_code_passes_on(cli, work, monkeypatch):
-    def interrupt(args):
-        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
-
-    monkeypatch.setattr(sje.common, "read_arm", interrupt)
-    assert cli("sje", "panda").lines[-1].startswith("error: interrupted: nothing was written")
+def test_interrupt_says_how_to_go_on(failing):
+    """Also one that compiled code passes on."""
+    wrapped = SystemError("returned a result with an exception set")
+    for error in ((KeyboardInterrupt(),), (wrapped, KeyboardInterrupt())):
+        ran = failing(*error)
+        assert ran.code == 1
+        assert ran.lines == ["error: interrupted: nothing was written; run the same command again"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")

@@ -269,20 +269,8 @@ def actions(command: str) -> list[argparse.Action]:
 
 WORDS = st.sampled_from(
     [
-        *(
-            "",
-            "0",
-            "1",
-            "-1",
-            "7",
-            "1e400",
-            "nan",
-            "inf",
-            "1e-300",
-            "99999999999999999999",
-            "two.xml",
-        ),
-        *("nowhere.csv", "log.csv", ".", "/", "panda", "x" * 300, "a\x00b", "\u202e", "+", "load"),
+        *("", "0", "1", "-1", "7", "1e400", "nan", "inf", "1e-300", "9" * 20, "two.xml", "."),
+        *("nowhere.csv", "log.csv", "/", "panda", "x" * 300, "a\x00b", "\u202e", "+", "load"),
         *("gp", "grid", "ppo", "sje", "gte", "sqlite:///x.db", "http://x", "triangle", "link", "-"),
     ]
 )
