@@ -20,6 +20,14 @@ class ExperimentError(StictionError):
     """
 
 
+def one_line(error: object) -> str:
+    """Return a text, or what an error says, with every run of white space as one blank.
+
+    An error without a text is named by its type.
+    """
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def unknown(what: str, value: object, expected: Iterable[object]) -> StictionError:
     """Error for a ``value`` that is not among the ``expected`` names of ``what``."""
     names = ", ".join(str(name) for name in expected)

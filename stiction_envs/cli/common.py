@@ -6,14 +6,16 @@ import argparse
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, one_line
 
 if TYPE_CHECKING:
+    from stiction_envs.cli.progress import Progress
+    from stiction_envs.envs.render.film import Film
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
 
@@ -21,7 +23,7 @@ _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNO
 
 
 IN_FOLDER = Path("in --out")
-"""What ``--video`` is without a file."""
+"""Value of ``--video`` without a file."""
 
 
 class Failed(RuntimeError):
@@ -44,16 +46,11 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Past this point the input was good: an error is a failure while working."""
+    """Turn errors into `Failed`: the input was good, so they are failures while working."""
     try:
         yield
     except StictionError as error:
         raise Failed(str(error)) from error
-
-
-def one_line(text: str) -> str:
-    """Return the text with every run of white space, line ends too, as one blank."""
-    return " ".join(text.split())
 
 
 # ---- types of options ----------------------------------------------------------------------------
@@ -92,6 +89,10 @@ def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], fl
     return convert
 
 
+PAYLOAD: dict[str, Any] = {"nargs": 4, "type": number(), "metavar": ("MASS", "X", "Y", "Z")}
+"""Options of a payload and of an inclination, but for their help."""
+TILT: dict[str, Any] = {"nargs": 2, "type": number(), "metavar": ("ROLL", "PITCH")}
+
 # ---- options -------------------------------------------------------------------------------------
 
 
@@ -105,7 +106,7 @@ def add_command(
         name: the command.
         summary: one sentence.
         example: a call that works.
-        interrupted: what Ctrl-C leaves, and how to go on.
+        interrupted: what is left after Ctrl-C, and how to go on.
         functions: ``run`` and ``show`` of the command.
     """
     parser: Parser = subparsers.add_parser(
@@ -116,14 +117,14 @@ def add_command(
 
 
 def robot_help() -> str:
-    """Return which robots there are."""
+    """Return the help of an argument that names a robot."""
     from stiction_envs.robots.registry import ARMS
 
     return f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
 
 
 def add_chain_option(parser: Any) -> None:
-    """Add what takes one arm out of a bigger robot."""
+    """Add ``--chain``, which selects one arm of a bigger robot."""
     parser.add_argument(
         "--chain",
         nargs=2,
@@ -134,7 +135,7 @@ def add_chain_option(parser: Any) -> None:
 
 
 def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str = "LOG") -> None:
-    """Add the joint logs, the robot they are of and how to read them; ``logs`` is nargs."""
+    """Add the joint logs, their robot and how to read them; ``logs`` is their nargs."""
     parser.add_argument(
         "logs",
         nargs=logs,
@@ -161,7 +162,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which joints of a ROS bag are meant."""
+    """Add the options that select joints and a topic of a ROS bag."""
     parser.add_argument(
         "--joints",
         nargs="+",
@@ -175,21 +176,17 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
-    """Add what says which arm is simulated."""
+    """Add the arm to simulate and what is known of its mounting."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())
     add_chain_option(parser)
     parser.add_argument(
         "--payload",
-        nargs=4,
-        type=number(),
-        metavar=("MASS", "X", "Y", "Z"),
+        **PAYLOAD,
         help="mass on the flange [kg] and its centre of mass in the flange frame [m]",
     )
     parser.add_argument(
         "--tilt",
-        nargs=2,
-        type=number(),
-        metavar=("ROLL", "PITCH"),
+        **TILT,
         default=[0.0, 0.0],
         help="inclination of the base: about the world's x, then its y [rad]",
     )
@@ -203,7 +200,7 @@ def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
 
 
 def add_experiment_options(parser: Parser) -> None:
-    """Add what says how the experiment is run."""
+    """Add the options of an experiment's repeats."""
     parser.add_argument(
         "--iterations",
         type=whole(1),
@@ -218,7 +215,7 @@ def add_experiment_options(parser: Parser) -> None:
 
 
 def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> None:
-    """Add what every command has; ``out`` is the help of ``--out``."""
+    """Add the options that all commands have; ``out`` is the help of ``--out``."""
     parser.add_argument("--out", type=Path, metavar=metavar, help=out)
     parser.add_argument(
         "--force", action="store_true", help="replace the files of another run in --out"
@@ -235,7 +232,7 @@ def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> Non
 
 
 def add_video_option(parser: Parser, what: str) -> None:
-    """Add ``--video [FILE.mp4]``; ``what`` says what it shows."""
+    """Add ``--video [FILE.mp4]``; ``what`` is the beginning of its help."""
     parser.add_argument(
         "--video",
         nargs="?",
@@ -250,20 +247,13 @@ def add_video_option(parser: Parser, what: str) -> None:
 
 NOT_RECORDED = {
     *("command", "run", "show", "interrupted"),  # the program's own
-    *(
-        "out",
-        "force",
-        "json",
-        "threads",
-        "slots",
-        "seed",
-        "video",
-    ),  # seed stands alone; no result has these
+    "seed",  # is recorded by itself
+    *("out", "force", "json", "threads", "slots", "video"),  # no result depends on them
 }
 
 
 def read_arm(args: argparse.Namespace) -> Arm:
-    """Load the arm of `add_robot_options`; say on standard error how a user's was read."""
+    """Load the arm of `add_robot_options`; notes on a user's file go to standard error."""
     from stiction_envs.robots import load_arm
 
     arm = load_arm(args.robot, payload=args.payload, tilt=args.tilt, chain=args.chain)
@@ -273,7 +263,7 @@ def read_arm(args: argparse.Namespace) -> Arm:
 
 
 def arm_name(args: argparse.Namespace) -> str:
-    """Return what output folders are called after."""
+    """Return the name of the arm in the names of output folders."""
     from stiction_envs.robots.chain import chain_title
 
     return str(args.robot) if args.chain is None else chain_title(Path(args.robot).stem, args.chain)
@@ -290,10 +280,9 @@ def output_folder(
 
     Args:
         args: of the command.
-        name: what the default folder is called after.
-        inputs: files the run depends on, by the name of their argument; those that are not there
-            are left out.
-        resumable: whether the same run may go on in its own folder.
+        name: part of the default folder's name.
+        inputs: files the run depends on, by the name of their argument; missing ones are left out.
+        resumable: whether the same run may be continued in its folder.
 
     Raises:
         StictionError: the folder holds another run's files, or cannot be one.
@@ -330,26 +319,54 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
     return path
 
 
-def unless_it_fails(write_video: Callable[[], None]) -> str | None:
-    """Write a video after all else has been written; return why there is none, if so."""
+def write_video(
+    path: Path | None, make_film: Callable[[], Film], progress: Progress
+) -> tuple[dict[str, Any], str | None]:
+    """Write a video after all else has been written.
+
+    Returns:
+        ``video`` of the command's result, if one was asked for, and why there is none, if so.
+    """
+    if path is None:
+        return {}, None
+    from stiction_envs.envs.render.film import write_film
+
+    def show(done: int, total: int) -> None:
+        progress.set("video", done, total, "frames")
+
     try:
-        write_video()
+        write_film(make_film(), path, progress=show)
     except (StictionError, OSError) as error:
-        return f"no video: {one_line(str(error))}; all else is written"
-    return None
+        return {"video": None}, f"no video: {one_line(error)}; all else is written"
+    return {"video": str(path)}, None
+
+
+def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
+    """Return logs by the names of inputs, such as ``log1``.
+
+    Raises:
+        StictionError: one that is not there.
+    """
+    from stiction_envs.measured.logs.files import is_log
+
+    found = {f"{name}{k}": log for k, log in enumerate(logs, 1)}
+    for log in found.values():
+        if not is_log(log):
+            raise StictionError(f"{log}: no such file")
+    return found
 
 
 def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> dict[str, Any]:
-    """Return what makes the result of a command line."""
+    """Return the provenance of a command line's result."""
     from stiction_envs.measured.logs.files import is_log
     from stiction_envs.reporting.provenance import provenance
 
-    told = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}
-    if told.get("chain", ()) is None:
-        del told["chain"]  # a run without one is the run that it was before there were chains
+    recorded = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}
+    if recorded.get("chain", ()) is None:
+        del recorded["chain"]  # so that digests are those of versions without chains
     return provenance(
         args.command,
-        told,
+        recorded,
         seed=args.seed,
         inputs={k: v for k, v in inputs.items() if v is not None and is_log(v)},
     )

@@ -8,7 +8,6 @@ from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.errors import StictionError
 
 
 def add_parser(subparsers: Any) -> None:
@@ -48,16 +47,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--payload",
-        nargs=4,
-        type=common.number(),
-        metavar=("MASS", "X", "Y", "Z"),
+        **common.PAYLOAD,
         help="known mass on the flange [kg] and its centre of mass in the flange frame [m]",
     )
     parser.add_argument(
         "--tilt",
-        nargs=2,
-        type=common.number(),
-        metavar=("ROLL", "PITCH"),
+        **common.TILT,
         help="known inclination of the base: about the world's x, then its y [rad]",
     )
     parser.add_argument(
@@ -71,21 +66,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
-    files = [*args.logs, *args.poses]
-
     from stiction_envs.gap.diagnose import default_nominal, diagnose
     from stiction_envs.gap.stages import Stages
-    from stiction_envs.measured.logs.files import is_log
     from stiction_envs.robots.registry import robot_files
 
-    for log in [*files, *args.check]:
-        if not is_log(log):
-            raise StictionError(f"{log}: no such file")
-
+    inputs = common.log_inputs("log", [*args.logs, *args.poses])
+    inputs |= common.log_inputs("check", args.check)
     if args.nominal is None:
         args.nominal = default_nominal(args.logs)
-    inputs = {f"log{k}": log for k, log in enumerate(files, 1)}
-    inputs |= {f"check{k}": log for k, log in enumerate(args.check, 1)}
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
     folder = common.output_folder(args, common.arm_name(args), inputs)
     with Progress() as progress:

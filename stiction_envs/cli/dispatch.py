@@ -8,7 +8,7 @@ import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
-from typing import Any, TextIO
+from typing import Any
 
 from stiction_envs.cli import (
     calibrate,
@@ -22,8 +22,8 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Failed, Parser, one_line
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.cli.common import Failed, Parser
+from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.reporting.json_text import to_text
 from stiction_envs.version import __version__
@@ -114,12 +114,5 @@ def _say(message: str, code: int) -> int:
     return code
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    print(f"warning: {one_line(str(message))}", file=sys.stderr)
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {one_line(message)}", file=sys.stderr)

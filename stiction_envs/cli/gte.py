@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,7 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-    from stiction_envs.experiments.gte.protocol import Case
+    from stiction_envs.envs.render.film import Film
     from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load the engine
@@ -21,8 +19,11 @@ TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
 DAMPING_DESIGNS = ("diagonal", "mass")
 COMPENSATIONS = ("feedforward", "push")
-DITHER_OPTIONS = ("gate_velocity", "waveform", "phases")
-COMPENSATION_OPTIONS = ("compensation_factor", "compensation_table")
+NEEDS = {
+    "dither": ("gate_velocity", "waveform", "phases"),
+    "compensation": ("compensation_factor", "compensation_table"),
+}
+"""Options that need another one."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -121,16 +122,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--compensate-payload",
-        nargs=4,
-        type=common.number(),
-        metavar=("MASS", "X", "Y", "Z"),
+        **common.PAYLOAD,
         help="payload in the controller's model (default: the true one)",
     )
     parser.add_argument(
         "--compensate-tilt",
-        nargs=2,
-        type=common.number(),
-        metavar=("ROLL", "PITCH"),
+        **common.TILT,
         help="inclination in the controller's model [rad] (default: the true one)",
     )
     common.add_experiment_options(parser)
@@ -152,14 +149,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
-    for name in DITHER_OPTIONS:
-        if args.dither is None and getattr(args, name) is not None:
-            raise StictionError(f"--{name.replace('_', '-')}: needs --dither TABLE.csv")
-    for name in COMPENSATION_OPTIONS:
-        if args.compensation is None and getattr(args, name) is not None:
-            raise StictionError(
-                f"--{name.replace('_', '-')}: needs --compensation {'|'.join(COMPENSATIONS)}"
-            )
+    for needed, names in NEEDS.items():
+        for name in names:
+            if getattr(args, needed) is None and getattr(args, name) is not None:
+                raise StictionError(f"--{name.replace('_', '-')}: needs --{needed}")
     dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
     inputs = {**common.model_files(args), "dither": args.dither}
     inputs["compensation_table"] = args.compensation_table
@@ -201,9 +194,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             iterations=args.iterations,
             progress=lambda seconds: progress.add("gte", seconds, total),
         )
+
+    def make_film() -> Film:
+        from stiction_envs.envs.render.path_film import PathFilm
+
+        return PathFilm(bench, cases)
+
     with common.working(), Progress() as progress, folder:
         result.write(folder.path)
-        no_video = None if video is None else _write_video(video, bench, cases, progress)
+        filmed, no_video = common.write_video(video, make_film, progress)
     lost = result.unfinished
     unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
     return {
@@ -211,24 +210,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "seed": args.seed,
         "out": str(folder.path),
         **result.to_json(),
-        **({} if video is None else {"video": None if no_video else str(video)}),
+        **filmed,
         "failed": "; ".join(filter(None, [unfinished if lost else None, no_video])) or None,
     }
-
-
-def _write_video(
-    path: Path, bench: GeneratedTrajectoryExperiment, cases: Sequence[Case], progress: Progress
-) -> str | None:
-    """Write the video; return why there is none, if so: all else is there."""
-    from stiction_envs.envs.render.film import write_film
-    from stiction_envs.envs.render.path_film import PathFilm
-
-    def show_frames(done: int, total: int) -> None:
-        progress.set("video", done, total, "frames")
-
-    return common.unless_it_fails(
-        lambda: write_film(PathFilm(bench, cases), path, progress=show_frames)
-    )
 
 
 def _read_controller_model(args: argparse.Namespace) -> Arm | None:

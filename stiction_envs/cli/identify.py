@@ -7,7 +7,6 @@ from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.errors import StictionError
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,15 +26,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Identify; write ``identification.json``, report, model, a plot and provenance."""
-    from stiction_envs.measured.logs.files import is_log
     from stiction_envs.robots import load_arm
     from stiction_envs.robots.registry import robot_files
 
     arm = load_arm(args.robot, chain=args.chain)
-    for log in args.logs:
-        if not is_log(log):
-            raise StictionError(f"{log}: no such file")
-    inputs = {f"log{k}": log for k, log in enumerate(args.logs, 1)}
+    inputs = common.log_inputs("log", args.logs)
     folder = common.output_folder(args, arm.name, {**inputs, **robot_files(args.robot)})
 
     from stiction_envs.identification.identify import identify

@@ -4,41 +4,35 @@ from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
 from typing import Any, Self
 
 EVERY = 10.0
-"""Least time between two lines where standard error is no terminal [s]."""
+"""Least time between two lines where standard error is no terminal [s]; assumed."""
 
 
 class Progress:
     """Progress of long work; a context manager that leaves no half-drawn bar."""
 
     def __init__(self, unit: str = "s simulated") -> None:
-        """Start at nothing; ``unit`` is what is counted."""
+        """Start at zero; ``unit`` is what is counted."""
         self._unit = unit
         self._bar: Any = None
         self._stage = ""
         self._done = 0.0
-        self._said = time.monotonic()
+        self._printed = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     def add(self, stage: str, amount: float, total: float) -> None:
-        """Count ``amount`` more of a stage."""
+        """Add ``amount`` to what is done of a stage."""
         self.set(stage, (self._done if stage == self._stage else 0.0) + amount, total)
 
     def set(self, stage: str, done: float, total: float, unit: str | None = None) -> None:
-        """Say how much of a stage is done; an estimated ``total`` may be passed.
+        """Show how much of a stage is done; more than an estimated ``total`` may be done.
 
         Args:
             stage: what is being done.
@@ -53,8 +47,8 @@ class Progress:
         shown = min(done, total)
         if sys.stderr.isatty():
             self._draw(shown, total)
-        elif time.monotonic() - self._said >= EVERY and total > 0:
-            self._said = time.monotonic()
+        elif time.monotonic() - self._printed >= EVERY and total > 0:
+            self._printed = time.monotonic()
             percent = 100 * shown / total
             print(
                 f"{stage}: {percent:.0f} % ({shown:.0f} of {total:.0f} {self._unit})",
@@ -63,7 +57,7 @@ class Progress:
             )
 
     def whole(self, stage: str, share: float | None) -> None:
-        """Say how much of all work is done: one bar, or a line per stage.
+        """Show how much of all work is done: one bar, or a line per stage.
 
         Args:
             stage: what is being done.

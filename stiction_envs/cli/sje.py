@@ -10,8 +10,7 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-    from stiction_envs.experiments.sje.results import BreakawayTorques
+    from stiction_envs.envs.render.film import Film
 
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
@@ -87,7 +86,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     folder = common.output_folder(
         args, arm.name, {**common.model_files(args), "dither": args.dither}
     )
-
     video = common.video_file(args, folder)
 
     from stiction_envs.control.torque_path import TorqueInterface
@@ -122,32 +120,24 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     stuck = result.describe_stuck()
     if not result.rows:
         raise common.Failed(f"{stuck}: nothing was written")
+
+    def make_film() -> Film:
+        from stiction_envs.envs.render.ramp_film import RampFilm, shown
+
+        return RampFilm(experiment, shown(result.measurements))
+
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        no_video = None if video is None else _write_video(video, experiment, result, progress)
+        filmed, no_video = common.write_video(video, make_film, progress)
     failed = [f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None, no_video]
     return {
         "command": "sje",
         "seed": args.seed,
         "out": str(folder.path),
         **result.to_json(),
-        **({} if video is None else {"video": None if no_video else str(video)}),
+        **filmed,
         "failed": "; ".join(filter(None, failed)) or None,
     }
-
-
-def _write_video(
-    path: Path, experiment: SingleJointExperiment, result: BreakawayTorques, progress: Progress
-) -> str | None:
-    """Write the video; return why there is none, if so: all else is there."""
-    from stiction_envs.envs.render.film import write_film
-    from stiction_envs.envs.render.ramp_film import RampFilm, shown
-
-    def show_frames(done: int, total: int) -> None:
-        progress.set("video", done, total, "frames")
-
-    film = RampFilm(experiment, shown(result.measurements))
-    return common.unless_it_fails(lambda: write_film(film, path, progress=show_frames))
 
 
 def show(result: dict[str, Any]) -> str:

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from stiction_envs.friction.model import StickingModel
     from stiction_envs.measured import AmplitudeRow
 
+MOST = 0.5
+"""Largest amplitude of an arm without a table, over its torque limit [-]; assumed."""
 PORT = 8080
-"""Of the page, where nothing else is said."""
+"""Default port of the page; assumed, a usual one for local servers."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -98,19 +100,17 @@ def _face(view: PushView, port: int | None) -> PushWindow | PushPage:
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
-    """Return the dither of an arm that is not given any.
+    """Return the default dither of an arm.
 
-    Table 4.9 of the thesis where it has the arm, else what ``stiction tune`` found for it, else
-    `envs.agents`' proportions of the stiction at rest.
+    Table 4.9 of the thesis if that has the arm, else what ``stiction tune`` found for it, else in
+    proportion to the stiction at rest, as in `envs.agents`.
     """
-    import numpy as np
-
     from stiction_envs.dither.tables import HERE
-    from stiction_envs.envs.agents import agent_settings
+    from stiction_envs.envs.agents import proportional_table
     from stiction_envs.experiments.gte.rows import thesis_final_dither
-    from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+    from stiction_envs.measured import read_amplitudes, thesis_robots
 
-    arm, usual = sticking.arm, agent_settings()
+    arm = sticking.arm
     if arm.registered_name in thesis_robots("4.9"):
         return list(thesis_final_dither())
     shipped = HERE / f"{arm.registered_name}.csv"
@@ -118,10 +118,9 @@ def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
         return read_amplitudes(shipped, n_joints=arm.n)
     p = sticking.parameters
     stiction = p.stiction_at(p.load_low).mean(axis=-1)
-    amplitude = np.minimum(usual.usual_amplitude * stiction, 0.5 * arm.limits.torque)
-    return [AmplitudeRow(j + 1, usual.usual_frequency, float(a)) for j, a in enumerate(amplitude)]
+    return list(proportional_table(stiction, MOST * arm.limits.torque))
 
 
 def show(result: dict[str, Any]) -> str:
-    """Return what there is to say afterwards."""
+    """Return the result as a line."""
     return f"{result['robot']}: {result['simulated_s']:.0f} s simulated"

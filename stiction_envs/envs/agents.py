@@ -1,4 +1,4 @@
-"""Agents without learning, to compare a policy with; all with Stable-Baselines3's `predict`.
+"""Agents without learning, as baselines for policies, with Stable-Baselines3's `predict`.
 
     from stiction_envs.envs.agents import GatedTable
 
@@ -7,8 +7,8 @@
     actions, _ = agent.predict(observations)
 
 Observations are (observations,) or a batch (M, observations), actions (2n,) or (M, 2n) in the units
-of the environment: amplitudes [N·m], then frequencies [Hz]. What an agent does depends on what it
-sees and on nothing else, so that it is the same bits in any batch.
+of the environment: amplitudes [N·m], then frequencies [Hz]. Actions depend on the observation only,
+so that they are the same bits in any batch.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def agent_settings() -> AgentSettings:
 
 
 class Agent(ABC):
-    """What every agent knows of its environment: spaces, and where speeds and torques are."""
+    """Reads the spaces of its environment, and the places of speeds and torques in observations."""
 
     def __init__(self, env: Any) -> None:
         """Make it.
@@ -118,17 +118,17 @@ class Agent(ABC):
 
 
 class NoDither(Agent):
-    """Does nothing."""
+    """Dithers no joint."""
 
     def _act(self, observation: NDArray[Any]) -> Array:
         return np.tile(self.low, (len(observation), 1))
 
 
 class RandomDither(Agent):
-    """Any amplitude and frequency of the bounds, drawn anew in every step from what is seen."""
+    """Amplitudes and frequencies drawn uniformly within their bounds in every step."""
 
     def __init__(self, env: Any, seed: int = 0) -> None:
-        """Make it; ``seed``, from 0, and the observation seed each draw.
+        """Make it; each draw is seeded by ``seed``, from 0, and the observation.
 
         Raises:
             StictionError: another environment, or a seed below 0.
@@ -147,7 +147,7 @@ class RandomDither(Agent):
 
 
 class ConstantTable(Agent):
-    """The amplitudes and frequencies of a table, always; gates of the table are not looked at."""
+    """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
     def __init__(self, env: Any, table: Table | None = None) -> None:
         """Make it.
@@ -157,8 +157,8 @@ class ConstantTable(Agent):
             table: file, or rows; None for `usual_table`.
 
         Raises:
-            StictionError: another environment, or a table that cannot be read or that the
-                environment cannot do.
+            StictionError: another environment, or a table that cannot be read or is outside the
+                bounds of the action.
         """
         super().__init__(env)
         self.amplitude, self.frequency, self.gate = self._read(env, table)
@@ -208,9 +208,9 @@ class ConstantTable(Agent):
 
 
 class GatedTable(ConstantTable):
-    """A table whose amplitudes fade where a joint moves: A exp(−(q̇/v_gate)²), as `Dither`'s.
+    """A table whose amplitudes fade with joint speed: A exp(−(q̇/v_gate)²), as `Dither`'s.
 
-    A controller looks at the speed in every cycle, an agent once per step.
+    A controller reads the speed in every cycle, an agent once per step.
     """
 
     def __init__(self, env: Any, table: Table | None = None, *, speed: float | None = None) -> None:
@@ -236,7 +236,7 @@ class GatedTable(ConstantTable):
 
 
 class TorqueRule(GatedTable):
-    """A joint is dithered where it is pushed and does not move.
+    """Dithers joints that are loaded and do not move.
 
     The amplitude is factor · A · min(1, |τ| / (share · stiction)), faded as in `GatedTable`, with
     the table's A and the torque τ that the controller asks for without dither: a joint that is
@@ -251,7 +251,7 @@ class TorqueRule(GatedTable):
         speed: float | None = None,
         settings: AgentSettings | None = None,
     ) -> None:
-        """Make it; amplitudes over the environment's are cut.
+        """Make it; amplitudes are clipped to the environment's bounds.
 
         Args:
             env: the environment.
@@ -277,16 +277,21 @@ AGENTS: dict[str, type[Agent]] = {
     "gated": GatedTable,
     "rule": TorqueRule,
 }
-"""Agents by name; each can be made of the environment alone."""
+"""Agents by name; each needs no argument but the environment."""
 
 
 def usual_table(env: Any) -> tuple[AmplitudeRow, ...]:
     """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
-    core, usual = env.unwrapped.core, agent_settings()
+    core = env.unwrapped.core
     if core.arm.registered_name in thesis_robots("4.9"):
         return thesis_final_dither()
-    top = core.action_space.high[: core.n].astype(float)
-    amplitude = np.minimum(top, usual.usual_amplitude * core.stiction)
+    return proportional_table(core.stiction, core.action_space.high[: core.n].astype(float))
+
+
+def proportional_table(stiction: Array, most: Array) -> tuple[AmplitudeRow, ...]:
+    """Return dither in proportion to the stiction (n,) [N·m], up to ``most`` (n,) [N·m]."""
+    usual = agent_settings()
+    amplitude = np.minimum(most, usual.usual_amplitude * stiction)
     return tuple(
-        AmplitudeRow(j + 1, usual.usual_frequency, float(amplitude[j])) for j in range(core.n)
+        AmplitudeRow(j, usual.usual_frequency, a) for j, a in enumerate(amplitude.tolist(), 1)
     )

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import os
 import warnings
+from importlib import import_module
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.render.window import has_display, one_line
-from stiction_envs.errors import StictionError
+from stiction_envs.envs.render.window import has_display
+from stiction_envs.errors import StictionError, one_line
 
 
 def _context_class(name: str) -> Any:
-    if name == "egl":
-        from mujoco.egl import GLContext as Egl
-
-        return Egl
-    if name == "osmesa":
-        from mujoco.osmesa import GLContext as Osmesa
-
-        return Osmesa
+    if name in ("egl", "osmesa"):
+        return import_module(f"mujoco.{name}").GLContext
     return mujoco.GLContext
 
 
