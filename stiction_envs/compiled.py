@@ -1,7 +1,7 @@
 """Functions compiled by numba where numpy would spend its time between calls on small arrays.
 
-Plain arithmetic in a fixed order, no `fastmath`, no threads: the same bits on any batch. They let
-go of Python's lock, so that callers may have threads.
+They compute in a fixed order, without `fastmath` and without threads: the same bits on any batch.
+They release Python's global lock, so that callers may use threads.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def compiled(function: F) -> F:
     """Compile a function on its first call, division by zero as in numpy; a decorator.
 
-    What was compiled is kept beside the source or in the user's cache. Where neither can be
-    written, every process compiles anew.
+    The machine code is cached beside the source or in the user's cache. Where neither can be
+    written, every process compiles again.
     """
     try:
         return cast(F, numba.njit(cache=True, error_model="numpy", nogil=True)(function))

@@ -23,7 +23,7 @@ from stiction_envs.envs.render.window import has_display
 from stiction_envs.errors import ExperimentError, StictionError, unknown
 
 SPEED = 2.0
-"""Of the video: an episode of the SJE takes half a minute."""
+"""Of the video over real time [-]: an episode of the SJE takes half a minute; assumed."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def show(
     name: str, agent: str, *, seed: int = 0, path: int | None = None, out: Path | None = None
 ) -> dict[str, Any]:
-    """Show an episode and say what came out; returns its last info.
+    """Show an episode, print its result, and return its last info.
 
     Args:
         name: of a registered environment.
@@ -60,8 +60,8 @@ def show(
             is no display.
 
     Raises:
-        StictionError: no such environment, an option or a seed that is none, no encoder or no
-            OpenGL for a video, or a file that is there already.
+        StictionError: an unknown environment, a wrong option or seed, no encoder or no OpenGL for a
+            video, or a file that exists already.
     """
     known = sorted(
         x for x in gym.registry if x.endswith(tuple(e.suffix for e in EXPERIMENTS.values()))

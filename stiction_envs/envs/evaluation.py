@@ -1,10 +1,10 @@
-"""What an agent is worth: episodes of given seeds on the native batch, one row each.
+"""Evaluation of an agent: a row for each episode, simulated on the native batch.
 
     env = gym.make_vec("stiction_envs:PandaGTE-v0", num_envs=16)
     rows = evaluate(env, GatedTable(env), seeds=range(50), options={"trajectory": "triangle"})
 
-Anything with Stable-Baselines3's `predict` whose actions are in the units of the environment is an
-agent. Every agent meets the same episodes; a row is the same bits in a batch of any size.
+An agent is anything with Stable-Baselines3's `predict` whose actions are in the units of the
+environment. Every agent gets the same episodes; a row is the same bits in a batch of any size.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.measured.csv_text import write_lines
 
 Array = NDArray[np.float64]
@@ -28,7 +27,7 @@ Options = Mapping[str, Any] | None
 
 
 class Policy(Protocol):
-    """What is evaluated."""
+    """An agent that can be evaluated."""
 
     def predict(
         self,
@@ -50,7 +49,7 @@ def evaluate(
 ) -> list[Row]:
     """Return one row per episode, in the order of the seeds; `reset` the environment afterwards.
 
-    All rows have ``seed``, what the episode was (``trajectory`` … or ``joint`` …), ``return``,
+    All rows have ``seed``, the episode's options (``trajectory`` … or ``joint`` …), ``return``,
     ``steps``, ``terminated`` (1, or 0 for truncated), ``reward_…`` of every term, ``power``, mean
     over steps and joints of (A/A_max)² [-], and ``torque_rate``, root mean square of the dither's
     2πfA [N·m/s]. Rows of the GTE have ``position_left_m`` and ``orientation_left_rad``, mean over
@@ -58,16 +57,16 @@ def evaluate(
     rests, all four ``undithered_…`` as well, ``settling_error`` and ``tracking_error`` over the
     undithered run's [-], ``vibration_moving_mm``, ``vibration_at_rest_mm``,
     ``undithered_vibration_mm`` and ``duration_s``; rows of the SJE ``reduction`` [-],
-    ``tau_sje_nm``, ``tau_base_nm``, ``oscillation_mrad`` and ``time_s``. What an episode that was
-    truncated does not have is NaN.
+    ``tau_sje_nm``, ``tau_base_nm``, ``oscillation_mrad`` and ``time_s``. Values that
+    a truncated episode does not have are NaN.
 
     Args:
         env: a `GTEVectorEnv` or `SJEVectorEnv`, of any size and autoreset mode.
-        agent: whose `predict` sees the episodes that are going on, and whatever else is in the
-            batch; its state has one row per environment.
+        agent: its `predict` gets the observations of the whole batch, also of environments whose
+            episode does not count; its state has one row per environment.
         seeds: of the episodes.
         options: of all episodes, or one for each.
-        deterministic: handed to the agent.
+        deterministic: passed to the agent.
 
     Raises:
         StictionError: another environment, other options, a seed below 0, or an action outside the
@@ -88,12 +87,12 @@ def evaluate(
     count = batch.num_envs
     slots, episode = np.arange(count), np.full(count, -1)
     rows: list[Row] = [{} for _ in seeds]
-    sums = {name: np.zeros(count) for name in _summed(core)}
+    sums: dict[str, Array] = {}
     waiting = list(range(len(seeds)))
     start, state = np.ones(count, dtype=bool), None
     going = np.zeros(count, dtype=bool)
     if len(spare := slots[len(seeds) :]):
-        # all arms of a batch move together: those that no row is about have to stand somewhere
+        # an observation of every arm is needed, so unused ones get an episode too
         rngs = [seeding.np_random(int(seeds[0]))[0] for _ in spare]
         tiles.reset(spare, rngs, [each[0]] * len(spare))
     top = core.action_space.high[: core.n].astype(float)
@@ -125,8 +124,8 @@ def evaluate(
             "power": np.mean((a / top) ** 2, axis=1),
             "torque_rate": np.mean((2 * np.pi * f * a) ** 2, axis=1),
         }
-        for name, total in sums.items():
-            total[ids] += new[name]
+        for name, value in new.items():
+            sums.setdefault(name, np.zeros(count))[ids] += value
         over = step.terminated | step.truncated
         for m in np.flatnonzero(over).tolist():
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
@@ -166,13 +165,8 @@ def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
     return list(options)
 
 
-def _summed(core: Episodes) -> list[str]:
-    """Return the columns that are sums over steps, in their order."""
-    return ["return", "steps", *(f"reward_{name}" for name in core.terms), "power", "torque_rate"]
-
-
 def _begun(seed: int, what: Mapping[str, Any]) -> Row:
-    """Return the row of an episode that has just begun: its seed, and what it is."""
+    """Return the row of an episode that has just begun: its seed and its options."""
     row: Row = {"seed": seed}
     for name, value in what.items():
         if name == "stiffness":
@@ -184,7 +178,7 @@ def _begun(seed: int, what: Mapping[str, Any]) -> Row:
 
 
 def _summary(sums: Mapping[str, float], terminated: bool) -> Row:
-    """Return the columns of an episode that are made of sums over its steps."""
+    """Return the columns of an episode that are computed from sums over its steps."""
     steps = int(sums["steps"])
     return {
         "return": sums["return"],

@@ -1,8 +1,8 @@
-"""Write what the package ships of the store: what a first contact with a builtin arm needs.
+"""Write the precomputed results that the package ships: those for the first reset of builtin arms.
 
     python -m stiction_envs.envs.precompute
 
-It takes some minutes. Run it after a change that alters such a result, or what it is found by;
+It takes some minutes. Run it after a change that alters such a result or its digest;
 ``tests/envs/test_precompute.py`` says when.
 """
 
@@ -26,11 +26,14 @@ from stiction_envs.robots import BUILTIN
 
 
 def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]:
-    """Make what an arm's environments need at first; return kind and digest by what it is.
+    """Compute what the first reset of an arm's environments needs.
 
     Args:
         robot: a builtin arm.
-        paths: numbers of the random paths among it.
+        paths: numbers of the random paths to include.
+
+    Returns:
+        Kind and digest of each result, by its description.
     """
     sje = SingleJointExperiment(robot)
     sje_base.base_torques(sje, configurations(sje.n))
@@ -61,7 +64,7 @@ def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]
 
 
 def main(folder: Path = store.SHIPPED) -> None:
-    """Make all results anew and put them in place of those in ``folder``."""
+    """Compute all results again; they replace those in ``folder``."""
     os.environ["STICTION_CACHE"] = "off"
     store.forget()
     paths = range(episode_settings().random_paths)

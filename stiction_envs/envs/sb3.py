@@ -31,9 +31,9 @@ class SB3VecEnv(VecEnv):
     """A same-step Gymnasium `VectorEnv` as a Stable-Baselines3 `VecEnv`.
 
     Actions are in [-1, 1] and are scaled to the environment's bounds: −1 is exactly the lowest, so
-    amplitude −1 is exactly no dither. When an episode ends, its infos hold what the environment
-    said last, with `terminal_observation` and `TimeLimit.truncated`; the returned observation
-    already belongs to the next episode, as Stable-Baselines3 expects.
+    amplitude −1 is exactly no dither. When an episode ends, the infos are those of its last step,
+    with `terminal_observation` and `TimeLimit.truncated`; the returned observation is the first of
+    the next episode, as Stable-Baselines3 expects.
     """
 
     def __init__(self, env: VectorEnv, *, rescale: bool = True) -> None:
@@ -81,7 +81,7 @@ class SB3VecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Remember the actions."""
+        """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> Any:
@@ -112,7 +112,7 @@ class SB3VecEnv(VecEnv):
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the vector environment, which is one for all."""
+        """Set an attribute of the vector environment, which all environments share."""
         setattr(self.env.unwrapped, attr_name, value)
 
     def env_method(

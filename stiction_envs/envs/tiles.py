@@ -1,9 +1,8 @@
-"""A batch walked in tiles: as many arms at a time as the processor's caches hold.
+"""A batch in tiles: as many arms at a time as the processor's caches hold.
 
-Every arm of a batch costs some ten kilobytes of engine state in every control step, and a control
-interval has a hundred of them. Arms that do not fit a core's cache are fetched anew in each; a tile
-of them stays where it is for the whole interval, and so do the arrays of its approach. A result
-does not depend on the tile: in a core, no arm knows how many there are.
+An arm has some ten kilobytes of engine state. Every control step reads them, and a control interval
+has a hundred steps. The state of a tile stays in a core's cache for the whole interval; that of a
+larger batch would be loaded again in every step. Results do not depend on the tiles.
 """
 
 from __future__ import annotations
@@ -19,18 +18,18 @@ from stiction_envs.experiments.episodes import Episodes, Index, Outcome
 
 
 class Tiles:
-    """N simulations as several cores, stepped one after the other, each with all threads.
+    """N simulations in several tiles, stepped one after the other, each with all threads.
 
-    Wherever simulations ``ids`` (M,) are asked for, they are sorted.
+    Arguments ``ids`` (M,) are numbers of simulations, sorted.
     """
 
     def __init__(self, make_core: type[Episodes], num_envs: int, **arguments: Any) -> None:
         """Make the simulations.
 
         Args:
-            make_core: called with the number of simulations of a tile and ``arguments``.
+            make_core: makes a tile of the number of simulations and ``arguments``.
             num_envs: number of simulations N.
-            arguments: of the core.
+            arguments: of the tiles.
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // (make_core.arms_per_thread * threads)))
@@ -39,7 +38,7 @@ class Tiles:
         self._end = np.cumsum(sizes)
 
     def _parts(self, ids: Index) -> Iterator[tuple[Any, Index, slice]]:
-        """Yield each core that has some of the sorted ``ids``, its own of them, and where."""
+        """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
         start = 0
         for core, end, stop in zip(
             self.cores, self._end, np.searchsorted(ids, self._end), strict=True
@@ -56,14 +55,14 @@ class Tiles:
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
         for core, _, part in self._parts(ids):
-            core.check_reset(options[part])  # of all before any changes
+            core.check_reset(options[part])  # all, before any is changed
         for core, mine, part in self._parts(ids):
             core.reset(mine, rngs[part], options[part])
 
     def step(self, ids: Index, action: NDArray[Any]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
         for core, mine, part in self._parts(ids):
-            core.check_step(mine, action[part])  # of all before any moves
+            core.check_step(mine, action[part])  # all, before any moves
         return _joined([core.step(mine, action[part]) for core, mine, part in self._parts(ids)])
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
@@ -71,12 +70,12 @@ class Tiles:
         return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
-        """Return what the episodes of simulations ``ids`` are; see `Episodes.describe`."""
+        """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
     def locate(self, i: int) -> tuple[int, int]:
-        """Return the number of the core that has simulation ``i``, and its number there."""
+        """Return the number of the tile that has simulation ``i``, and its number there."""
         k = int(np.searchsorted(self._end, i, side="right"))
         return k, i - int(self._end[k] - self.cores[k].num_envs)
 

@@ -1,4 +1,4 @@
-"""An arm on a floor, and what is drawn into its scene."""
+"""An arm on a floor, and shapes drawn into its scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 Colour = NDArray[np.float32]
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
-"""Colour of what a picture is about: the joint under test, the goal."""
+"""Colour of the joint under test, and of the present goal."""
 GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
 """Colour of an arm without geometry."""
 PATH = np.array([0.1, 0.35, 0.75, 1.0], dtype=np.float32)
@@ -71,7 +71,7 @@ def scene_model(arm: Arm, width: int, height: int) -> mujoco.MjModel:
 
 
 class ArmScene:
-    """An arm that is posed and drawn; OpenGL is not touched before the first picture."""
+    """Pictures of a posed arm; OpenGL is not touched before the first one."""
 
     def __init__(self, arm: Arm, width: int, height: int) -> None:
         """Prepare pictures of ``width`` and ``height`` [pixel]."""
@@ -123,7 +123,7 @@ class ArmScene:
         return camera
 
     def distance(self, radius: float) -> float:
-        """Return how far a camera is from the centre of a sphere that fills its picture [m]."""
+        """Return the distance [m] at which a sphere of a radius [m] fills the camera's picture."""
         return radius / float(np.sin(np.deg2rad(self.model.vis.global_.fovy / 2)))
 
     def picture(

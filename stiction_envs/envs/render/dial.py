@@ -1,4 +1,4 @@
-"""A dial about a joint: where it rested, where it is, how far it must turn to have let go."""
+"""A dial about a joint: its angles at rest, now, and where it has broken away."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from stiction_envs.envs.render.arm_scene import MARK, ArmScene, ball, polyline
 
 Array = NDArray[np.float64]
 REST = np.array([0.2, 0.22, 0.27, 1.0], dtype=np.float32)
-"""Colour of where the joint rested."""
+"""Colour of the angle at rest."""
 LIMIT = np.array([0.08, 0.35, 0.7, 1.0], dtype=np.float32)
-"""Colour of where it will have let go."""
+"""Colour of the angle at which the joint has broken away."""
 _FILL = np.array([1.0, 0.62, 0.25, 1.0], dtype=np.float32)
-_RADIUS, _LEAST, _MOST = 0.55, 0.22, 0.4  # of the moving part; bounds [m]
+# what follows is assumed: chosen by eye on the three shipped arms
+_RADIUS, _LEAST, _MOST = 0.55, 0.22, 0.4  # over the reach of the moving part [-]; bounds [m]
 _LIFTS = (0.0, 0.06, 0.11, 0.16, 0.22)  # of the dial along the axis, out of the links [m]
-_ELEVATIONS = (-12.0, -28.0, -45.0, -62.0)
-_AZIMUTHS = range(0, 360, 20)
-_LINE, _TIP = 0.022, 0.06  # width of a line and radius of the pointer's tip, over the radius
-_FAN = 16  # lines that fill the angle
-_FACING, _TURNED = 0.75, 0.35  # best |view · axis|; what facing counts against being seen
+_ELEVATIONS = (-12.0, -28.0, -45.0, -62.0)  # of cameras that are tried [°]
+_AZIMUTHS = range(0, 360, 20)  # likewise [°]
+_LINE, _TIP = 0.022, 0.06  # width of a line, radius of the pointer's tip; over the radius [-]
+_FAN = 16  # number of lines that fill the angle
+_FACING, _TURNED = 0.75, 0.35  # best |view · axis| [-]; weight of facing against being seen [-]
 
 
 class Dial:
     """A dial about one joint of a posed arm, and a camera that sees it."""
 
     def __init__(self, scene: ArmScene, joint: int) -> None:
-        """Find its place; the arm is at the pose from which the joint (from 0) will turn."""
+        """Find its place; the arm is posed where the joint (from 0) is at rest."""
         self._scene, joint_id = scene, scene.joints[joint]
         data = scene.data
         self._axis = np.array(data.xaxis[joint_id])
@@ -39,7 +40,7 @@ class Dial:
         self._centre, self.camera = self._look(centre, moved)
 
     def _directions(self, arms: Array) -> tuple[Array, Array]:
-        """Return where the pointer shows at rest, along the moving part, and a quarter turn on."""
+        """Return the pointer's direction at rest, along the moving part, and 90° further."""
         across = arms - (arms @ self._axis)[:, None] * self._axis
         far = across[np.linalg.norm(across, axis=1).argmax()]
         if np.linalg.norm(far) < 0.02:  # all that moves is on the axis
@@ -92,8 +93,8 @@ class Dial:
 
         Args:
             scene: what is rendered.
-            angle: of the joint since it rested [rad].
-            limit: angle at which it has let go [rad], signed.
+            angle: of the joint from its angle at rest [rad].
+            limit: angle at which it has broken away [rad], signed.
         """
         width = _LINE * self._radius
         for a in np.linspace(0.0, angle, _FAN):

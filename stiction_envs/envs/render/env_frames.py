@@ -60,11 +60,11 @@ class Renderer(ABC):
 
     @abstractmethod
     def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
-        """Draw what the arm is about into the scene."""
+        """Draw markers of the experiment into the scene."""
 
     @abstractmethod
     def _lines(self, i: int) -> tuple[list[str], str]:
-        """Return the lines above the plots of simulation ``i``, and what it is doing."""
+        """Return the lines above the plots of simulation ``i``, and its state."""
 
     @abstractmethod
     def _plot(self, draw: ImageDraw.ImageDraw, i: int) -> None:
@@ -72,7 +72,7 @@ class Renderer(ABC):
 
     @abstractmethod
     def _words(self, i: int) -> tuple[str, str]:
-        """Return names and values, in lines, of what simulation ``i`` is doing."""
+        """Return names and values that describe simulation ``i``, each in lines."""
 
     def _panel(self, i: int) -> NDArray[np.uint8]:
         return draw_panel(PANEL_WIDTH, HEIGHT, *self._lines(i), lambda draw: self._plot(draw, i))
@@ -96,7 +96,7 @@ class Renderer(ABC):
             viewer.user_scn.ngeom = 0
             self._decorate(viewer.user_scn, i)
         self._window.show(self._panel(i), (None, None, *self._words(i)))
-        # real time, as far as the machine is fast enough
+        # in real time if the machine is fast enough
         late = time.monotonic() - self._shown
         time.sleep(max(0.0, self._core.interval - late))
         self._shown = time.monotonic()

@@ -19,13 +19,13 @@ from PIL import Image, ImageDraw
 from stiction_envs.envs.render.arm_scene import ArmScene
 from stiction_envs.envs.render.offscreen import Offscreen
 from stiction_envs.envs.render.panel import INK, PAPER, SOFT, Colour, font
-from stiction_envs.errors import ExperimentError, StictionError, missing_extra
+from stiction_envs.errors import ExperimentError, StictionError, missing_extra, one_line
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 WIDTH, HEADER = 480, 62
 """Width of a column and height of its title [pixel]."""
-_LAST_FRAME = 1.0  # how long the last moment is shown [s]
+_LAST_FRAME = 1.0  # how long the last moment is shown [s]; assumed
 
 
 class Timing:
@@ -46,7 +46,7 @@ class Timing:
         return f"  (shown ×{self.speed})" if self.speed > 1 else ""
 
     def times(self) -> Iterator[float]:
-        """Yield the moment of each frame [s]; the last one stays for a while."""
+        """Yield the time that each frame shows [s]; the last time is shown for a while."""
         for k in range(self.count):
             yield min(k, self._moving - 1) * self.speed / self.fps
 
@@ -77,7 +77,7 @@ class Film(ABC):
             heading: of all columns.
             columns: title and times (K,) of the samples [s] of each.
             fps: frames per second.
-            longest: length of the film [s]; what takes longer is shown faster.
+            longest: length of the film [s]; longer experiments are shown faster.
         """
         self._arm, self._heading, self._columns = arm, heading, columns
         self._end = max(float(time[-1]) for _, time in columns)
@@ -130,11 +130,11 @@ class Film(ABC):
 
     @abstractmethod
     def _decorate(self, scene: ArmScene, drawn: mujoco.MjvScene, i: int, k: int) -> None:
-        """Draw what the film is about into the scene."""
+        """Draw markers of the experiment into the scene."""
 
     @abstractmethod
     def _state(self, i: int, k: int, t: float) -> tuple[str, Colour]:
-        """Return what the arm does in a few words, and their colour."""
+        """Return the arm's state as text, and its colour."""
 
     @abstractmethod
     def _plot(self, draw: ImageDraw.ImageDraw, i: int, k: int, t: float) -> None:
@@ -145,7 +145,7 @@ class Film(ABC):
 
 
 def check_film() -> None:
-    """Raise a StictionError where no film can be made: no encoder, or no OpenGL."""
+    """Raise a StictionError if no film can be made: no encoder, or no OpenGL."""
     _encoder()
     spec = mujoco.MjSpec()
     spec.visual.global_.offwidth = spec.visual.global_.offheight = 16
@@ -198,7 +198,7 @@ def write_frames(
             writer.send(np.ascontiguousarray(frame))
         writer.close()
         os.replace(part, path)
-    except OSError as error:  # a broken pipe brings all that ffmpeg said
+    except OSError as error:  # a broken pipe has all messages of ffmpeg
         said = str(error).strip().splitlines() or [""]
         raise ExperimentError(f"{path}: the encoder failed: {said[-1].strip()}") from None
     finally:
@@ -215,5 +215,5 @@ def _encoder() -> Any:
     except ImportError:
         raise missing_extra("a video", "imageio-ffmpeg", "video") from None
     except RuntimeError as error:
-        raise StictionError(f"a video needs ffmpeg: {' '.join(str(error).split())}") from None
+        raise StictionError(f"a video needs ffmpeg: {one_line(error)}") from None
     return imageio_ffmpeg

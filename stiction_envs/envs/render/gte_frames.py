@@ -32,9 +32,10 @@ Array = NDArray[np.float64]
 _AXES = np.array(
     [[0.85, 0.15, 0.15, 1.0], [0.1, 0.6, 0.2, 1.0], [0.15, 0.3, 0.9, 1.0]], dtype=np.float32
 )
-_TRAIL = 400  # segments of the tool point's trail at most
+# what follows is assumed: chosen by eye
+_TRAIL = 400  # most segments of the tool point's trail
 _LINE, _GOAL, _AXIS = 0.0025, 0.009, 0.12  # radius of lines and goals, length of an axis [m]
-_NEARER = 0.8  # the arm keeps its shape: the camera can come nearer than for any pose
+_NEARER = 0.8  # camera's distance over that for any pose [-]: the arm keeps its shape
 
 
 class PathRenderer(Renderer):

@@ -1,4 +1,4 @@
-"""What the panels next to the scenes are drawn with: fonts, colours, small plots."""
+"""Fonts, colours and small plots of the panels next to the scenes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Colour = tuple[int, int, int]
 INK, SOFT, GRID, PAPER = (35, 38, 44), (110, 115, 124), (226, 228, 232), (255, 255, 255)
 BLUE, BAND, ORANGE, PURPLE = (20, 90, 180), (178, 205, 240), (225, 95, 0), (150, 70, 180)
 SLIPPING = 0.1
-"""Part of the experiment's threshold from which on a joint that has moved slips."""
+"""Share of the experiment's threshold beyond which a joint counts as slipping [-]; assumed."""
 
 
 @functools.lru_cache
@@ -40,7 +40,7 @@ def draw_panel(
     state: str,
     plot: Callable[[ImageDraw.ImageDraw], None],
 ) -> NDArray[np.uint8]:
-    """Return a panel (height, width, 3): a title, some lines, what is going on, and plots."""
+    """Return a panel (height, width, 3): a title, some lines, the state, and plots."""
     image = Image.new("RGB", (width, height), PAPER)
     draw = ImageDraw.Draw(image)
     title, *rest = lines
@@ -121,7 +121,7 @@ class Plot:
         self._draw.text((right - 4, at + offset), name, font=font(11), fill=colour, anchor=anchor)
 
     def legend(self, entries: list[tuple[str, Colour]]) -> None:
-        """Write what the colours mean, above the plot on the right."""
+        """Write the meaning of colours above the plot on the right."""
         _, top, right, _ = self._box
         for name, colour in reversed(entries):
             right -= int(self._draw.textlength(name, font=font(11)))

@@ -21,10 +21,11 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.rows import case_name
 
 Array = NDArray[np.float64]
+# what follows is assumed: chosen by eye
 _SAMPLE = 0.05  # between two poses that are kept [s]
 _LINE, _GOAL = 0.0022, 0.007  # radius of lines and goals [m]
-_TRAIL = 300  # segments at most
-_ALPHA = 0.25  # of the arm, which is above its path
+_TRAIL = 300  # most segments of the trail
+_ALPHA = 0.25  # opacity of the arm, which is above its path [-]
 _ELEVATION, _ASIDE = -48.0, 35.0  # of the camera, from the side to which the arm points [°]
 
 

@@ -1,7 +1,7 @@
-"""A page in a browser on an arm that sticks: what MuJoCo's viewer shows, where there is no display.
+"""A page in a browser that shows a sticking arm as MuJoCo's viewer does, where there is no display.
 
-Viser serves the page, client included: it asks nothing of the network. Its buttons and hotkeys are
-the window's keys.
+Viser serves the page with its client, so that no network is needed. Its buttons and hotkeys stand
+for the window's keys.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ from stiction_envs.envs.render.push_view import DOWN, ONE, SPACE, UP, PushView, 
 from stiction_envs.errors import StictionError, missing_extra
 
 HOST = "127.0.0.1"
-"""This machine alone: a page that pushes joints is for nobody else."""
+"""Only this machine may open the page, since it pushes joints."""
+# what follows is assumed, but for the groups and sRGB
 _PERIOD = 1 / 30  # from one picture to the next [s]
 _PANEL_PERIOD = 0.1  # from one panel to the next [s]
-_FARTHER, _ASIDE = 1.3, 0.12  # than the whole picture: the panel covers its right
-_MARKS = 200  # at most
-_SHOWN = 3  # groups of geoms, as MuJoCo's viewer does at first
-_GAMMA = 2.2  # of sRGB
+_FARTHER, _ASIDE = 1.3, 0.12  # as of `window`: the panel covers the right of the scene [-]
+_MARKS = 200  # most shapes that are drawn about the arm
+_SHOWN = 3  # number of geom groups that MuJoCo's viewer shows at first
+_GAMMA = 2.2  # of sRGB, nearly (IEC 61966-2-1) [-]
 _UP = (0.0, 0.0, 1.0)
 
 
 class PushPage:
-    """The page; it runs in real time, as far as the machine is fast enough."""
+    """The page; it runs in real time if the machine is fast enough."""
 
     def __init__(self, view: PushView, port: int) -> None:
         """Serve it.
 
         Args:
-            view: what it shows.
+            view: the arm and its controls.
             port: of this machine; 0 for any that is free.
 
         Raises:
@@ -85,7 +86,7 @@ class PushPage:
         look.fov = float(np.deg2rad(model.vis.global_.fovy))
 
     def _drawn(self) -> tuple[dict[float, list[Any]], list[Any]]:
-        """Return what is drawn about the arm: lines by their width, and balls."""
+        """Return the shapes that are drawn about the arm: lines by their width, and balls."""
         self.view.draw(self._marks)
         lines: dict[float, list[Any]] = {}
         balls = []
@@ -164,7 +165,7 @@ class PushPage:
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """Return what keeps viser's greetings out of standard output, which may be JSON."""
+    """Keep viser's messages out of standard output, which may be JSON."""
     return contextlib.redirect_stdout(io.StringIO())
 
 

@@ -1,7 +1,4 @@
-"""An arm that a person pushes, for a window or a page to show: controls, words, plots, scene.
-
-`PushView` says what each control does and what is shown; `run` lets time pass.
-"""
+"""An arm that a person pushes: controls, texts, plots and scene of a window or a page."""
 
 from __future__ import annotations
 
@@ -35,15 +32,16 @@ WIDTH, HEIGHT = 380, 430
 KEYS = "1-9 joint   up/down push   space or D dither   R reset"
 SPACE, D, R, DOWN, UP, ONE = 32, 68, 82, 264, 265, 49
 """As GLFW numbers its keys."""
+# what follows is assumed
 _ELEVATION = -35.0  # of the camera [°]
 _SPAN = 20.0  # of the plots [s]
-_LONGEST = 1.0  # simulated between two pictures [s]
-_PAUSE = 0.01  # between two pictures, at least [s]
+_LONGEST = 1.0  # most that is simulated between two pictures [s]
+_PAUSE = 0.01  # least time between two pictures [s]
 _SAMPLE = 0.05  # between two points of the plots [s]
 
 
 class Control(NamedTuple):
-    """Something that a person can do."""
+    """A control: a key of the window, a hotkey of the page."""
 
     label: str
     key: int
@@ -53,17 +51,17 @@ class Control(NamedTuple):
 
 
 class PushView:
-    """What the controls do to a push, and what there is to see of it."""
+    """Applies controls to a push, and shows it."""
 
     def __init__(self, push: Push) -> None:
-        """Take over a push; OpenGL is not touched."""
+        """Show a push; OpenGL is not touched yet."""
         self.push = push
         self.time = 0.0
         """Simulated [s]."""
         self.trace: deque[tuple[float, float, float]] = deque(maxlen=round(_SPAN / _SAMPLE))
         """Time [s], torque [N·m] and angle [rad] of the joint that is pushed."""
         self.base: float | None = None
-        """Torque at which this joint last let go without dither [N·m]."""
+        """Torque at which this joint last broke away without dither [N·m]."""
         self.controls = [
             *(Control(f"Joint {j}", ONE - 1 + j, str(j)) for j in range(1, min(push.n, 9) + 1)),
             Control("Push harder", UP, "arrowup"),
@@ -72,22 +70,22 @@ class PushView:
             Control("Dither on or off (D)", D, "D"),
             Control("Reset the arm", R, "R"),
         ]
-        """All that a person can do."""
+        """All controls."""
         self.keys: queue.SimpleQueue[int] = queue.SimpleQueue()
-        """Keys that `run` is to obey; other threads may add to them."""
+        """Keys that `run` will apply; other threads may add to them."""
         self._sampled = -np.inf
         self._arm = ArmScene(push.plant.sticking.arm, WIDTH, HEIGHT)
         self.model, self.data = self._arm.model, self._arm.data
         self._dial: Dial | None = None
         self._arm.pose(push.plant.position[0])
         self.camera = self._arm.camera(self._arm.points)
-        """Has the whole arm in view."""
+        """Camera that sees the whole arm."""
         self.camera.elevation = _ELEVATION
 
     # ---- controls and time -------------------------------------------------------------------
 
     def press(self, key: int) -> bool:
-        """Do what a key of `controls` stands for; returns whether it stands for anything."""
+        """Apply a key; returns whether it is one of `controls`."""
         push = self.push
         if not any(key == c.key for c in self.controls):
             return False
@@ -106,7 +104,7 @@ class PushView:
         return True
 
     def advance(self, seconds: float) -> float:
-        """Let time pass; returns how much did: whole blocks of the push [s]."""
+        """Simulate some time; returns how much it was, a multiple of the push's block [s]."""
         push, block = self.push, self.push.block * CONTROL_DT
         passed = max(1, round(seconds / block)) * block
         before = push.let_go
@@ -127,13 +125,13 @@ class PushView:
         is_open: Callable[[], bool],
         period: float = 0.0,
     ) -> None:
-        """Let time pass as it does outside, as far as the machine is fast enough.
+        """Simulate in real time if the machine is fast enough, else slower.
 
         Args:
-            draw: shows the push as it is now.
-            report: is called with every change of state, in words.
+            draw: shows the present state.
+            report: called with a text at every change of state.
             is_open: whether to go on.
-            period: from one picture to the next, at least [s].
+            period: least time from one picture to the next [s].
         """
         reported, began = "", time.monotonic()
         behind = 0.0
@@ -141,7 +139,7 @@ class PushView:
             drawn = time.monotonic()
             while not self.keys.empty():
                 self.press(self.keys.get())
-            # where the machine is too slow, time passes slower
+            # a machine that is too slow simulates less than real time
             due = min(time.monotonic() - began - behind - self.time, _LONGEST)
             if due > 0:
                 passed = self.advance(due)
@@ -156,7 +154,7 @@ class PushView:
 
     @property
     def state(self) -> str:
-        """What the joint does."""
+        """What the joint does, as text."""
         push = self.push
         text = "holds" if push.torque else "rests"
         if push.slips or abs(push.angle) > SLIPPING * push.threshold:
@@ -170,7 +168,7 @@ class PushView:
 
     @property
     def dither(self) -> str:
-        """Which dither is on."""
+        """Which dither is on, as text."""
         row = self.push.rows.get(self.push.joint)
         if row is None:
             return "no dither for this joint"
@@ -179,7 +177,7 @@ class PushView:
 
     @property
     def lines(self) -> list[str]:
-        """What there is to know, in lines."""
+        """The state in lines of text."""
         push = self.push
         holds = push.holds_up_to(push.target)
         sign = -1.0 if push.target < 0 else 1.0
@@ -192,7 +190,7 @@ class PushView:
         ]
 
     def panel(self) -> NDArray[np.uint8]:
-        """Return the panel (HEIGHT, WIDTH, 3): words, torque and angle over time."""
+        """Return the panel (HEIGHT, WIDTH, 3): texts, torque and angle over time."""
         return draw_panel(WIDTH, HEIGHT, self.lines, self.state, self._plot)
 
     def _plot(self, draw: ImageDraw.ImageDraw) -> None:
@@ -218,7 +216,7 @@ class PushView:
     # ---- scene -------------------------------------------------------------------------------
 
     def draw(self, scene: mujoco.MjvScene) -> None:
-        """Pose the arm, and draw all that is not of its model into an emptied scene."""
+        """Pose the arm, empty the scene, and draw into it what the model does not have."""
         push = self.push
         self._arm.pose(push.plant.position[0])
         scene.ngeom = 0

@@ -1,4 +1,4 @@
-"""MuJoCo's viewer on an arm that sticks: keys push a joint and switch its dither."""
+"""MuJoCo's viewer with a sticking arm: keys push a joint and switch its dither."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiction_envs.errors import StictionError
 
 
 class PushWindow:
-    """The viewer's window; it runs in real time, as far as the machine is fast enough."""
+    """The viewer's window; it runs in real time if the machine is fast enough."""
 
     def __init__(self, view: PushView) -> None:
         """Open it.
@@ -41,7 +41,7 @@ class PushWindow:
     def _draw(self) -> None:
         with self._viewer.lock():
             self.view.draw(self._viewer.user_scn)
-            # our keys are the viewer's too: what they switch there stays as it was
+            # the viewer has uses of its own for our keys: undo what they switched
             self._viewer.opt.flags[:], self._viewer.opt.geomgroup[:] = self._flags
         texts = (None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, KEYS, "")
         self._window.show(self.view.panel(), texts, bottom=60)

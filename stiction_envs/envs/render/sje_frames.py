@@ -15,7 +15,7 @@ from stiction_envs.envs.render.panel import BAND, BLUE, ORANGE, SOFT, Plot, roun
 if TYPE_CHECKING:
     from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
-_RING = 36  # segments
+_RING = 36  # number of segments; assumed
 
 
 class JointRenderer(Renderer):

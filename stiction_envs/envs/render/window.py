@@ -13,9 +13,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, one_line
 
-_FARTHER, _ASIDE = 1.3, 0.2  # of the camera: a panel is drawn over the scene
+# a panel covers part of the scene: camera's distance over the usual one, and its shift to the side
+# over the distance [-]; assumed
+_FARTHER, _ASIDE = 1.3, 0.2
 
 
 def has_display() -> bool:
@@ -28,8 +30,8 @@ def check_display(what: str, instead: str) -> None:
     """Raise a StictionError where no window can be opened.
 
     Args:
-        what: needs it.
-        instead: works without one.
+        what: name of what needs it.
+        instead: advice what to use without one.
     """
     if not has_display():
         raise StictionError(f"{what}: no display found: {instead}")
@@ -38,14 +40,14 @@ def check_display(what: str, instead: str) -> None:
 
 
 def _opens() -> bool:
-    """Return whether the display is really there: where it is not, the viewer ends the process."""
+    """Return whether the display can be opened; if it cannot, the viewer would end the process."""
     if not sys.platform.startswith("linux"):
         return True
     try:
         import glfw
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what we say is enough
+            warnings.simplefilter("ignore")  # our own error says it
             return bool(glfw.init())
     except Exception:  # not installed, or without its library
         return False
@@ -60,7 +62,7 @@ def open_viewer(
     """Return MuJoCo's viewer of a model, in a thread of its own.
 
     Args:
-        what: needs it, for the error.
+        what: name of what needs it, for the error.
         model: what is shown.
         data: its state; the viewer's ``sync`` shows it.
         key_callback: called with the GLFW code of every key that is pressed, in that thread.
@@ -76,11 +78,6 @@ def open_viewer(
         )
     except Exception as error:  # glfw, OpenGL and macOS each fail in their own way
         raise StictionError(f"{what}: no window: {one_line(error)}") from None
-
-
-def one_line(error: BaseException) -> str:
-    """Return what an error says, or its name, as one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 class Window:
@@ -131,4 +128,4 @@ class Window:
         """Close it."""
         self.viewer.close()
         for thread in self._threads:
-            thread.join(timeout=5.0)  # a window that outlives the interpreter crashes it
+            thread.join(timeout=5.0)  # an open window crashes the interpreter at its end
