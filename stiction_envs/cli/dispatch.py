@@ -88,9 +88,9 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
     except SystemExit as end:  # --help
         return end.code if isinstance(end.code, int) else BAD_INPUT
     except (Failed, ExperimentError) as error:
-        return _say(str(error), FAILED)
+        return _say(error, FAILED)
     except StictionError as error:
-        return _say(str(error), BAD_INPUT)
+        return _say(error, BAD_INPUT)
     except KeyboardInterrupt:
         return _say(f"interrupted: {interrupted}", FAILED)
     except BrokenPipeError:
@@ -107,7 +107,7 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
         return _say(f"{name}: {error} (STICTION_DEBUG=1 shows the traceback)", FAILED)
 
 
-def _say(message: str, code: int) -> int:
+def _say(message: object, code: int) -> int:
     if os.environ.get("STICTION_DEBUG") == "1":
         traceback.print_exc()
     print(f"error: {one_line(message)}", file=sys.stderr)
