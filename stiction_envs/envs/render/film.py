@@ -58,17 +58,13 @@ class Film(ABC):
     """Height of the arm [pixel]."""
     PLOTS: ClassVar[int]
     """Height of what is below it [pixel]."""
+    LONGEST: ClassVar[float]
+    """Length of the film [s]; longer experiments are shown faster; assumed."""
     STATE: ClassVar[tuple[int, int, int]] = (7, 19, 35)
     """Top of the state, its size, and top of the clock [pixel]."""
 
     def __init__(
-        self,
-        arm: Arm,
-        heading: str,
-        columns: Sequence[tuple[str, Array]],
-        *,
-        fps: float,
-        longest: float,
+        self, arm: Arm, heading: str, columns: Sequence[tuple[str, Array]], *, fps: float
     ) -> None:
         """Prepare the frames; OpenGL is not touched yet.
 
@@ -77,11 +73,10 @@ class Film(ABC):
             heading: of all columns.
             columns: title and times (K,) of the samples [s] of each.
             fps: frames per second.
-            longest: length of the film [s]; longer experiments are shown faster.
         """
         self._arm, self._heading, self._columns = arm, heading, columns
         self._end = max(float(time[-1]) for _, time in columns)
-        self.timing = Timing(self._end, fps=fps, longest=longest)
+        self.timing = Timing(self._end, fps=fps, longest=self.LONGEST)
         self.size = (WIDTH * len(columns), HEADER + self.SCENE + self.PLOTS)
         """Width and height of a frame, even numbers [pixel]."""
 

@@ -33,6 +33,7 @@ class PathFilm(Film):
     """One path; a column for each case."""
 
     SCENE, PLOTS = 320, 178
+    LONGEST = 20.0
 
     def __init__(
         self,
@@ -40,7 +41,6 @@ class PathFilm(Film):
         cases: Sequence[Case],
         *,
         fps: float = 10.0,
-        longest: float = 20.0,
     ) -> None:
         """Run the cases once; OpenGL is not touched yet.
 
@@ -48,7 +48,6 @@ class PathFilm(Film):
             experiment: that runs them.
             cases: of one path.
             fps: as of `Film`.
-            longest: likewise.
 
         Raises:
             StictionError: as `GeneratedTrajectoryExperiment.run`.
@@ -73,7 +72,7 @@ class PathFilm(Film):
         heading += f", {kn:g} N·m/rad" if kn else ""
         titles = [case_name(c).replace("_", " ") for c in cases]
         columns = [(title, r.time) for title, r in zip(titles, self._runs, strict=True)]
-        super().__init__(arm, heading, columns, fps=fps, longest=longest)
+        super().__init__(arm, heading, columns, fps=fps)
 
     def _prepare(self, scene: ArmScene) -> mujoco.MjvCamera:
         """Return a camera near enough to see by how much the tool point is off the path."""

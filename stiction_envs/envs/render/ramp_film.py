@@ -76,6 +76,7 @@ class RampFilm(Film):
     """One configuration; a column for each measurement of it."""
 
     SCENE, PLOTS, STATE = 300, 218, (5, 24, 36)
+    LONGEST = 15.0
 
     def __init__(
         self,
@@ -83,7 +84,6 @@ class RampFilm(Film):
         measurements: Sequence[Measurement],
         *,
         fps: float = 10.0,
-        longest: float = 15.0,
     ) -> None:
         """Prepare the frames; OpenGL is not touched yet.
 
@@ -91,7 +91,6 @@ class RampFilm(Film):
             experiment: that measured.
             measurements: of one configuration, the first without dither.
             fps: as of `Film`.
-            longest: likewise.
 
         Raises:
             StictionError: measurements of different configurations.
@@ -106,7 +105,7 @@ class RampFilm(Film):
         self._ramps = [Ramp.of(m, protocol.ramp_rate) for m in measurements]
         heading = f"{arm.title}, joint {c.joint}"
         columns = [(r.title, r.time) for r in self._ramps]
-        super().__init__(arm, heading, columns, fps=fps, longest=longest)
+        super().__init__(arm, heading, columns, fps=fps)
 
     def _prepare(self, scene: ArmScene) -> mujoco.MjvCamera:
         scene.pose(self._pose)
