@@ -20,10 +20,10 @@ PHASES = ("random", "zero", "spread")
 DAMPING_DESIGNS = ("diagonal", "mass")
 COMPENSATIONS = ("feedforward", "push")
 NEEDS = {
-    "dither": ("gate_velocity", "waveform", "phases"),
-    "compensation": ("compensation_factor", "compensation_table"),
+    "dither TABLE.csv": ("gate_velocity", "waveform", "phases"),
+    f"compensation {'|'.join(COMPENSATIONS)}": ("compensation_factor", "compensation_table"),
 }
-"""Options that need another one."""
+"""Options that need another one: the latter, with its values, comes first."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -151,7 +151,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     own = read_trajectory(args.trajectory)
     for needed, names in NEEDS.items():
         for name in names:
-            if getattr(args, needed) is None and getattr(args, name) is not None:
+            if getattr(args, needed.split()[0]) is None and getattr(args, name) is not None:
                 raise StictionError(f"--{name.replace('_', '-')}: needs --{needed}")
     dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
     inputs = {**common.model_files(args), "dither": args.dither}
