@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import pytest
 
+from benchmarks.thesis import command as thesis
+from stiction_envs.cli.dispatch import all_commands
 from stiction_envs.identification import settings as identification_settings
 from stiction_envs.method_settings import override
 from stiction_envs.robots import load_arm
@@ -77,6 +79,7 @@ SLOW = {
         True,
         points=2,
     ),
+    "reproduce": Command("reproduce --only 2.3", True),
 }
 COMMANDS = QUICK | SLOW
 
@@ -119,6 +122,6 @@ def run_short(cli, work, inputs, two, short_motion, few_settings, monkeypatch) -
         monkeypatch.chdir(work / name)
         argv = [*shlex.split(command.line), "--out", command.out, "--threads", 1]
         with disk or nullcontext():
-            return cli(*argv, *more)
+            return cli(*argv, *more, commands=[*all_commands(), thesis])
 
     return run
