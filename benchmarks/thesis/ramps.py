@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_figure
 from benchmarks.thesis.torques import base_jobs, change_pct, job_of
@@ -72,34 +71,24 @@ class Ramps:
             base: those without dither, of the same configurations.
         """
         good = [k for k, m in enumerate(measured) if np.isfinite(m.mean)]
-        taus = [measured[k] for k in good]
-        first, scatter = _first_and_others([m.tau for m in taus])
-        start, start_scatter = _first_and_others([m.start for m in taus])
-        tail = (
-            f"; the first ramp starts {short(1e3 * start, 2)} mrad from the others, which scatter "
-            f"by {short(1e3 * start_scatter, 2)}, and its torque is {short(1e3 * first, 2)} mN·m "
-            f"off theirs, which scatter by {short(1e3 * scatter, 2)}; {4 - len(good)} of four "
-            "never moved."
-        )
+        stuck = f"; {len(measured) - len(good)} of four never moved."
         if self.dither == "none":
-            table = thesis_base(self.robot)
-            off = []
-            for m in taus:
-                c = m.job.configuration
-                off.append(100 * abs(m.mean / table.get(c.joint, c.load, c.direction) - 1))
-            text = f"{number(float(np.mean(off or [np.nan])))} % off"
+            table, jobs = thesis_base(self.robot), [m.job.configuration for m in measured]
+            printed = [table.get(c.joint, c.load, c.direction) for c in jobs]
+            off = [100 * abs(measured[k].mean / printed[k] - 1) for k in good] or [math.nan]
+            text = f"{number(float(np.mean(off)))} % off"
             sentence = f"Breakaway torques are {text} in the mean (calibrated to Table 4.3)"
-            return f"{text} (calibrated)", sentence + tail
+            return f"{text} (calibrated)", sentence + stuck
         now = np.array([change_pct(measured[k], base[k]) for k in good] or [np.nan])
         before = np.array([self.printed()[k].change_pct for k in good] or [np.nan])
-        shaking = 1e3 * max((m.displacement for m in taus), default=math.nan)
+        shaking = 1e3 * max((measured[k].displacement for k in good), default=math.nan)
         text = f"{percent(now.mean())} (print {percent(before.mean())})"
         sentence = (
             f"Dither changes the torque by {text} in the mean, one by one "
             f"{number(np.abs(now - before).mean())} points apart, and shakes the joint by "
             f"{short(shaking, 2)} mrad RMS"
         )
-        return text, sentence + tail
+        return text, sentence + stuck
 
     def draw(self, measured: Sequence[Measurement]) -> Figure:
         """Return the figure: the load pose at the left, the other at the right."""
@@ -112,12 +101,3 @@ class Ramps:
             kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
             part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
         return figure
-
-
-def _first_and_others(values: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Return how far first iterations are from the others, and how far those scatter (means)."""
-    enough = [v for v in values if len(v) > 2]
-    if not enough:
-        return math.nan, math.nan
-    away = [abs(float(v[0] - v[1:].mean())) for v in enough]
-    return float(np.mean(away)), float(np.mean([v[1:].std(ddof=1) for v in enough]))

@@ -219,28 +219,15 @@ def compare(rows: Sequence[TorqueRow]) -> Numbers:
     measured = np.array([r.measured_change_pct for r in good])
     right = np.sign([r.simulated_change_pct for r in good]) == np.sign(measured)
     nothing, repeats = np.abs(measured).mean(), repeat_floor(cells())[0]
-    mean = number(gap.mean())
-    return (
-        f"{mean} points off (no effect: {number(nothing)}, repeats: {number(repeats)})",
-        f"Changes by dither are off by {mean} points of the base torque in the mean of "
-        f"{len(sound)} cells (median {number(float(np.median(gap)))}, most {number(gap.max())}, "
-        f"joint {configuration_name(good[int(gap.argmax())].job.configuration)}), where no effect "
-        f"of dither would be off by {number(nothing)} and the thesis repeats itself to "
-        f"{number(repeats)}; {right.sum()} signs are right, {right[measured > 0].sum()} of "
-        f"{(measured > 0).sum()} printed rises come out, "
-        f"{number(100 * constant_share(good), 0)} % of the squared difference is the same at all "
-        f"settings of a configuration, as that of a base torque that moved; "
-        f"{len(sound) - len(good)} cells never moved.",
+    largest = configuration_name(good[int(gap.argmax())].job.configuration)
+    brief = f"{number(gap.mean())} points off"
+    return f"{brief} (no effect: {number(nothing)}, repeats: {number(repeats)})", (
+        f"Changes by dither are {brief} in the mean of {len(sound)} cells (most "
+        f"{number(gap.max())}, joint {largest}), where no effect of dither would be off by "
+        f"{number(nothing)} and the thesis repeats itself to {number(repeats)}; {right.sum()} "
+        f"signs are right, {right[measured > 0].sum()} of {(measured > 0).sum()} printed rises "
+        f"come out, {len(sound) - len(good)} cells never moved."
     )
-
-
-def constant_share(rows: Sequence[TorqueRow]) -> float:
-    """Return the share of the squared difference that is common to each configuration [-]."""
-    gap = np.array([r.difference for r in rows])
-    of = [r.job.configuration for r in rows]
-    groups = [gap[[x == c for x in of]] for c in dict.fromkeys(of)]
-    total = float(np.square(gap).sum())
-    return sum(len(g) * g.mean() ** 2 for g in groups) / total if total else 0.0
 
 
 def write_dithered(item: Item, found: Found, folder: Path) -> Written:
