@@ -40,7 +40,7 @@ from stiction_envs.experiments.gte.protocol import (
     gte_reward_settings,
 )
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
-from stiction_envs.experiments.gte.recorder import Recorder
+from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT

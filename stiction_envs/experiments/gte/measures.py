@@ -95,11 +95,6 @@ def measure(
     return Measures(run, protocol or load_gte_protocol(), motion or MotionLimits())
 
 
-def window_sums(run: Run) -> Array:
-    """Return (I, 6) sums of the absolute error, as in Table 4.11 [m·samples, rad·samples]."""
-    return measure(run).window_sum
-
-
 def error_against_time(run: Run) -> tuple[Array, Array]:
     """Return mean and standard deviation of the error over iterations, (K, 6) each [m, rad].
 

@@ -199,21 +199,13 @@ def can_follow(
     start: Array,
     tool: Array,
     paths: Sequence[Path],
-    settings: RandomPathSettings | None = None,
+    s: RandomPathSettings,
 ) -> NDArray[np.bool_]:
     """Return which paths (P,) of constant orientation an arm can follow from its start.
 
     From point to point of every line the joint angles take steps of damped least squares towards
-    the next pose, as an arm without nullspace stiffness does.
-
-    Args:
-        sticking: the arm.
-        start: (n,) joint angles [rad].
-        tool: (3,) as in `random_paths`.
-        paths: relative to the start.
-        settings: what is asked of a path; None for the defaults.
+    the next pose, as an arm without nullspace stiffness does. Arguments as in `random_paths`.
     """
-    s = random_path_settings() if settings is None else settings
     offsets = [_points(path, s.step) for path in paths]
     longest = max(len(o) for o in offsets)
     # a path that is over stays at its last goal

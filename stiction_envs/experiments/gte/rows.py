@@ -28,8 +28,8 @@ TRACE_COLUMNS = ("case", "time_s", *_AXES, *(f"std_{axis}" for axis in _AXES))
 
 
 @dataclass(frozen=True)
-class ErrorRow:
-    """One axis of one case, means over iterations; NaN where an iteration has no such number."""
+class CaseRow:
+    """Columns that name a case."""
 
     robot: str
     trajectory: str
@@ -41,6 +41,12 @@ class ErrorRow:
     """[N·m/rad]."""
     case: str
     """One of :data:`CASES`."""
+
+
+@dataclass(frozen=True)
+class ErrorRow(CaseRow):
+    """One axis of one case, means over iterations; NaN where an iteration has no such number."""
+
     axis: str
     unit: str
     """Of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
@@ -64,16 +70,9 @@ class ErrorRow:
 
 
 @dataclass(frozen=True)
-class RunRow:
+class RunRow(CaseRow):
     """What one case did as a whole, means over iterations."""
 
-    robot: str
-    trajectory: str
-    stiffness_translation: float
-    stiffness_rotation: float
-    stiffness_nullspace: float
-    case: str
-    """One of :data:`CASES`."""
     duration_s: float
     """When the last goal was reached; NaN if an iteration never did."""
     vibration_x_m: float

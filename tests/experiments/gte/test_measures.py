@@ -50,7 +50,7 @@ def test_window_lies_around_each_iterations_own_last_point():
 def test_window_before_the_start_counts_nothing():
     """A path of one goal: the arm rested with its reference where it was."""
     run = made_up(np.ones((2, 700, 6)), accepted=(0.0, 0.2, 0.3))
-    np.testing.assert_allclose(gte_measures.window_sums(run), 130.0)
+    np.testing.assert_allclose(gte_measures.measure(run).window_sum, 130.0)
 
 
 def test_mean_and_deviation_against_time():

@@ -68,17 +68,18 @@ def test_paths_are_as_the_settings_say():
 
 @pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
 def test_the_houses_own_paths_can_be_followed_and_others_not(robot):
-    e = GeneratedTrajectoryExperiment(robot)
+    e, usual = GeneratedTrajectoryExperiment(robot), random_path_settings()
     arm, low = (e.sticking, e.start, e.tool), e.sticking.arm.limits.position[:, 0]
     own = [e.path("triangle"), e.path("pentagon")]
     far = Path("far", np.array([[1.5, 0.0, 0.0]]), STRAIGHT)
     into_the_base = Path("base", np.array([[-0.6, 0.0, 0.0]]), STRAIGHT)
-    assert can_follow(*arm, [*own, far, into_the_base]).tolist() == [True, True, False, False]
-    stricter = dataclasses.replace(random_path_settings(), least_dexterity=1.0)
+    followed = can_follow(*arm, [*own, far, into_the_base], usual)
+    assert followed.tolist() == [True, True, False, False]
+    stricter = dataclasses.replace(usual, least_dexterity=1.0)
     assert not can_follow(*arm, own, stricter).any(), "no pose of theirs is as good as the start"
     edge = e.start.copy()
     edge[0] = low[0] + 0.1
-    assert not can_follow(e.sticking, edge, e.tool, own).any(), "joint 1 is at its limit"
+    assert not can_follow(e.sticking, edge, e.tool, own, usual).any(), "joint 1 is at its limit"
 
 
 def test_an_arm_that_can_follow_none_is_told_so(nothing_known, monkeypatch):
