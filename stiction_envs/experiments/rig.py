@@ -1,4 +1,4 @@
-"""What both experiments' machines share: arms on a plant, scatter, servos, dither, torques."""
+"""What the rigs of both experiments share: arms on a plant, scatter, servos, dither, torques."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ from stiction_envs.plant import CONTROL_DT, Plant
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+FARTHEST = 0.05
+"""Largest distance by which scatter misses a pose [rad]; assumed."""
+STRONGEST = 0.5
+"""Largest relative change of the dry friction by scatter [-]; assumed."""
 
 
 class Rig:
@@ -82,8 +86,9 @@ class Rig:
     def _draw_pose_and_friction(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return by how much a pose is missed (n,) [rad], and factors of the dry friction (n,)."""
         p = self.approach_protocol
-        shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -0.05, 0.05)
-        return shift, 1.0 + np.clip(p.friction_scatter * rng.normal(size=self.n), -0.5, 0.5)
+        shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -FARTHEST, FARTHEST)
+        change = np.clip(p.friction_scatter * rng.normal(size=self.n), -STRONGEST, STRONGEST)
+        return shift, 1.0 + change
 
     def _draw_dither(self, i: int, rng: np.random.Generator) -> None:
         """Draw phases and seed of the dither of arm ``i``."""
@@ -170,9 +175,11 @@ def dither_arrays(
     return out
 
 
-def minimum_jerk(x: Array) -> Array:
+def minimum_jerk(x: NDArray[Any]) -> Array:
     """Return the share of a smooth move from rest to rest that is done after a share x of it."""
-    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+    x = np.clip(x, 0.0, 1.0)
+    out: Array = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+    return out
 
 
 def count_blocks(what: str, interval: float, block: float) -> int:

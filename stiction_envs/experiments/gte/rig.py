@@ -237,7 +237,7 @@ class GTERig(Rig):
         here = (np.repeat(x, m, axis=0) for x in self._inertia)
         self.plant.set_servo(ids, *self._servos_of(ids, *here), origin)
         steps = round((p.return_time + p.settle_time) / CONTROL_DT)
-        x = minimum_jerk(np.clip(np.arange(steps) * CONTROL_DT / p.return_time, 0.0, 1.0))
+        x = minimum_jerk(np.arange(steps) * CONTROL_DT / p.return_time)
         moves = origin[:, None] + x[:, None] * (target - origin)[:, None]
         self.plant.run(np.zeros((m, steps, self.n)), ids, setpoint=moves)
         zero = np.zeros((m, self.n))
@@ -297,7 +297,7 @@ class GTERig(Rig):
         return self._torque
 
     def _look_ahead(self, model: bool, goals: bool) -> None:
-        """Renew what the controller knows of the arm, and where it is to be."""
+        """Update the controller's model of the arm and its reference, where due."""
         pose, t = self.end_effector, self._command_time()
         pose.read()
         if model:

@@ -93,7 +93,7 @@ class SJERig(Rig):
         self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
 
     def place(self, ids: Index, configurations: list[Configuration]) -> None:
-        """Give arms new configurations, displaced as if after the other direction."""
+        """Put arms into new configurations, displaced as after a ramp in the other direction."""
         joint = np.array([c.joint - 1 for c in configurations])
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
@@ -247,8 +247,7 @@ class SJERig(Rig):
 
     def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array:
         """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held."""
-        x = np.clip(step / self._move_steps, 0.0, 1.0)
-        x = np.where(ramping[:, None], 1.0, minimum_jerk(x))
+        x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))
         origin, target = self._origin[ids][:, None], self.target[ids][:, None]
         return origin + x[:, :, None] * (target - origin)
 
