@@ -40,7 +40,7 @@ ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
 Options = Mapping[str, Any]
 """Of a reset, by name."""
-_ROUNDING = 1e-5  # of an action's range: what float32 and RescaleAction may be off by
+_ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ class Arguments:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What one step of M episodes gave; arrays (M, …)."""
+    """Results of one step of M episodes; arrays (M, …)."""
 
     terms: dict[str, Array]
     """Reward terms by name, as `Episodes.terms` has them."""
@@ -195,7 +195,7 @@ class Episodes(ABC):
 
     @abstractmethod
     def _outcome(self, ids: Index) -> Outcome:
-        """Return what the step that simulations ``ids`` have done gave."""
+        """Return the results of the step that simulations ``ids`` have just done."""
 
     @abstractmethod
     def observe(self, ids: Index) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What actions and observations of every environment are called and bounded by.
+"""Names and bounds of the actions and observations of every environment.
 
 The tables on an environment's page (its class docstring) are made here, from the same groups that
 make the spaces; `tests/envs/test_page.py` compares them.
@@ -52,7 +52,7 @@ class Group:
 TORQUE = Group(
     "torque", -50.0, 50.0, "stiction", "commanded torque, dither excluded", per_joint=True
 )
-"""What the joints are asked for without dither: in every environment."""
+"""Part of every environment's observation."""
 DITHER = (
     Group("amplitude", -1.0, 1.0, "1", "last amplitude; −1 is 0, +1 is A_max", per_joint=True),
     Group("frequency", -1.0, 1.0, "1", "last frequency; −1 is f_min, +1 is f_max", per_joint=True),
@@ -109,8 +109,8 @@ def observed_action(action: Array, low: Array, high: Array) -> tuple[Array, Arra
 
     Args:
         action: amplitudes [N·m], then frequencies [Hz].
-        low: (2n,) what is −1, the lowest action.
-        high: (2n,) what is +1.
+        low: (2n,) the lowest action, observed as −1.
+        high: (2n,) the highest, observed as +1.
     """
     scaled = 2.0 * (action - low) / (high - low) - 1.0
     n = len(low) // 2

@@ -1,4 +1,4 @@
-"""What the impedance controller knows of the arm's dynamics, which may not be true."""
+"""The impedance controller's model of the arm's dynamics, which may be wrong."""
 
 from __future__ import annotations
 

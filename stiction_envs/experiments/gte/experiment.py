@@ -52,8 +52,9 @@ Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
 """Called with a rig whose arms have just begun to follow, and the case of each of them; what it
 returns is called before each block, and may `GTERig.retune` the dither."""
 MAX_SIMULATIONS = 128
-"""Simulations run at once."""
-_PART = 10  # samples of a block, between two looks whether all arms are done
+"""Simulations run at once (assumed)."""
+_PART = 10  # samples of a block, after which it is checked whether all arms are done; assumed
+_LATE = 1.5  # longest time of a movement over that of an arm that follows exactly [-]; assumed
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -145,7 +146,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
     def compensation(
         self, kind: str, factor: float = 1.0, *, table: str | File | None = None
     ) -> Compensation:
-        """Return the compensation of the friction that the controller believes in, the model's.
+        """Return friction compensation whose model of the friction is the nominal one.
 
         Args:
             kind: one of `control.compensation.KINDS`.
@@ -183,8 +184,9 @@ class GeneratedTrajectoryExperiment(GTESetup):
         ends = np.repeat(np.arange(goals), goals)
         starts = np.minimum(np.tile(np.arange(goals), goals), ends) - 1
         longest = self._durations(path, starts, ends).reshape(goals, goals).max(axis=1).sum()
-        wait = goals * self.motion.patience
-        return float(1.5 * longest + (wait if np.isfinite(wait) else 0.0) + self.protocol.patience)
+        patience = self.motion.patience
+        wait = goals * patience if np.isfinite(patience) else 0.0
+        return float(_LATE * longest + wait + self.protocol.patience)
 
     def _durations(self, path: Path, starts: Index, ends: Index) -> Array:
         """Return times of the movements between goals (M,), −1 being the start, to goals (M,)."""
@@ -254,7 +256,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         Args:
             cases: what to run.
             parameters: true friction of each case, of one arm; None for the model's. Which joints
-                are elastic, and what the controller believes, remains the model's.
+                are elastic, and the controller's own model, remain the nominal ones.
             iterations: None for the protocol's.
             progress: called with the simulated seconds of every part, summed over arms.
             steering: what decides the dither while arms move; it starts as the cases have it.

@@ -1,4 +1,4 @@
-"""What a `Run` of the Generated Trajectory Experiment is judged by: errors, shaking, wear.
+"""Measures of a `Run` of the Generated Trajectory Experiment: errors, vibration, wear.
 
 Errors are actual pose less reference, per axis x, y, z [m], roll, pitch, yaw [rad]. Roll, pitch and
 yaw are those of the hand's frame: the Panda's flange starts with a yaw of −45°, in which errors

@@ -1,8 +1,7 @@
-"""What is seen of arms that follow paths, and which of them a reset may ask for.
+"""Observations of arms that follow paths, and the options of a reset.
 
-The environment and whoever plays a policy outside it see the same. Everything comes from what a
-controller has anyway: its joints' angles and speeds, the torque that it asks for, the pose of the
-tool point and the reference.
+The environment and a policy that runs outside it observe the same. A controller has all of it: the
+joints' angles and speeds, the commanded torque, the pose of the tool point and the reference.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ GROUPS = (
     Group("rotational", 0.0, 20.0, f"{_UNIT[1]:g} N·m/rad", "rotational stiffness"),
     *DITHER,
 )
-"""The observation, in order."""
+"""The observation, in order; bounds are assumed: wider than what occurs."""
 
 
 class GTEObserver:
@@ -74,7 +73,7 @@ class GTEObserver:
         """Prepare.
 
         Args:
-            experiment: whose arms are looked at.
+            experiment: whose arms are observed.
             low: (2n,) lowest action: amplitudes [N·m], frequencies [Hz].
             high: (2n,) highest action.
         """

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
 """Colour of accepted goals, purple as in the thesis."""
 MEASURED = "#2166ac"
-"""Colour of the thesis's own numbers."""
+"""Colour of the thesis's numbers."""
 COLOURS = dict(zip(CASES, (WITHOUT, WITH, "#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"), strict=True))
 """Colours of cases by name."""
 

@@ -29,7 +29,7 @@ PHASES = ("random", "zero", "spread")
 """How the joints' dithers start: drawn for every joint and iteration (all 0 without scatter), all
 at 0, or evenly spread over a period."""
 FLAGS = ("singular", "saturated", "near_limit")
-"""What a controller says of itself, see `control.impedance.Flags`."""
+"""Flags of the controller, see `control.impedance.Flags`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,9 @@
 """Numbered random paths: number k of an arm is always the same path.
 
-A learner that is shown two paths learns them by heart. Path k has three to six goals in a flat,
+A policy that is trained on two paths memorises them. Path k has three to six goals in a flat,
 sloping box around the start; its size, slope, pace and stiffness are drawn by a generator of its
-own, whose seed is k. What the arm cannot follow is drawn anew: every point of every line has to be
-reached by the inverse kinematics of the arm that is there already, far from joint limits and from
-singular poses.
+own, whose seed is k. A path that the arm cannot follow is drawn again: the inverse kinematics, from
+point to point, must reach every point of every line, far from joint limits and singular poses.
 """
 
 from __future__ import annotations
@@ -68,11 +67,11 @@ class RandomPathSettings:
     out_of_reach: Positive
     """What the inverse kinematics may miss by [m]."""
     step: Positive
-    """Between two points of a line that are looked at [m]."""
+    """Between two points of a line that are checked [m]."""
     damping: Positive
     """Of the inverse kinematics [m]."""
     attempts: Count
-    """Draws after which an arm is said to follow no such path."""
+    """Most draws of one path; after them the arm can follow none."""
 
     def __post_init__(self) -> None:
         # where the shortest side is longer, no goal in the box may be far enough from the last

@@ -29,7 +29,7 @@ from stiction_envs.robots.registry import arm_title
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrackingErrors(Result):
-    """What an arm did on its paths."""
+    """Tracking errors of an arm on its paths."""
 
     robot: str
     runs: tuple[tuple[Run, Measures], ...]

@@ -154,9 +154,9 @@ class RunLog(Sampler):
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
         self._previous = rig.applied.copy()
         self._blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in _SAMPLED}
-        self._fresh()
+        self._clear()
 
-    def _fresh(self) -> None:
+    def _clear(self) -> None:
         """Begin a block."""
         nsim, n = self._rig.nsim, self._rig.n
         self._power = np.zeros((nsim, self.size))
@@ -181,7 +181,7 @@ class RunLog(Sampler):
         }
         for name, values in new.items():
             self._blocks[name].append(values)
-        self._fresh()
+        self._clear()
         return samples
 
     def _watch(self) -> None:

@@ -1,4 +1,4 @@
-"""Undithered runs of the Generated Trajectory Experiment, found once: what 1 is."""
+"""Undithered runs of the Generated Trajectory Experiment, computed once: units of the rewards."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Calibration:
-    """What an identification found, and how well it reproduces the table."""
+    """Identified friction, and how well it reproduces the table."""
 
     parameters: FrictionParameters
     simulated: Array

@@ -303,7 +303,7 @@ class SingleJointExperiment(SJESetup):
 
 
 class RampLog:
-    """What the ramps of one job gave."""
+    """Results of the ramps of one job."""
 
     def __init__(self, job: Job) -> None:
         self.job, self.deviation = job, 0.0

@@ -1,4 +1,4 @@
-"""What the SJE's observation and reset options are called and bounded by."""
+"""Names and bounds of the SJE's observation, and its reset options."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GROUPS = (
     Group("direction", -1.0, 1.0, "1", "sign of the ramp"),
     *DITHER,
 )
-"""The observation, in order."""
+"""The observation, in order; bounds are assumed: wider than what occurs."""
 
 
 def check_sje_options(options: Mapping[str, Any] | None, n: int) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+_TOGETHER = 1024  # poses computed at once; assumed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,7 @@ class _Evaluator:
         model = sticking.model
         # contacts on: they tell self-collision
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        self.batch = Batch(model, 1024)
+        self.batch = Batch(model, _TOGETHER)
         self.sticking = sticking
         self.sensor = LoadSensor(sticking, self.batch)
         self.floor = self.arm.on_floor and self.arm.tilt == (0.0, 0.0)

@@ -158,7 +158,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
-    """What the iterations of one job gave."""
+    """Results of the iterations of one job."""
 
     job: Job
     tau: Array
@@ -185,7 +185,7 @@ class Measurement:
     def displacement(self) -> float:
         """Root mean square oscillation of the joint before breakaway [rad]; 0 without dither.
 
-        From its speed, v/(2πf): the angle itself is spoilt by creep.
+        From its speed, v/(2πf): the angle itself has creep in it.
         """
         f = self.job.frequency_hz
         return float(np.sqrt(np.mean(self.shaken_speed**2)) / (2 * np.pi * f)) if f else 0.0

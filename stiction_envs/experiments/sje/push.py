@@ -1,4 +1,4 @@
-"""A joint that a person pushes: how hard it is, what holds, what lets go, and what dither changes.
+"""A joint that a person pushes: at which torque it moves, with and without dither.
 
     push = Push(sticking_model("panda"), dither=rows)
     push.choose(7)
@@ -25,11 +25,11 @@ from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 Array = NDArray[np.float64]
-_ME = np.array([0])
+_ARM = np.array([0])
 
 
 class Push(Rig):
-    """One arm with one joint under somebody's hand."""
+    """One arm, one joint of which a person pushes."""
 
     STEP = 0.1
     """Step by which a push grows, over the torque that the joint holds [-]; assumed."""
@@ -81,7 +81,7 @@ class Push(Rig):
 
     def reset(self) -> None:
         """Bring the arm back to its rest pose; joint and dither stay as they are."""
-        self.plant.reset(_ME, self.plant.sticking.arm.rest[None])
+        self.plant.reset(_ARM, self.plant.sticking.arm.rest[None])
         self.step[:] = 0
         self.choose(self.joint)
 
@@ -92,10 +92,10 @@ class Push(Rig):
             StictionError: a joint that the arm lacks.
         """
         self.joint = joint_number(joint, self.n) + 1
-        stiffness, damping = self._servos_of(_ME, *self._servos.inertia(self.plant.position))
+        stiffness, damping = self._servos_of(_ARM, *self._servos.inertia(self.plant.position))
         stiffness[0, joint - 1] = damping[0, joint - 1] = 0.0
-        self.plant.set_servo(_ME, stiffness, damping, self.plant.motor_position)
-        self._path.reset(_ME)
+        self.plant.set_servo(_ARM, stiffness, damping, self.plant.motor_position)
+        self._path.reset(_ARM)
         self.torque = self.target = 0.0
         self.let_go = None
         self._rest_here()
@@ -165,7 +165,7 @@ class Push(Rig):
             for cycle in range(0, stride, hold):
                 shaken = self.dither.torque(self._command_time(cycle), speed)
                 command[:, cycle : cycle + hold] += shaken[:, None]
-            angle = self.plant.run(self._path.run(command, _ME), joint=np.array([j]))[0]
+            angle = self.plant.run(self._path.run(command, _ARM), joint=np.array([j]))[0]
             self.step += stride
             gone = np.abs(angle - self.start) >= self.threshold
             if gone.any() and not self.slips:
@@ -205,4 +205,4 @@ class Push(Rig):
 
     def _set_dither(self) -> None:
         rows = [] if self.row is None else [self.row]
-        self.set_dither(_ME, **dither_arrays(rows, self.n))
+        self.set_dither(_ARM, **dither_arrays(rows, self.n))

@@ -28,7 +28,7 @@ from stiction_envs.robots.registry import arm_title
 
 
 def is_base(m: Measurement) -> bool:
-    """Whether nothing was added to the ramp."""
+    """Whether the ramp was without dither and offset."""
     return m.job.amplitude_nm == 0 and m.job.offset_nm == 0
 
 
@@ -93,7 +93,7 @@ def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BreakawayTorques(Result):
-    """What an experiment measured, base torques and dithered ones."""
+    """Breakaway torques of an experiment, with and without dither."""
 
     robot: str
     n: int

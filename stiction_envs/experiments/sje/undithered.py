@@ -1,4 +1,4 @@
-"""Base torques of an experiment, found once."""
+"""Base torques of an experiment, computed once: units of the rewards."""
 
 from __future__ import annotations
 
