@@ -36,18 +36,6 @@ def test_gain_zero_is_exactly_none(kind, case):
     assert not np.array_equal(full.actual[:, :100], none.actual[:, :100])
 
 
-def test_cases_do_not_depend_on_each_other():
-    b = bench(threads=2)
-    cases = [
-        PLAIN,
-        with_(PLAIN, b.compensation("push")),
-        with_(SHAKEN, b.compensation("feedforward", 0.7)),
-        SHAKEN,
-    ]
-    for case, run in zip(cases, b.run(cases, iterations=2), strict=True):
-        assert_same(one(bench(threads=1), case, 2), run)
-
-
 def test_compensation_reduces_what_friction_leaves():
     """Feedforward on the way, push at the goal; the arm that is pushed shakes no more at rest."""
     b = bench(tail=3.0, scatter=False)

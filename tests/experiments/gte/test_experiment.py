@@ -194,17 +194,20 @@ def test_iterations_do_not_depend_on_how_many_there_are(arms, threads):
 
 
 def test_case_does_not_depend_on_the_others():
-    """Neither gated dither nor random waveform nor a longer path of another case matters."""
+    """Neither gated dither nor compensation nor a longer path of another case matters."""
+    b = bench(threads=2)
     plain = Case(trajectory="there", stiffness=SOFT)
     noise = tuple(AmplitudeRow(j, 40.0, 0.5, "random") for j in (2, 6))
     cases = [
         plain,
         Case(trajectory="corner", stiffness=STIFF, dither=noise, phases="spread"),
         SHAKEN,
+        dataclasses.replace(plain, compensation=b.compensation("push")),
+        dataclasses.replace(SHAKEN, compensation=b.compensation("feedforward", 0.7)),
     ]
-    together = bench().run(cases, iterations=2)
+    together = b.run(cases, iterations=2)
     for case, run in zip(cases, together, strict=True):
-        alone = one(bench(), case, 2)
+        alone = one(bench(threads=1), case, 2)
         assert len(alone.time) == len(run.time)
         assert_same(alone, run)
         np.testing.assert_array_equal(measure(alone).window_sum, measure(run).window_sum)
