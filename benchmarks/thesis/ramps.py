@@ -97,7 +97,7 @@ class Ramps:
         parts: Any = figure.subfigures(1, 2, wspace=0.02)
         for part, load, letter in zip(parts, LOADS, "ab", strict=True):
             mine = [m for m in measured if m.job.configuration.load == load]
-            plots.draw_sje(part, mine, threshold=protocol.threshold, ramp_rate=protocol.ramp_rate)
+            plots.draw_sje(part, mine, protocol)
             kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
             part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
         return figure

@@ -144,8 +144,7 @@ def iterations(tuner: ThesisTuner, final: Final) -> list[tuple[int, str, str, st
                     [found[c] for c in cs if found[c].traces],
                     tuner.out / files[-1],
                     robot=e.sticking.arm.name,
-                    threshold=e.protocol.threshold,
-                    ramp_rate=e.protocol.ramp_rate,
+                    protocol=e.protocol,
                 )
             drawn.append((joint, load, files[0], files[1]))
     return drawn

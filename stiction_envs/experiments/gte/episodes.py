@@ -82,6 +82,7 @@ class GTEEpisodes(Episodes):
     arms_per_thread = 32
 
     reward_settings = staticmethod(gte_reward_settings)
+    _check_options = staticmethod(check_gte_options)
 
     def _experiment(
         self, a: GTEArguments, arm: Arm, friction: FrictionParameters | None
@@ -148,9 +149,6 @@ class GTEEpisodes(Episodes):
         """Unit of the observed error [m], [rad]."""
 
     # ---- episodes ----------------------------------------------------------------------------
-
-    def _check_options(self, options: Options | None) -> dict[str, Any]:
-        return check_gte_options(options)
 
     def check_reset(self, options: Sequence[Options | None]) -> list[dict[str, Any]]:
         """As `Episodes.check_reset`; a trajectory takes the place of a fixed number, too."""

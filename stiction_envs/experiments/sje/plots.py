@@ -18,7 +18,14 @@ from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
-from stiction_envs.experiments.sje.protocol import DIRECTIONS, POSES, SIGNS, Job, Measurement
+from stiction_envs.experiments.sje.protocol import (
+    DIRECTIONS,
+    POSES,
+    SIGNS,
+    Job,
+    Measurement,
+    Protocol,
+)
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.measured import SJERow
 from stiction_envs.plant import CONTROL_DT
@@ -94,8 +101,7 @@ def plot_sje(
     path: str | os.PathLike[str],
     *,
     robot: str,
-    threshold: float,
-    ramp_rate: float,
+    protocol: Protocol,
 ) -> None:
     """Draw one joint in one pose: iterations above, mean and standard deviation below.
 
@@ -103,11 +109,10 @@ def plot_sje(
         measurements: one or both directions of one joint and pose.
         path: PNG to write.
         robot: name for the title.
-        threshold: displacement from the start of a ramp that ends it [rad].
-        ramp_rate: growth of the commanded torque [N·m/s].
+        protocol: by which they were measured.
     """
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")
-    draw_sje(figure, measurements, threshold=threshold, ramp_rate=ramp_rate)
+    draw_sje(figure, measurements, protocol)
     c = measurements[0].job.configuration
     kinds = list(dict.fromkeys(dither_text(m.job) for m in in_direction(measurements)))
     drives = f"{len(kinds)} settings" if len(kinds) > MOST_NAMED else " / ".join(kinds)
@@ -121,13 +126,10 @@ def in_direction(measurements: Sequence[Measurement]) -> list[Measurement]:
 
 
 def draw_sje(
-    figure: Figure | SubFigure,
-    measurements: Sequence[Measurement],
-    *,
-    threshold: float,
-    ramp_rate: float,
+    figure: Figure | SubFigure, measurements: Sequence[Measurement], protocol: Protocol
 ) -> None:
     """Draw one joint in one pose into a figure or a part of one; arguments as `plot_sje`."""
+    threshold, ramp_rate = protocol.threshold, protocol.ramp_rate
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
     for m in in_direction(measurements):
         _iterations(upper, m, ramp_rate)

@@ -182,13 +182,7 @@ class BreakawayTorques(Result):
             ending = "" if is_base(m) else "_dither"
             groups.setdefault(f"joint{c.joint}_{c.load}{ending}.png", []).append(m)
         for k, (name, group) in enumerate(groups.items()):
-            plot_sje(
-                group,
-                folder / name,
-                robot=self.robot,
-                threshold=self.protocol.threshold,
-                ramp_rate=self.protocol.ramp_rate,
-            )
+            plot_sje(group, folder / name, robot=self.robot, protocol=self.protocol)
             if progress is not None:
                 progress("plots", k + 1, len(groups))
         write_report(

@@ -105,7 +105,9 @@ class SJERig(Rig):
         here = (x[2 * joint + load] for x in self._inertia)
         self._hold[ids], self._hold_damping[ids] = self._servos_of(ids, *here)
         self.stage[ids] = IDLE
-        self._path.set_limits(ids, *self._column_limits(joint))
+        if self.columns == 1:
+            limits = self.interface.torque_rate, self.interface.torque_limit
+            self._path.set_limits(ids, *(x[joint][:, None] for x in limits))
 
     def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
         """Move arms back to their pose; ``keys`` seed the scatter of this iteration."""
@@ -308,13 +310,6 @@ class SJERig(Rig):
         self.shaken_speed[ids[done]] = np.sqrt(squares / np.maximum(counted, 1.0))
         self.stage[ids[done]] = IDLE
         return ids[done]
-
-    def _column_limits(self, joint: Index) -> tuple[Array, Array]:
-        rate, limit = self.interface.torque_rate, self.interface.torque_limit
-        if self.columns == 1:
-            return rate[joint][:, None], limit[joint][:, None]
-        shape = (len(joint), self.n)
-        return np.broadcast_to(rate, shape), np.broadcast_to(limit, shape)
 
 
 @compiled

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from stiction_envs.experiments.sje import plots
-from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
+from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, load_protocol
 from stiction_envs.experiments.sje.rig import BLOCK
 from stiction_envs.plant import CONTROL_DT
 
 RATE, STEP = 0.1, BLOCK * CONTROL_DT
+PROTOCOL = load_protocol("panda").replace(ramp_rate=RATE)
 
 
 def measurement(
@@ -79,9 +80,7 @@ def test_last_values_are_held_until_the_longest_iteration_ends():
     ids=["one iteration", "stuck", "dithered"],
 )
 def test_every_kind_of_measurement_is_drawn(tmp_path, changes):
-    plots.plot_sje(
-        [measurement(**changes)], tmp_path / "a.png", robot="own", threshold=0.15, ramp_rate=RATE
-    )
+    plots.plot_sje([measurement(**changes)], tmp_path / "a.png", robot="own", protocol=PROTOCOL)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
