@@ -80,8 +80,6 @@ class CalibrationSettings:
     """Rounds end when every base torque agrees this well, relative [-]."""
     converged: Positive
     """Largest error of the best round, over `tolerance` [-]."""
-    same_load: Positive
-    """If the loads of two poses differ by less, they cannot explain different friction [N·m]."""
     rounds: Count
     """Most rounds of simulate and correct."""
     far: Positive

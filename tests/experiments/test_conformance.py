@@ -14,21 +14,21 @@ from tests.friction.gyro import sticking
 NO_RAMP = ()
 
 
-def lugre(values: str, *, inertia: float = 0.08, body: str = "", motor: str = "") -> str:
+def lugre(values: str = "2000 12 0.5 0.6 0.003", *, body: str = "", motor: str = "") -> str:
     """One hinge with a passive LuGre motor, Euler at 1 ms."""
     return f"""
 <mujoco><option timestep="0.001" integrator="Euler"/><worldbody>
   <body><joint name="j" axis="0 0 1" {body}/>
-    <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody>
+    <inertial pos="0 0 0" mass="1" diaginertia="0.08 0.08 0.08"/></body></worldbody>
   <actuator><dcmotor joint="j" input="none" motorconst="0" resistance="1" lugre="{values}" {motor}/>
   </actuator></mujoco>"""
 
 
-def stock(frictionloss: float = 0.3, *, extra: str = "", inertia: float = 0.2) -> str:
+def stock(frictionloss: float = 0.3, *, extra: str = "") -> str:
     """One hinge with MuJoCo's own frictionloss, default solver settings."""
     return f"""
 <mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}" {extra}/>
-  <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody>
+  <inertial pos="0 0 0" mass="1" diaginertia="0.2 0.2 0.2"/></body></worldbody>
 </mujoco>"""
 
 
@@ -55,7 +55,7 @@ def test_every_joint_of_every_arm_sticks(robot):
 
 
 def test_lugre_joint_passes():
-    report = conformance(lugre("2000 12 0.5 0.6 0.003"))
+    report = conformance(lugre())
     (joint,) = report.joints
     assert report.passed
     assert joint.stiction == 0.6
@@ -70,7 +70,7 @@ def test_lugre_joint_passes():
 
 def test_gear_counts():
     """Stiction behind a gear is F_s × gear, bristle stiffness σ0 × gear²."""
-    (joint,) = conformance(lugre("2000 12 0.5 0.6 0.003", motor='gear="3"'), rates=NO_RAMP).joints
+    (joint,) = conformance(lugre(motor='gear="3"'), rates=NO_RAMP).joints
     assert joint.stiction == pytest.approx(1.8)
     assert joint.bristle_stiffness == pytest.approx(18_000.0)
     assert joint.passed
@@ -119,17 +119,16 @@ def test_chattering_bristle_fails():
 def test_overdamped_bristle_is_an_error_of_the_experiment(tmp_path, monkeypatch):
     """hσ1/J over 2 blows up: said, and not taken for a joint that stands."""
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
-    text = lugre("2000 170 0.5 0.6 0.003")
     with pytest.raises(ExperimentError, match="stopped by the engine"):
-        conformance(text)
+        conformance(lugre("2000 170 0.5 0.6 0.003"))
 
 
 def test_joint_weaker_than_said_fails_and_stronger_too():
     """Against 0.7 N·m a joint of 0.6 does not hold; against 0.4 N·m it does not go."""
-    weak = conformance(lugre("2000 12 0.5 0.6 0.003"), [0.7], rates=NO_RAMP).joints[0]
+    weak = conformance(lugre(), [0.7], rates=NO_RAMP).joints[0]
     assert not weak.holds
     assert weak.goes
-    strong = conformance(lugre("2000 12 0.5 0.6 0.003"), [0.4], rates=(1.0,)).joints[0]
+    strong = conformance(lugre(), [0.4], rates=(1.0,)).joints[0]
     assert strong.holds
     assert not strong.goes
     assert not strong.passed
@@ -157,7 +156,7 @@ def test_one_weak_joint_fails_the_model():
     ],
 )
 def test_limits_springs_and_damping_do_not_hold_it(extra):
-    report = conformance(lugre("2000 12 0.5 0.6 0.003", **extra), rates=NO_RAMP)
+    report = conformance(lugre(**extra), rates=NO_RAMP)
     assert report.passed, str(report)
 
 
@@ -182,12 +181,8 @@ def test_gravity_and_contact_do_not_matter():
 
 
 def test_the_model_is_not_changed():
-    model = mujoco.MjModel.from_xml_string(
-        lugre("2000 12 0.5 0.6 0.003", body='stiffness="50" range="-10 10" limited="true"')
-    )
-    before = mujoco.MjModel.from_xml_string(
-        lugre("2000 12 0.5 0.6 0.003", body='stiffness="50" range="-10 10" limited="true"')
-    )
+    text = lugre(body='stiffness="50" range="-10 10" limited="true"')
+    model, before = (mujoco.MjModel.from_xml_string(text) for _ in range(2))
     conformance(model, rates=NO_RAMP)
     np.testing.assert_array_equal(model.opt.gravity, before.opt.gravity)
     assert model.opt.disableflags == before.opt.disableflags
@@ -215,7 +210,7 @@ def test_text_has_every_joint_and_unit():
 
 def test_a_file_is_tested_as_its_text(tmp_path):
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
-    good.write_text(lugre("2000 12 0.5 0.6 0.003"))
+    good.write_text(lugre())
     bad.write_text(stock())
     assert "1 of 1 joints stick" in str(conformance(good, rates=NO_RAMP))
     assert "0 of 1 joints stick" in str(conformance(bad, rates=NO_RAMP))
@@ -238,7 +233,7 @@ def test_a_file_is_tested_as_its_text(tmp_path):
         ({"model": stock(), "rates": (0.1, 0.0)}, "must be positive"),
         ({"model": stock(), "qpos": [0.0, 0.0]}, "1 finite numbers"),
         (
-            {"model": lugre("2000 12 0.5 0.6 0.003", body='range="-10 10"'), "qpos": [1.0]},
+            {"model": lugre(body='range="-10 10"'), "qpos": [1.0]},
             "joint j: position 1.0 is outside",
         ),
     ],

@@ -37,6 +37,9 @@ from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
 
 Array = NDArray[np.float64]
+SAME_LOAD = 1e-6
+"""Loads of two poses that differ by less cannot explain different friction [N·m]; source: rounding
+of float64."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -107,7 +110,6 @@ def with_levels(
     poses: Poses,
     friction: Array,
     offset: Array,
-    settings: CalibrationSettings | None = None,
 ) -> FrictionParameters:
     """Return parameters whose law passes through both poses of every joint.
 
@@ -116,15 +118,13 @@ def with_levels(
         poses: where the two poses are, and their loads.
         friction: (n, 2) stiction in the load and the no-load pose [N·m].
         offset: (n, 2) offset there [N·m].
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    s = settings or experiment_settings().calibration
     high, low = poses.load[:, 0], poses.load[:, 1]
 
     def line(values: Array, x: Array) -> tuple[Array, Array]:
         """Return slope and intercept through both poses; their mean where x cannot tell them."""
         run = x[:, 0] - x[:, 1]
-        flat = np.abs(run) < s.same_load
+        flat = np.abs(run) < SAME_LOAD
         slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
         return slope, np.where(flat, values.mean(axis=1), values[:, 1] - slope * x[:, 1])
 
@@ -169,7 +169,7 @@ def calibrate(
     friction, offset = _levels(experiment)
     best: Calibration | None = None
     for round_ in range(1, s.rounds + 1):
-        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset, s)
+        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
         trial = experiment.replace(sticking=sticking, scatter=False)
         simulated = trial.base_torques().tau
