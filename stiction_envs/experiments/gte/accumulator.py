@@ -32,7 +32,7 @@ class ErrorWindow:
         """(N, 6) absolute error summed over the window, NaN while it is not complete [m, rad]."""
 
     def start(self, ids: Index) -> None:
-        """Begin anew with arms ``ids``."""
+        """Restart arms ``ids``."""
         self._ring[ids] = 0.0
         self._end[ids] = self.sum[ids] = np.nan
 
@@ -104,7 +104,7 @@ class Accumulator:
         self._power = np.zeros(nsim)
 
     def start(self, ids: Index, goals: Index) -> None:
-        """Begin anew with arms ``ids``, whose paths have ``goals`` (M,) goals."""
+        """Restart arms ``ids``, whose paths have ``goals`` (M,) goals."""
         self._goals[ids] = goals
         self.window.start(ids)
         self.settling[ids] = np.nan

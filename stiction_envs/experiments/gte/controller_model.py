@@ -34,7 +34,7 @@ class ControllerModel:
             threads: threads, 0 for all processors.
         """
         model = arm.bare_model()
-        # few MjData for all arms stay in the cache: every update computes everything anew anyway
+        # few MjData for all arms stay in the cache: every update computes everything again
         self._batch = Batch(model, nsim, threads)
         self._qpos = self._batch.bind("qpos")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")

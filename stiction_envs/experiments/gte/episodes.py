@@ -134,8 +134,6 @@ class GTEEpisodes(Episodes):
         )
         self.case: list[Key] = [(TRAJECTORIES[0], episode_settings().stiffness[0])] * count
         self.goals = np.ones(count, dtype=np.int64)
-        self._trajectory = np.array([t for t, _ in self.case], dtype=object)
-        self._number = np.full(count, -1)
         self._stiffness = np.array([k for _, k in self.case])
         self._unit = np.ones((count, 6))
         self._base_error, self._base_shaking = np.zeros((count, 6)), np.zeros(count)
@@ -208,11 +206,7 @@ class GTEEpisodes(Episodes):
         rig.set_dither(ids, amplitude=0.0, frequency=1.0, waveform=self.waveform)
         for i, case, path, b in zip(ids, cases, paths, base, strict=True):
             self.case[i], self.goals[i] = case, len(path.position)
-            self._trajectory[i], self._stiffness[i] = case
-            if (number := path_number(case[0])) is not None:
-                self._trajectory[i], self._number[i] = RANDOM, number
-            else:
-                self._number[i] = -1
+            self._stiffness[i] = case[1]
             self._unit[i], self._base_error[i] = b.total, b.window
             self._unit_left[i, : len(b.left)], self._left[i] = b.left, 0.0
             self._base_left[i], self._base_resting[i] = b.left.mean(axis=0), b.left[-1]
@@ -306,8 +300,11 @@ class GTEEpisodes(Episodes):
 
     def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
         """Return trajectory, number and stiffness (M, 3) of the episodes of ``ids``."""
+        names = [self.case[i][0] for i in ids]
+        numbers = [path_number(name) for name in names]
+        shown = [t if k is None else RANDOM for t, k in zip(names, numbers, strict=True)]
         return {
-            "trajectory": self._trajectory[ids],
-            "path": self._number[ids],
+            "trajectory": np.array(shown, dtype=object),
+            "path": np.array([-1 if k is None else k for k in numbers], dtype=np.int64),
             "stiffness": self._stiffness[ids],
         }

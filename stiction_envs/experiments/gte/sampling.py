@@ -8,6 +8,7 @@ to control step and multiplied by a lever [m], go through the same high-pass as 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,7 +68,7 @@ class Sampler:
         self.start(np.arange(nsim))
 
     def start(self, ids: Index) -> None:
-        """Begin anew with arms ``ids``: they have rested where they are, the filter is settled."""
+        """Restart arms ``ids``: they have rested where they are, the filter is settled."""
         self._rest[ids] = self._rig.end_effector.position[ids]
         self._before[ids], self._turned[ids] = self._rig.end_effector.quaternion[ids], 0.0
         self._state[:, ids] = 0.0
@@ -141,9 +142,6 @@ def _add_motion(
             before[i, k] = quaternion[i, k]
 
 
-_SAMPLED = ("actual", "reference", "mean_square", "power", "rate", "flags")
-
-
 class RunLog(Sampler):
     """All samples of a rig's arms, with what dither and controller did to the joints."""
 
@@ -153,7 +151,7 @@ class RunLog(Sampler):
         self._protocol, self._sequencer = protocol, rig.sequencer
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
         self._previous = rig.applied.copy()
-        self._blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in _SAMPLED}
+        self._blocks: defaultdict[str, list[NDArray[Any]]] = defaultdict(list)
         self._clear()
 
     def _clear(self) -> None:
@@ -277,7 +275,7 @@ class Recorder(Accumulator):
         self.trace = [PathTrace() for _ in range(rig.nsim)] if record else None
 
     def start(self, ids: Index, goals: Index) -> None:
-        """Begin anew with arms ``ids``, which have just begun to follow ``goals`` (M,) goals."""
+        """Restart arms ``ids``, which have just begun to follow ``goals`` (M,) goals."""
         super().start(ids, goals)
         self._sampler.start(ids)
         self.step_vibration[ids] = self.step_left[ids] = 0.0

@@ -39,7 +39,7 @@ class Oscillation:
         self._all_squares, self._all_count = np.zeros((2, nsim))
 
     def start(self, ids: Index, angle: Array, joint: Index) -> None:
-        """Begin anew with arms ``ids`` that rest at ``angle`` (M, n) [rad]; tested is ``joint``."""
+        """Restart arms ``ids`` that rest at ``angle`` (M, n) [rad]; tested is ``joint``."""
         self._state[:, ids], self._rest[ids], self._joint[ids] = 0.0, angle, joint
         self._gone[ids] = False
         for total in (self._squares, self._count, self._all_squares, self._all_count):

@@ -1,4 +1,4 @@
-"""A made-up run of the Generated Trajectory Experiment, with numbers that can be told by heart."""
+"""A made-up run of the Generated Trajectory Experiment, with simple numbers."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def test_each_case_may_have_its_own_friction():
     assert not np.array_equal(runs[1].actual[:, :100], one(bench(), cases[1], 2).actual[:, :100])
 
 
-def test_controller_believes_the_nominal_rotors():
+def test_controller_model_keeps_the_nominal_rotors():
     """True rotors twice as heavy: Λ and so eq. 2.14's damping stay the model's."""
     p = friction()
     heavy = p.replace(rotor_inertia=2 * p.rotor_inertia)

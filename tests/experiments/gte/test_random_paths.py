@@ -82,7 +82,7 @@ def test_the_houses_own_paths_can_be_followed_and_others_not(robot):
     assert not can_follow(e.sticking, edge, e.tool, own, usual).any(), "joint 1 is at its limit"
 
 
-def test_an_arm_that_can_follow_none_is_told_so(nothing_known, monkeypatch):
+def test_an_arm_that_can_follow_none_is_an_error(nothing_known, monkeypatch):
     e = GeneratedTrajectoryExperiment("panda")
     edge = e.start.copy()
     edge[0] = e.sticking.arm.limits.position[0, 0] + 0.1

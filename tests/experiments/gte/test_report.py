@@ -42,7 +42,7 @@ def test_shares_are_of_what_is_left_without_dither(report):
     assert "http" not in page
 
 
-def test_a_run_that_did_not_arrive_is_told(report):
+def test_a_run_that_did_not_arrive_is_reported(report):
     nan = np.nan
     late = {"accepted": [[0, 2, 4]] * 2, "reached": [[2, 4, nan]] * 2}
     text, _ = report(made_up(constant(*[1e-3] * 6), **late))
