@@ -73,14 +73,6 @@ class RandomPathSettings:
     attempts: Count
     """Most draws of one path; after them the arm can follow none."""
 
-    def __post_init__(self) -> None:
-        # where the shortest side is longer, no goal in the box may be far enough from the last
-        if self.most_goals < self.fewest_goals or self.largest < self.smallest:
-            raise StictionError(
-                f"RandomPathSettings: {self.fewest_goals} to {self.most_goals} goals in boxes of "
-                f"{self.smallest:g} to {self.largest:g} m: expected the least first"
-            )
-
 
 @cache
 def random_path_settings() -> RandomPathSettings:

@@ -18,7 +18,6 @@ from stiction_envs.experiments.gte.random_paths import (
     random_path_settings,
     random_paths,
 )
-from stiction_envs.method_settings import override
 from stiction_envs.precomputed import store
 
 STRAIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -90,19 +89,6 @@ def test_an_arm_that_can_follow_none_is_an_error(nothing_known, monkeypatch):
     monkeypatch.setattr(module, "random_path_settings", lambda: few)
     with pytest.raises(StictionError, match="random path 7: panda can follow none of 2 drawn"):
         random_paths(e.sticking, edge, e.tool, [7])
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"shortest_side": 3.0}, "shortest_side is 3.0: .* <= 1"),  # no two goals are so far
-        ({"most_goals": 2}, "3 to 2 goals .* expected the least first"),
-        ({"slowest": 1.5}, "slowest is 1.5: .* <= 1"),
-    ],
-)
-def test_settings_with_which_no_path_can_be_drawn(changes, words):
-    with pytest.raises(StictionError, match=words):
-        override(random_path_settings(), changes)
 
 
 def test_numbers_are_from_zero():
