@@ -27,6 +27,8 @@ class SpectraSettings:
     """Largest cutoff as a share of the sampling rate [-]."""
     lowest_hz: Positive
     """Smallest cutoff that may be chosen [Hz]."""
+    motion_share: Share
+    """The motion's band ends where this share of the speeds' power lies below [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 ORDER = 4
 """Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
 at the cutoff."""
-MOTION_SHARE = 0.95
-"""The motion ends where this share of the speed's power lies below [-]; assumed."""
 ACCURATE_ABSOLUTE = 0.05
 """Least acceleration of an arm that accelerates [rad/s²]; assumed: 0.05 N·m at 1 kg·m²."""
 PERIODS = 6.0
@@ -89,7 +87,9 @@ class Spectra:
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q, own.motion.mover_ratio)
+        self.movers, self.motion_hz, bent = _motion(
+            motion, self.knee_q, own.motion.mover_ratio, self.settings.motion_share
+        )
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
@@ -110,7 +110,7 @@ class Spectra:
         notes.append(
             f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
             f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
+            f"stops at {f_tau:.3g} Hz; {s.motion_share:.0%} of the motion is below "
             f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
         )
         return cutoff
@@ -232,10 +232,12 @@ def _motion(
     pieces: Sequence[tuple[Array, Array]],
     most: Sequence[float],
     mover_ratio: float,
+    share: float,
 ) -> tuple[NDArray[np.int64], float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
-    Each joint counts up to the frequency in ``most``, Hz, where its noise begins.
+    Each joint counts up to the frequency in ``most``, Hz, where its noise begins; below the end
+    lies this ``share`` of their speeds' power.
     """
     if not pieces:
         return np.arange(len(most)), 0.0, np.zeros(len(most))
@@ -246,6 +248,6 @@ def _motion(
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
     movers = np.flatnonzero(each >= mover_ratio**2 * each.max())
-    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
+    end = float(f[order][np.searchsorted(total, share * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)
