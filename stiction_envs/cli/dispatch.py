@@ -23,6 +23,7 @@ from stiction_envs.cli import (
     view,
 )
 from stiction_envs.cli.common import Failed, Parser
+from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.reporting.json_text import to_text
@@ -74,7 +75,7 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
     try:
         args = build_parser(all_commands() if commands is None else commands).parse_args(argv)
         interrupted = args.interrupted
-        with warnings.catch_warnings():
+        with interruptible(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _show_warning

@@ -2,12 +2,48 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from typing import Any, Self
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn, Self
 
 EVERY = 10.0
 """Least time between two lines where standard error is no terminal [s]; assumed."""
+
+_interrupted = threading.Event()
+"""Whether Ctrl-C was pressed within `interruptible`."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Within, work that shows its `Progress` ends after Ctrl-C, even where Python loses it.
+
+    Python ignores exceptions in finalizers and callbacks of weak references, `KeyboardInterrupt`
+    too: `Progress` raises it again. Elsewhere than in the main thread nothing changes.
+    """
+
+    def interrupt(*_: object) -> NoReturn:
+        _interrupted.set()
+        raise KeyboardInterrupt
+
+    main = threading.current_thread() is threading.main_thread()
+    ours = main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if ours:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            _interrupted.clear()
+
+
+def _raise_again() -> None:
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
 
 
 class Progress:
@@ -40,6 +76,7 @@ class Progress:
             total: in all, as far as it is known.
             unit: what is counted from here on; None as before.
         """
+        _raise_again()
         self._unit = unit or self._unit
         if stage != self._stage:
             self._close()
@@ -63,6 +100,7 @@ class Progress:
             stage: what is being done.
             share: of the whole that is done [0 to 1]; None where it is not known.
         """
+        _raise_again()
         if sys.stderr.isatty() and share is not None:
             if self._bar is None:
                 self._stage = stage

@@ -1,7 +1,9 @@
 """Progress, and the last resort of the error handling."""
 
 import argparse
+import contextlib
 import io
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 
 from stiction_envs.cli import common, sje
 from stiction_envs.cli import progress as progress_module
-from stiction_envs.cli.progress import Progress
+from stiction_envs.cli.progress import Progress, interruptible
 
 
 def test_identity_does_not_depend_on_where_and_how_fast():
@@ -119,3 +121,16 @@ def test_standard_output_on_a_full_disk(tmp_path):
         ran = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ran.returncode == 1
     assert ran.stderr == "error: standard output: no space left on device\n"
+
+
+def test_an_interruption_that_python_loses_still_ends_the_work() -> None:
+    """As in a finalizer or a callback of a weak reference, where exceptions are ignored."""
+    with interruptible():
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            Progress().set("work", 1, 2)
+        with pytest.raises(KeyboardInterrupt):
+            Progress().whole("work", 0.5)
+    Progress().set("later work", 1, 2)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
