@@ -6,6 +6,7 @@ import io
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -123,6 +124,15 @@ def test_standard_output_on_a_full_disk(tmp_path):
     assert ran.stderr == "error: standard output: no space left on device\n"
 
 
+@pytest.fixture
+def default_interrupt() -> Iterator[None]:
+    """Python's own handler of Ctrl-C, whatever a library of an earlier test left."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("default_interrupt")
 def test_an_interruption_that_python_loses_still_ends_the_work() -> None:
     """As in a finalizer or a callback of a weak reference, where exceptions are ignored."""
     with interruptible():
