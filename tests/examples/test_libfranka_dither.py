@@ -16,7 +16,7 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_amplitud
 
 HERE = Path(__file__).parent
 EXAMPLE = HERE.parents[1] / "examples" / "libfranka_dither"
-TUNED = HERE.parents[1] / "tuning" / "tables"
+TUNED = HERE.parents[1] / "stiction_envs" / "dither" / "tables"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
 STRICT = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror"]
 
