@@ -107,9 +107,7 @@ def test_rotor_inertia(diagnose):
 def test_presliding_is_named_or_said_to_be_confused_with_inertia(diagnose):
     """Far above f_p the bristle sees A(f_p/f)²: σ0/J alone counts (sources.md 4.3)."""
     truth = Truth(joint=7, bristle_stiffness=0.4)
-    size = effect(truth, 7, 1)
-    if size < 0.01:
-        pytest.skip(f"with these friction parameters it changes readings by {100 * size:.1f} %")
+    assert effect(truth, 7, 1) > 0.01, "what is hidden hardly changes a reading"
     found = diagnose(tables(JOINTS, truth, seed=1))
     first = found.causes[0]
     assert first.joints == (7,)
