@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
-    from stiction_envs.experiments.conformance import describe
+    from stiction_envs.experiments.conformance_report import describe
 
     text = describe(result["rows"], result["settings"])
     return f"{text}\nwritten to {result['out']}: conformance.csv"

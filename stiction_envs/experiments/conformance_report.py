@@ -1,0 +1,144 @@
+"""What a conformance test found: its numbers, table and file."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.experiments.settings import ConformanceSettings
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.result import Result
+
+_BREAKAWAY = "breakaway_nm_at_"  # how the column of a ramp rate begins
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResult:
+    """How one joint sticks. Of two directions the worse one is given."""
+
+    name: str
+    """Joint name."""
+    stiction: float
+    """F_s the joint was tested against [N·m]."""
+    bristle_stiffness: float
+    """σ0 of its LuGre bristle [N·m/rad]; NaN where it has none."""
+    presliding: float
+    """Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]."""
+    deflection: float
+    """Motion at the end of the hold, from its start [rad]."""
+    still: float
+    """Largest excursion over the last seconds of the hold [rad]."""
+    creep: float
+    """Speed over that time [rad/s]."""
+    go_time: float
+    """Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not."""
+    breakaway: tuple[float, ...]
+    """Breakaway torque per ramp rate, + direction [N·m]; NaN if it did not break away."""
+    holds: bool
+    """Whether it held under the smaller load."""
+
+    @property
+    def goes(self) -> bool:
+        """Whether it moved under the larger load."""
+        return bool(np.isfinite(self.go_time))
+
+    @property
+    def passed(self) -> bool:
+        """Whether it both holds and goes."""
+        return self.holds and self.goes
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Report(Result):
+    """Results of all joints that carry friction."""
+
+    joints: tuple[JointResult, ...]
+    rates: tuple[float, ...]
+    """Ramp rates of the breakaway torques [N·m/s]."""
+    settings: ConformanceSettings
+    """What the joints were tested by."""
+    provenance: dict[str, Any] = field(compare=False)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every joint sticks."""
+        return all(j.passed for j in self.joints)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the rows of ``conformance.csv``, and what the joints were tested by."""
+        return {
+            "passed": self.passed,
+            "settings": dataclasses.asdict(self.settings),
+            "rows": [self._row(j) for j in self.joints],
+        }
+
+    def _row(self, j: JointResult) -> dict[str, Any]:
+        row = {
+            "joint": j.name,
+            "stiction_nm": j.stiction,
+            "holds": j.holds,
+            "goes": j.goes,
+            "deflection_rad": j.deflection,
+            "presliding_rad": j.presliding,
+            "motion_rad": j.still,
+            "creep_rad_s": j.creep,
+            "go_time_s": j.go_time,
+        }
+        return row | {
+            f"{_BREAKAWAY}{r:g}_nm_s": b for r, b in zip(self.rates, j.breakaway, strict=True)
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write ``conformance.csv``: a joint in a row, what it did under both loads."""
+        rows = self.to_json()["rows"]
+        cells = [
+            [("no", "yes")[x] if isinstance(x, bool) else x for x in row.values()] for row in rows
+        ]
+        write_lines(folder / "conformance.csv", tuple(rows[0]), cells)
+
+    def __repr__(self) -> str:
+        n = sum(j.passed for j in self.joints)
+        return f"<conformance Report: {n} of {len(self.joints)} joints stick>"
+
+    def __str__(self) -> str:
+        answer = self.to_json()
+        return describe(answer["rows"], answer["settings"])
+
+
+def describe(rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str:
+    """Return `Report.to_json`'s rows and settings as a readable table."""
+    ramps = [k for k in rows[0] if k.startswith(_BREAKAWAY)]
+    head = ["joint", "F_s N·m", "deflect. mrad", "LuGre mrad", "motion rad", "creep rad/s", "go s"]
+    head += [f"at {k.removeprefix(_BREAKAWAY).removesuffix('_nm_s')} N·m/s" for k in ramps]
+    body = [
+        [
+            row["joint"],
+            f"{row['stiction_nm']:.4f}",
+            f"{1e3 * row['deflection_rad']:.3f}",
+            "-" if np.isnan(row["presliding_rad"]) else f"{1e3 * row['presliding_rad']:.3f}",
+            f"{row['motion_rad']:.1e}",
+            f"{row['creep_rad_s']:.1e}",
+            f"{row['go_time_s']:.2f}" if row["goes"] else "stuck",
+            *("stuck" if np.isnan(row[k]) else f"{row[k]:.4f}" for k in ramps),
+            "yes" if row["holds"] and row["goes"] else "NO",
+        ]
+        for row in rows
+    ]
+    table = [[*head, "sticks"], *body]
+    width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
+    n, s = sum(row["holds"] and row["goes"] for row in rows), settings
+    return "\n".join(
+        [
+            *lines,
+            f"{n} of {len(rows)} joints stick: under {s['under']:.0%} of F_s they move less than "
+            f"{s['still']:g} rad in the last {s['watched_time']:g} s of {s['hold_time']:g} s, "
+            f"under {s['over']:.0%} more than {s['gone']:g} rad in {s['go_time']:g} s.",
+            "Columns with a ramp rate: dry friction torque at breakaway [N·m].",
+        ]
+    )
