@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.hidden.hidden_motions import CENTRE, REACH
+from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 Values = dict[str, float | list[float]]
@@ -39,6 +40,8 @@ def _zeros() -> Array:
 class World:
     """Everything that a cause may change before the simulation starts; (7,) per joint."""
 
+    rigid: Arm = field(default_factory=lambda: load_arm("panda"))
+    """Links as they are, before hidden causes."""
     coulomb: Array = field(default_factory=_zeros)
     """Known to the robot's makers [N·m]."""
     viscous: Array = field(default_factory=_zeros)

@@ -28,10 +28,17 @@ from stiction_envs.hidden.hidden_effects import (
     World,
 )
 from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
+from stiction_envs.hidden.imperfect_arms import (
+    scatter_links,
+    scatter_set_up,
+    with_exact_set_up,
+)
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
+IMPERFECT = 27
+"""Number of the random stream of links and set-up, apart from that of all else."""
 STEP = 1e-3
 """Of the simulation [s]; assumed."""
 STEPS_PER_ROW = 2
@@ -73,7 +80,9 @@ class Case:
     """Logs of another motion of the same arm with the same hidden causes; [] unless asked for."""
     second_motion: str
     unhidden: list[JointLog]
-    """The same motion as `second` of an arm without hidden causes."""
+    """The same motion as `second` of the arm without hidden causes, of an exact set-up."""
+    bare: World
+    """The arm without hidden causes, its links and set-up a little off where asked for."""
 
 
 def make_case(
@@ -86,6 +95,9 @@ def make_case(
     joint: int | None = None,
     size: float | None = None,
     second: float = 0.0,
+    scatter: float = 0.0,
+    imperfect: bool = False,
+    bare: World | None = None,
 ) -> Case:
     """Hide some causes of random size, joint and sign in a log.
 
@@ -99,6 +111,15 @@ def make_case(
         joint: from 1; random by default.
         size: of the effect, 0 (just visible) to 1 (large); random by default.
         second: length of a log of another kind of motion [s]; 0 for none.
+        scatter: how far every link is off what the makers know [-] (`imperfect_arms.scattered`):
+            0.03 is 3 % of the mass and 3 mm. It is no hidden cause.
+        imperfect: whether the set-up is a little off too: offsets, gains, delay, tilt.
+        bare: the arm (`Case.bare`) of an earlier case, for another log of it; by default a new
+            one. Its friction, links and set-up are its own: ``known``, ``scatter`` and
+            ``imperfect`` are not used.
+
+    Raises:
+        StictionError: a scatter out of range, or an arm that leaves its torque limits.
     """
     rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
     if motion is None:
@@ -109,12 +130,19 @@ def make_case(
         motion = str(rng.choice(options))
     if known is None:
         known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
-    world = World()
-    if known:
-        world.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
-        world.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
-        world.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
-    bare = copy.deepcopy(world)
+    if bare is None:
+        bare = World()
+        if known:
+            bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
+            bare.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
+            bare.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
+        own = np.random.default_rng([seed, IMPERFECT])
+        if scatter:
+            scatter_links(bare, scatter, own)
+        if imperfect:
+            scatter_set_up(bare, own)
+    known = bool(bare.coulomb.any())
+    world = copy.deepcopy(bare)
     worlds = [copy.deepcopy(world) for _ in causes]
     hidden = []
     for name, single in zip(causes, worlds, strict=True):
@@ -125,8 +153,8 @@ def make_case(
         _hide(single, name, joint, large, seconds, again)
     t = np.arange(0, seconds, STEP)
     wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
-    q, tau, effect = _simulate(world, t, wanted)
-    alone = [effect] if len(causes) == 1 else [_simulate(w, t, wanted)[2] for w in worlds]
+    q, tau, effect = _simulate(world, bare, t, wanted)
+    alone = [effect] if len(causes) == 1 else [_simulate(w, bare, t, wanted)[2] for w in worlds]
     alone = [_visible_size(w, q, x) for w, x in zip(worlds, alone, strict=True)]
     if len(causes) == 1:
         effect = alone[0]
@@ -138,8 +166,9 @@ def make_case(
         other = str(rng.choice([m for m in SECOND_MOTIONS if m != motion]))
         later = np.arange(0, second, STEP)
         wanted = MOTIONS[other](rng, later)
-        for arm, logs in ((world, others), (bare, unhidden)):
-            q, tau, _ = _simulate(arm, later, wanted)
+        exact = with_exact_set_up(bare)
+        for arm, logs in ((world, others), (exact, unhidden)):
+            q, tau, _ = _simulate(arm, bare, later, wanted)
             logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
     payload = None
     if world.phantom is not None:
@@ -169,6 +198,7 @@ def make_case(
         second=others,
         second_motion=other,
         unhidden=unhidden,
+        bare=bare,
     )
 
 
@@ -207,7 +237,7 @@ def _hide(
 
 
 def _build(w: World) -> mujoco.MjModel:
-    spec = load_arm("panda").spec()
+    spec = w.rigid.spec()
     for i, joint in enumerate(list(spec.joints)):
         joint.armature = w.rotor[i] + w.armature[i]
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -251,16 +281,23 @@ def _dynamics(m: mujoco.MjModel, d: mujoco.MjData, q: Array, v: Array, mass: Arr
     return np.asarray(d.qfrc_bias)
 
 
-def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
-    """Return motor angles and logged torques at the rows, and the size of what is hidden."""
+def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
+    """Return motor angles and logged torques at the rows, and the size of what is hidden.
+
+    Args:
+        w: what is simulated.
+        bare: the same arm without what is hidden, with which it is compared.
+        t: (T,) [s].
+        wanted: (T, 7) angles of the motion [rad].
+    """
     true = dataclasses.replace(w, phantom=None)
-    model, plain = _build(true), _build(World(rotor=w.rotor))
+    model, plain = _build(true), _build(bare)
     # the robot's own controller knows that there is no such body
-    assumed = _build(World(rotor=w.rotor, phantom=w.phantom)) if w.phantom else None
+    assumed = _build(dataclasses.replace(bare, phantom=w.phantom)) if w.phantom else None
     assumed_data = mujoco.MjData(assumed or plain)
     d, plain_data = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
-    heavy = _build(World(rotor=w.rotor, payload=w.payload, tilt=w.tilt, links=w.links))
+    heavy = _build(dataclasses.replace(bare, payload=w.payload, tilt=w.tilt, links=w.links))
     heavy_data = mujoco.MjData(heavy)
     loose = (w.soft or w.gap or (None,))[0]
     outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
@@ -329,16 +366,21 @@ def _simulate(w: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
         if w.load.any():
             bias = _dynamics(heavy, heavy_data, x, plain_data.qvel, mass)
             load = mass @ pull[k] + bias - w.rotor * pull[k]
-    logged = tau.copy()
-    if w.delay:
-        for j in range(7):
-            logged[:, j] = np.interp(t + w.delay, t, logged[:, j])
-    logged = w.scale * logged + w.offset
+    logged, nominal = _read_out(w, t, tau), _read_out(bare, t, nominal)
     width = 50
     window = np.ones(width) / width
     off = np.stack([np.convolve(x, window, "valid") for x in (logged - nominal).T])
     effect = np.sqrt(np.mean(off[:, 500:-100] ** 2, axis=1))
     return q[::STEPS_PER_ROW], logged[::STEPS_PER_ROW], effect
+
+
+def _read_out(w: World, t: Array, tau: Array) -> Array:
+    """Return (T, 7) torques as the sensors show them, without noise [N·m]."""
+    out = tau.copy()
+    if w.delay:
+        for j in range(7):
+            out[:, j] = np.interp(t + w.delay, t, out[:, j])
+    return np.asarray(w.scale * out + w.offset)
 
 
 def _log(q: Array, tau: Array, t: Array, rng: np.random.Generator, name: str) -> JointLog:
