@@ -121,7 +121,8 @@ def make_case(
     Raises:
         StictionError: a scatter out of range, or an arm that leaves its torque limits.
     """
-    rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in causes)])
+    stream = [seed, *(sum(map(ord, name)) for name in causes)]
+    rng = np.random.default_rng(stream)
     if motion is None:
         options = list(MOTIONS)
         for name in causes:
@@ -136,7 +137,7 @@ def make_case(
             bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
             bare.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
             bare.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
-        own = np.random.default_rng([seed, IMPERFECT])
+        own = np.random.default_rng([*stream, IMPERFECT])
         if scatter:
             scatter_links(bare, scatter, own)
         if imperfect:
