@@ -82,6 +82,10 @@ class World:
     """Joint (from 0) and gap [rad]."""
     delay: float = 0.0
     """[s]."""
+    zero: Array = field(default_factory=_zeros)
+    """Reading of each joint less its angle [rad]."""
+    gravity_missing: float = 0.0
+    """Share of the makers' gravity torque that the logged torques lack [-]."""
 
     def smooth_torque(self, q: Array) -> Array:
         """Return (..., 7) torque over the angle at angles (..., 7) [N·m]."""
@@ -298,6 +302,20 @@ def _elasticity(w: World, d: Draw) -> Values:
 def _delay(w: World, d: Draw) -> Values:
     w.delay = d.between(4e-3, 3e-2)
     return {"delay_s": w.delay}
+
+
+# joint 1 turns about the vertical, and what joint 7 carries is about its axis
+@effect("encoder_offset", "fourier", "poses", "fast", joints=(2, 3, 4, 5, 6))
+def _zero(w: World, d: Draw) -> Values:
+    w.zero[d.joint] = d.sign * d.between(0.01, 0.15)
+    return {"offset_rad": w.zero[d.joint]}
+
+
+@effect("gravity_compensation_missing", "fourier", "poses", "fast", arm_wide=True)
+def _missing(w: World, d: Draw) -> Values:
+    # most controllers that log their own command leave out all of it
+    w.gravity_missing = 1.0 if d.rng.random() < 0.3 else d.between(0.02, 1.0)
+    return {"share": w.gravity_missing}
 
 
 @effect("external_spring", "fourier", "poses", "sweeps", excludes=OVER_ANGLE)

@@ -296,6 +296,9 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     # the robot's own controller knows that there is no such body
     assumed = _build(dataclasses.replace(bare, phantom=w.phantom)) if w.phantom else None
     assumed_data = mujoco.MjData(assumed or plain)
+    # a controller adds the gravity of the makers' arm
+    makers = _build(World(phantom=w.phantom))
+    makers_data = mujoco.MjData(makers)
     d, plain_data = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
     heavy = _build(dataclasses.replace(bare, payload=w.payload, tilt=w.tilt, links=w.links))
@@ -321,6 +324,7 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     over_angle = bool(w.harmonics.any() or w.hump[:, 0].any())
     z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
+    missing, still = np.zeros((len(t), 7)), np.zeros(7)
     mass, load = np.empty((7, 7)), np.zeros(7)
     force = np.zeros(model.nv)
     for k in range(len(t)):
@@ -358,15 +362,19 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
             press = open_ - np.clip(open_, -w.gap[1] / 2, w.gap[1] / 2)
             force[inside] = -8000.0 * press - (15.0 * rate if press else 0.0)
         d.qfrc_applied[:] = force
-        q[k], tau[k] = x, command
+        q[k], tau[k] = x + w.zero, command
         mujoco.mj_step(model, d)
         acceleration = (d.qvel[outer] - before) / STEP
-        if assumed is not None:
-            bias = _dynamics(assumed, assumed_data, x, before, mass)
+        if assumed is not None or w.zero.any():
+            bias = _dynamics(assumed or plain, assumed_data, x + w.zero, before, mass)
         nominal[k] = mass @ acceleration + bias + known
+        if w.gravity_missing:
+            missing[k] = _dynamics(makers, makers_data, x + w.zero, still, mass)
         if w.load.any():
             bias = _dynamics(heavy, heavy_data, x, plain_data.qvel, mass)
             load = mass @ pull[k] + bias - w.rotor * pull[k]
+    # what the controller asked for, as the log shows it
+    tau = tau - w.gravity_missing * missing
     logged, nominal = _read_out(w, t, tau), _read_out(bare, t, nominal)
     width = 50
     window = np.ones(width) / width

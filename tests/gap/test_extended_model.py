@@ -49,6 +49,8 @@ ALL = (
     part("backlash", 1.0, shape=(0.01,)),
     part("joint_elasticity", 1.0, shape=(8000.0,)),
     part("actuator_delay", 0.005, joint=0, shape=(0.005,)),
+    part("encoder_offset", 0.05, shape=(0.05,)),
+    part("gravity_compensation_missing", 0.3, joint=0),
     part("external_spring", 3.0, -1.5),
 )
 PARTS = {p.cause: p for p in ALL}
@@ -56,11 +58,11 @@ PHANTOM = tuple(-x for x in PAYLOAD)
 """A body that only the model has: what is left of the last link is less than it was."""
 SMOOTH = (
     *("viscous_friction", "payload", "base_tilt", "link_parameters", "link_inertia"),
-    "external_spring",
+    *("encoder_offset", "external_spring"),
 )
 LISTED = (
     *("direction_asymmetry", "load_dependent_friction", "warm_up_drift", "torque_scale"),
-    *("backlash", "joint_elasticity", "actuator_delay"),
+    *("backlash", "joint_elasticity", "actuator_delay", "gravity_compensation_missing"),
 )
 MADE = {"title": "made up"}
 

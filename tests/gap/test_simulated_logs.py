@@ -146,6 +146,10 @@ def plain_log(
             bent[:, j] -= rigid[:, j] / 2000.0
         speed = np.gradient(bent - q, 1 / rate, axis=0)
         tau = inverse(robot, bent, v + speed, a + np.gradient(speed, 1 / rate, axis=0))
+    if cause == "encoder_offset":
+        q = q + 0.05 * np.isin(np.arange(1, 8), joints)
+    if cause == "gravity_compensation_missing":
+        tau = tau - size * inverse(robot, q, np.zeros_like(q), np.zeros_like(q))
     q = q + angle_noise * rng.normal(size=q.shape)
     tau = tau + noise * rng.normal(size=q.shape)
     return JointLog(source=f"plain_{cause}.csv", t=t, q=q, dq=None, tau=tau)
@@ -181,6 +185,8 @@ FIRST = [
     ("link_inertia", "link_inertia", "armature_kgm2", 0.4),
     ("joint_elasticity", "joint_elasticity", "stiffness_nm_per_rad", 2000.0),
     ("actuator_delay", "actuator_delay", "delay_s", 0.01),
+    ("encoder_offset", "encoder_offset", "offset_rad", 0.05),
+    ("gravity_compensation_missing", "gravity_compensation_missing", "share", 1.0),
     ("external_spring", "external_spring", "stiffness_nm_per_rad", 3.0),
 ]
 BESIDE = ("stribeck_friction", "presliding_hysteresis", "warm_up_drift")

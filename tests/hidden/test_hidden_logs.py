@@ -7,6 +7,7 @@ import pytest
 
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.hidden_effects import EFFECTS, World
 from stiction_envs.hidden.hidden_logs import _build, _visible_size, make_case
 from stiction_envs.hidden.hidden_motions import CENTRE
@@ -72,6 +73,30 @@ def test_a_smooth_torque_is_what_the_motor_must_overcome() -> None:
     np.testing.assert_allclose(torque[:, 2], 1.5 * np.exp(-0.5 * ((q[:, 2] - 0.2) / 0.3) ** 2))
     np.testing.assert_allclose(torque[:, 4], 0.5 * np.cos(2 * q[:, 4]) - 0.4 * np.sin(2 * q[:, 4]))
     assert not np.delete(torque, [2, 4], axis=1).any()
+
+
+def test_a_joint_that_reads_off_stands_elsewhere_and_goes_on_from_there() -> None:
+    """The arm at the angle less the offset explains the log, the one at the angle does not."""
+    options = {"motion": "poses", "seconds": 8.0, "known": False, "joint": 2, "size": 0.8}
+    case = make_case(3, ("encoder_offset",), second=4.0, **options)  # type: ignore[arg-type]
+    offset = float(case.hidden[0].values["offset_rad"])  # type: ignore[arg-type]
+    assert case.effect[1] > 0.5
+    for logs in (case.logs, case.second):
+        data = assemble(load_arm("panda"), prepare(logs))
+        there = data.q - offset * np.eye(7)[1]
+        right = inverse_dynamics(data.pinocchio, there, data.dq, data.ddq)
+        left = [np.sqrt(np.mean((data.tau - x)[:, 1] ** 2)) for x in (data.rigid, right)]
+        assert left[0] > 0.5 > 5 * left[1]
+
+
+def test_missing_gravity_is_that_share_of_it() -> None:
+    options = {"motion": "poses", "seconds": 8.0, "known": False, "size": 0.5}
+    case = make_case(5, ("gravity_compensation_missing",), **options)  # type: ignore[arg-type]
+    share = float(case.hidden[0].values["share"])  # type: ignore[arg-type]
+    data = assemble(load_arm("panda"), prepare(case.logs))
+    g = data.recording.gravity[:, 1]
+    assert -(data.residual[:, 1] @ g) / (g @ g) == pytest.approx(share, rel=0.02)
+    assert case.effect[1] == pytest.approx(share * np.sqrt(np.mean(g**2)), rel=0.1)
 
 
 def test_of_a_smooth_torque_only_what_is_no_line_can_be_seen() -> None:

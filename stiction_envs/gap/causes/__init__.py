@@ -20,6 +20,8 @@ from stiction_envs.gap.causes.friction.warm_up_drift import WarmUpDrift
 from stiction_envs.gap.causes.gear.backlash import Backlash
 from stiction_envs.gap.causes.gear.joint_elasticity import JointElasticity
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
+from stiction_envs.gap.causes.log.gravity_compensation_missing import GravityCompensationMissing
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
@@ -53,6 +55,8 @@ CAUSES: tuple[Cause, ...] = tuple(
         Backlash,
         JointElasticity,
         ActuatorDelay,
+        EncoderOffset,
+        GravityCompensationMissing,
         ExternalSpring,
     )
 )

@@ -17,10 +17,19 @@ from stiction_envs.robots import Arm
 
 LEAN = 0.05
 """Inclination that must change torques visibly [rad]; assumed."""
+LEAST = 0.02
+"""Lean up to which gravity keeps its size along the nominal direction [-]: it loses 0.0002."""
+MOST = 0.99
+"""Largest lean [-]; assumed: a base on its side has another model."""
 
 
 class BaseTilt(Cause):
-    """An inclined mount that the gravity of the controller or the simulation lacks."""
+    """An inclined mount that the gravity of the controller or the simulation lacks.
+
+    Gravity that leans by (x, y) also loses 1 − cos(tilt) = 1 − √(1 − x² − y²) along its nominal
+    direction. That is k (x x_0 + y y_0) with k = (1 − cos(tilt))/(x_0² + y_0²), which is exact at
+    (x, y) = (x_0, y_0), the nonlinear parameters. They are computed anew once a tilt is found.
+    """
 
     name: ClassVar[str] = "base_tilt"
     what: ClassVar[str] = "gravity points elsewhere (inclined mount)"
@@ -30,14 +39,35 @@ class BaseTilt(Cause):
     arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
+    refinable: ClassVar[bool] = False
+    dependent_parameters: ClassVar[int] = 2  # (x_0, y_0) follow from (x, y)
     parameters: ClassVar = (
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
-        Parameter("azimuth_rad", "rad", low=0.0, high=0.3, size=1),
+        Parameter("azimuth_rad", "rad", size=0),
     )
 
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return (x_0, y_0) that are tried: upright, and what a lean alone would find."""
+        rows = data.block >= 0
+        torque = (data.residual[rows] - data.residual[rows].mean(axis=0)) / data.noise
+        side = data.recording.derived(_sideways)[rows]
+        side = (side - side.mean(axis=0)) / data.noise[:, None]
+        x, y, _ = np.linalg.lstsq(side.reshape(-1, 3), torque.ravel(), rcond=None)[0]
+        found = (float(x), float(y))
+        return [(0.0, 0.0), found] if LEAST < np.hypot(*found) < MOST else [(0.0, 0.0)]
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return the torque per sin(tilt) towards x and y, and per 1 − cos(tilt) lost."""
-        return data.recording.derived(_sideways)[:, joint]
+        """Return the torque per sin(tilt) towards x and y."""
+        side, lean = data.recording.derived(_sideways)[:, joint], float(np.hypot(*shape))
+        if not lean:
+            return np.array(side[:, :2])
+        lost = (1 - np.sqrt(1 - lean * lean)) / (lean * lean)
+        return np.asarray(side[:, :2] + lost * side[:, 2:] * np.array(shape))
+
+    def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return the lean that was found."""
+        x, y = (float(v) for v in coefficients[:2])
+        return (x, y) if LEAST < np.hypot(x, y) < MOST else shape
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the lean [rad] and the direction towards which the base leans [rad]."""
@@ -48,13 +78,13 @@ class BaseTilt(Cause):
         }
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether the base lies on its side; 1 − cos(tilt) may be near its bound zero."""
-        return bool(np.any(np.abs(coefficients[:2]) >= 1.0))
+        """Return whether the base lies on its side."""
+        return bool(np.hypot(*coefficients[:2]) >= MOST)
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
-        """Return the lean; the loss of gravity along its nominal direction follows from it."""
+        """Return the lean, and the loss of gravity along its nominal direction that follows."""
         x, y = coefficients[:2]
-        return np.array([x, y, 1 - np.sqrt(max(1 - x * x - y * y, 0.0))]), shape
+        return np.array([x, y, 1 - np.sqrt(max(1 - x * x - y * y, 0.0))]), ()
 
     def lean(self, coefficients: Array) -> Array:
         """Return (2,) part of gravity towards x and y [-]."""

@@ -1,0 +1,152 @@
+"""A joint whose zero is off: it reads q = q_true + δ, so that the arm stands at q − δ.
+
+Torques of this joint and of all others are those at another angle, to first order −δ ∂τ/∂q_j of
+the inverse dynamics τ(q, q̇, q̈). Once an offset is found, the column is its exact torque,
+(τ(q − δ_0) − τ(q))/δ_0 at δ_0 = δ (`resized`). In a model the link is turned by −δ about its joint,
+which is exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.causes.motion import changes, holds_one_pose
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.robots import Arm, mjcf
+
+USUAL = 0.1
+"""Prior standard deviation of an offset, which must change torques visibly [rad]; assumed: a joint
+put back by eye after a repair."""
+MOST = 0.5
+"""Largest offset [rad]; assumed: a larger one is seen before anything is logged."""
+LEAST = 5e-4
+"""Offset that does not count [rad]; assumed: the error of a careful calibration."""
+
+
+class EncoderOffset(Cause):
+    """A zero that a repair, a slipped clamp or a coarse calibration left off."""
+
+    name: ClassVar[str] = "encoder_offset"
+    what: ClassVar[str] = "a joint's zero is off"
+    what_to_record: ClassVar[str] = (
+        "static poses with the joint and those before it over their whole range"
+    )
+    coupled: ClassVar[bool] = True
+    shown_at_rest: ClassVar[bool] = True
+    changes_arm: ClassVar[bool] = True
+    refinable: ClassVar[bool] = False
+    dependent_parameters: ClassVar[int] = 1  # δ_0 follows from δ
+    parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
+    view: ClassVar = View(
+        "−∂τ/∂q of the joint [N·m/rad]",
+        lambda data, joint, shape: data.recording.derived(_slopes)[:, joint, joint],
+        note="a slope: the offset",
+    )
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return δ_0 [rad] that are tried: the tangent, and what the tangent alone would find.
+
+        A link's centre that is free in three directions fits the curvature better than a tangent.
+        """
+        slope = data.recording.derived(_slopes, *data.gravity_found)[:, :, joint]
+        rows = data.block >= 0
+        torque = (data.residual[rows] - data.residual[rows].mean(axis=0)) / data.noise
+        slope = (slope[rows] - slope[rows].mean(axis=0)) / data.noise
+        found = float((slope * torque).sum()) / max(float(np.square(slope).sum()), 1e-300)
+        return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
+
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque per radian on the joint itself."""
+        return self.spread(data, joint, shape)[:, joint]
+
+    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return the torque per radian on all joints."""
+        if not shape[0]:
+            return data.recording.derived(_slopes, *data.gravity_found)[:, :, joint, None]
+        recording, there = data.recording, data.q.copy()
+        there[:, joint] -= shape[0]
+        model = _under(recording.pinocchio, data.gravity_found)
+        here = recording.rigid
+        if data.gravity_found:
+            here = inverse_dynamics(model, data.q, data.dq, data.ddq)
+        more = inverse_dynamics(model, there, data.dq, data.ddq) - here
+        return np.asarray(more[..., None] / shape[0])
+
+    def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return the offset that was found."""
+        found = float(coefficients[0])
+        return (found,) if abs(found) > LEAST else shape
+
+    def prior(self, data: Data, joint: int) -> Array:
+        """Return a standard deviation of `USUAL` about zero."""
+        return np.array([USUAL])
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return δ [rad]."""
+        return {"offset_rad": float(coefficients[0])}
+
+    def negligible(self, coefficients: Array, shape: Shape) -> bool:
+        """Return whether the offset is below `LEAST`."""
+        return abs(float(coefficients[0])) < LEAST
+
+    def changed(self, arm: Arm, part: Part) -> Arm:
+        """Return the arm whose joint reads δ more: at zero its link is turned by −δ."""
+        root, model = ET.fromstring(arm.xml), arm.model()
+        joint = model.joint(arm.joint_names[part.joint - 1])
+        body = model.body(int(joint.bodyid[0]))
+        frame = Rotation.from_quat(body.quat, scalar_first=True)
+        back = Rotation.from_rotvec(-part.coefficients[0] * joint.axis)
+        pos = body.pos + frame.apply(joint.pos - back.apply(joint.pos))
+        element = next(e for e in root.iter("body") if e.get("name") == body.name)
+        for key in ("euler", "axisangle", "xyaxes", "zaxis"):
+            element.attrib.pop(key, None)
+        element.set("pos", mjcf.numbers(pos))
+        element.set("quat", mjcf.numbers((frame * back).as_quat(scalar_first=True)))
+        return dataclasses.replace(arm, xml=ET.tostring(root, encoding="unicode"))
+
+    def contribute(self, draft: ModelDraft, part: Part) -> None:
+        """Say where it is: in the pose of the link, so that angles are those of the logs."""
+        draft.not_in_tables.append(
+            f"{self.name} of joint {part.joint}: in [[cause]], and in model.xml as a turned link"
+        )
+
+    def why_not_identifiable(self, data: Data, joint: int) -> str:
+        """Return whether no torque shows the joint's zero, as that of a vertical first joint."""
+        if missing := holds_one_pose(data):
+            return missing
+        slope = data.recording.derived(_slopes, *data.gravity_found)[:, :, joint]
+        if not changes(data, USUAL * slope).any():
+            return f"the zero of joint {joint + 1} hardly changes any torque along this motion"
+        return ""
+
+
+def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
+    """Return a model under a gravity x, y, z [m/s²]; () for its own."""
+    if not gravity:
+        return model
+    out = model.copy()
+    out.gravity.linear = np.array(gravity)
+    return out
+
+
+def _slopes(recording: Recording, *gravity: float) -> Array:
+    """Return (T, n, n) −∂τ/∂q of the inverse dynamics, torque first [N·m/rad].
+
+    Derivatives of Newton and Euler's recursion (J. Carpentier, N. Mansard, "Analytical derivatives
+    of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `_under`.
+    """
+    model = _under(recording.pinocchio, gravity)
+    work, out = model.createData(), np.empty((*recording.q.shape, recording.n))
+    for k, row in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):
+        out[k] = pin.computeRNEADerivatives(model, work, *row)[0]
+    return -out

@@ -1,0 +1,135 @@
+"""A zero that is off: its torque against pendulums, and against the arm that stands elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.causes import Part
+from stiction_envs.gap.causes.log.encoder_offset import MOST, EncoderOffset
+from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import data_of, dry, hidden, only, panda
+
+CAUSE = EncoderOffset()
+MASS, LENGTH, G = 2.0, 0.4, 9.81
+PENDULUM = f"""
+<mujoco model="pendulum">
+  <compiler angle="degree" autolimits="true"/>
+  <option gravity="0 0 -{G}"/>
+  <default><joint axis="0 1 0" range="-170 170"/></default>
+  <worldbody>
+    <body name="rod" pos="0 0 1" euler="0 0 40">
+      <joint name="swing"/>
+      <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-6 1e-6 1e-6"/>
+      <body name="tip" pos="0.1 0 -0.5" euler="10 0 -25">
+        <joint name="turn" pos="0.02 0 0.03"/>
+        <inertial pos="0 0 -0.1" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>
+        <site name="flange" pos="0 0 -0.2"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def pendulum(tmp_path: Path) -> Arm:
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM, encoding="utf-8")
+    return load_arm(path)
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    return data_of(panda(), hidden(panda()))
+
+
+def off_by(arm: Arm, offset: float, joint: int) -> Arm:
+    part = Part(cause=CAUSE.name, joint=joint, shape=(offset,), coefficients=(offset,))
+    return CAUSE.changed(arm, part)
+
+
+def test_a_pendulum_pulls_as_at_its_true_angle(pendulum: Arm) -> None:
+    """At rest τ = m g l sin(q − δ) where it reads q; per radian −m g l cos q to first order."""
+    log = hidden(pendulum)
+    still = data_of(pendulum, log)
+    zero = np.zeros_like(still.q)
+    still = replace(still, recording=replace(still.recording, dq=zero, ddq=zero))
+    q, pull = still.q[:, 0], MASS * G * LENGTH
+    np.testing.assert_allclose(CAUSE.columns(still, 0, (0.0,))[:, 0], -pull * np.cos(q), atol=1e-3)
+    for offset in (0.05, -0.3):
+        expected = pull * (np.sin(q - offset) - np.sin(q)) / offset
+        np.testing.assert_allclose(CAUSE.columns(still, 0, (offset,))[:, 0], expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("joint", range(1, 8))
+def test_a_changed_arm_is_the_arm_at_another_angle(joint: int, data: Data) -> None:
+    offset = 0.2
+    there = data.q.copy()
+    there[:, joint - 1] -= offset
+    expected = inverse_dynamics(data.pinocchio, there, data.dq, data.ddq)
+    model = off_by(data.arm, offset, joint).pinocchio()
+    torque = inverse_dynamics(model, data.q, data.dq, data.ddq)
+    np.testing.assert_allclose(torque, expected, atol=1e-9)
+    own = CAUSE.spread(data, joint - 1, (offset,))[..., 0] * offset
+    np.testing.assert_allclose(data.recording.rigid + own, expected, atol=1e-9)
+    slope = CAUSE.spread(data, joint - 1, (0.0,))[..., 0]
+    near = CAUSE.spread(data, joint - 1, (1e-5,))[..., 0]
+    np.testing.assert_allclose(slope, near, atol=1e-3)
+
+
+def test_angles_joint_axes_and_anchors_of_any_file_are_kept(pendulum: Arm) -> None:
+    """Euler angles in degrees, an axis that is a default, an anchor away from the link's origin."""
+    q, one = np.array([[0.3, -0.8]]), np.array([[1.0, 2.0]])
+    for joint, moved in ((1, [[0.1, -0.8]]), (2, [[0.3, -1.0]])):
+        torque = inverse_dynamics(off_by(pendulum, 0.2, joint).pinocchio(), q, one, one)
+        expected = inverse_dynamics(pendulum.pinocchio(), np.array(moved), one, one)
+        np.testing.assert_allclose(torque, expected, atol=1e-12)
+
+
+def test_gravity_that_leans_is_that_of_the_slope(data: Data) -> None:
+    lean = (1.0, -2.0, -9.5)
+    model = data.pinocchio.copy()
+    model.gravity.linear = np.array(lean)
+    leaning = data.carrying(np.zeros_like(data.q), lean)
+    there = data.q - 0.1 * np.eye(7)[3]
+    more = inverse_dynamics(model, there, data.dq, data.ddq)
+    more -= inverse_dynamics(model, data.q, data.dq, data.ddq)
+    np.testing.assert_allclose(CAUSE.spread(leaning, 3, (0.1,))[..., 0], more / 0.1, atol=1e-9)
+
+
+def test_a_vertical_first_joint_does_not_show_its_zero() -> None:
+    """Unless the base leans: turning about the vertical changes no torque."""
+    for tilt, shows in (((0.0, 0.0), False), ((0.4, 0.0), True)):
+        arm = load_arm("panda", tilt=tilt)
+        data = data_of(arm, hidden(arm))
+        assert bool(CAUSE.why_not_identifiable(data, 0)) != shows
+        assert not CAUSE.why_not_identifiable(data, 1)
+    data = data_of(arm, only(hidden(arm), 0))
+    still = replace(data, recording=replace(data.recording, q=0 * data.q))
+    assert "one pose only" in CAUSE.why_not_identifiable(still, 1)
+
+
+@pytest.mark.parametrize(("joint", "offset"), [(2, 0.03), (3, 0.1), (4, -0.3), (6, 0.1)])
+def test_an_offset_is_found_with_friction_however_large(joint: int, offset: float) -> None:
+    """With friction in every joint; of 0.3 rad the tangent alone is off by 3 %."""
+    log = hidden(panda(), dry, true=off_by(panda(), offset, joint), noise=0.02)
+    found = diagnose_logs([log], "panda")
+    named = {c.name: c for c in found.causes}
+    assert set(named) == {"coulomb_friction", "encoder_offset"}
+    assert named["encoder_offset"].joints == (joint,)
+    mine = named["encoder_offset"].parameters[joint]["offset_rad"]
+    assert mine.value == pytest.approx(offset, rel=0.01)
+    assert mine.ci95[0] < offset < mine.ci95[1]
+    assert found.verdict == "explained"
+
+
+def test_offsets_that_nobody_overlooks_are_out_of_bounds(data: Data) -> None:
+    assert CAUSE.on_bound(np.array([MOST]), data, 2)
+    assert not CAUSE.on_bound(np.array([0.9 * MOST]), data, 2)
