@@ -54,11 +54,11 @@ class BaseTilt(Cause):
         side = (side - side.mean(axis=0)) / data.noise[:, None]
         x, y, _ = np.linalg.lstsq(side.reshape(-1, 3), torque.ravel(), rcond=None)[0]
         found = (float(x), float(y))
-        return [(0.0, 0.0), found] if LEAST < np.hypot(*found) < MOST else [(0.0, 0.0)]
+        return [(0.0, 0.0), found] if LEAST < np.hypot(float(x), float(y)) < MOST else [(0.0, 0.0)]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per sin(tilt) towards x and y."""
-        side, lean = data.recording.derived(_sideways)[:, joint], float(np.hypot(*shape))
+        side, lean = data.recording.derived(_sideways)[:, joint], float(np.linalg.norm(shape))
         if not lean:
             return np.array(side[:, :2])
         lost = (1 - np.sqrt(1 - lean * lean)) / (lean * lean)
