@@ -25,6 +25,7 @@ def row(mass: float, weighed: float = 0.0, half_width: float = 0.1, **more: Any)
         "seed": 1,
         "mass_kg": mass,
         "friction": False,
+        "exciting": True,
         "motion": "fast",
         "calibration": {"named": []},
         "named": [],
@@ -54,7 +55,7 @@ def test_a_tool_that_is_not_named_is_not_within_the_interval(tmp_path: Any) -> N
     text = STUDY.write_page(options, planned=5, **values)
     assert "In 2 of 4 cases" in text
     assert "(aim ≥ 90 %: missed); from 1 kg up 2 of 3 intervals" in text
-    assert "- 1, 0.50 kg (fast, without friction): named nothing; on the bare arm nothing" in text
+    assert "- 1, 0.50 kg (fast, without friction, calibrated: exciting logs): named nothing" in text
 
 
 def test_tools_are_as_heavy_and_as_far_out_as_said() -> None:
@@ -64,6 +65,11 @@ def test_tools_are_as_heavy_and_as_far_out_as_said() -> None:
     for values, low, high in ((masses, *MASS), (far, 0.0, DISTANCE)):
         assert low <= values.min() < low + 0.05 * (high - low)
         assert high - 0.1 * (high - low) < values.max() <= high
+
+
+def test_half_of_the_arms_are_calibrated_on_exciting_logs() -> None:
+    kinds = {(j.exciting, j.seed % 2, j.seed % 3) for j in map(Job, range(12))}
+    assert len(kinds) == 12
 
 
 @pytest.mark.slow
