@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.gap.diagnose import diagnose
     from stiction_envs.gap.extended_model import load_model
+    from stiction_envs.hidden.rehearsal.rehearse import rehearse
     from stiction_envs.identification.excitation import excite
     from stiction_envs.identification.identify import identify
     from stiction_envs.measured.checks.files import check
@@ -45,6 +46,7 @@ _HOME = {
     "identify": "stiction_envs.identification.identify",
     "load_arm": "stiction_envs.robots",
     "load_model": "stiction_envs.gap.extended_model",
+    "rehearse": "stiction_envs.hidden.rehearsal.rehearse",
 }
 """Where each name of the library is; other packages add some as entry points."""
 
@@ -61,6 +63,7 @@ __all__ = [
     "identify",
     "load_arm",
     "load_model",
+    "rehearse",
     "search",
     "tune",
 ]

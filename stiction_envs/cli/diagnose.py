@@ -8,6 +8,7 @@ from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.errors import StictionError
 
 
 def add_parser(subparsers: Any) -> None:
@@ -61,11 +62,29 @@ def add_parser(subparsers: Any) -> None:
         default="auto",
         help="lsm adds the thesis's least squares (equation 3.1) beside the tool's result",
     )
+    parser.add_argument(
+        "--rehearse",
+        action="store_true",
+        help="instead: hide each cause at three sizes in the motion and noise of the logs, and say "
+        "which sizes a diagnosis finds; takes a minute or more per joint and processor",
+    )
+    parser.add_argument(
+        "--rehearse-causes",
+        nargs="+",
+        metavar="NAME",
+        help="the causes to hide with --rehearse (default: all)",
+    )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
+    if args.rehearse:
+        return _rehearse(args)
+    if args.rehearse_causes:
+        raise StictionError("--rehearse-causes: expected --rehearse too")
+    # so that digests are those of versions without rehearsals
+    del args.rehearse, args.rehearse_causes
     from stiction_envs.gap.diagnose import default_nominal, diagnose
     from stiction_envs.gap.stages import Stages
     from stiction_envs.robots.registry import robot_files
@@ -107,8 +126,58 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
+    """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance."""
+    from stiction_envs.gap.diagnose import default_nominal
+    from stiction_envs.hidden.rehearsal.rehearse import plan
+    from stiction_envs.hidden.rehearsal.runs import RUNS
+    from stiction_envs.robots.registry import robot_files
+
+    for option, given in (
+        ("--check", args.check),
+        ("--poses", args.poses),
+        ("--method lsm", args.method != "auto"),
+    ):
+        if given:
+            raise StictionError(f"{option}: cannot be used with --rehearse")
+    inputs = common.log_inputs("log", args.logs)
+    if args.rehearse_causes is None:
+        del args.rehearse_causes
+    causes = getattr(args, "rehearse_causes", None)
+    if args.nominal is None:
+        args.nominal = default_nominal(args.logs)
+    inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
+    folder = common.output_folder(args, common.arm_name(args), inputs, resumable=True)
+    with Progress() as progress:
+        planned = plan(
+            args.logs,
+            args.robot,
+            torque=args.torque,
+            joints=args.joints,
+            topic=args.topic,
+            nominal=args.nominal,
+            payload=args.payload,
+            tilt=args.tilt,
+            chain=args.chain,
+            cutoff_hz=args.cutoff,
+            causes=causes,
+            seed=args.seed,
+            progress=progress.whole,
+        )
+        with common.working(), folder:
+            result = planned.run(
+                threads=args.threads, progress=progress.whole, kept=folder.path / RUNS
+            )
+            result.write(folder.path)
+    return {"command": "diagnose", "out": str(folder.path), **result.to_json()}
+
+
 def show(result: dict[str, Any]) -> str:
     """Return the verdict and the causes as readable lines."""
+    if "rehearsal" in result:
+        from stiction_envs.hidden.rehearsal import result as rehearsal
+
+        return f"{rehearsal.describe(result)}\nwritten to {result['out']}: {rehearsal.CSV}"
     from stiction_envs.gap.report.result import describe
 
     text = describe(result["verdict"], result["summary"], result["causes"])

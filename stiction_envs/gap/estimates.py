@@ -89,7 +89,9 @@ def _refined_term(
             continue
         if library.affected_joints(other) == [j]:
             fixed.append(library.columns(other, j))
-            bounds.append(library.bounds(other))
+            # another term may be refined already, and not yet be in the library
+            own = library.causes[other.cause].bounds(data, j)
+            bounds.append((own[0][: fixed[-1].shape[1]], own[1][: fixed[-1].shape[1]]))
         else:
             left -= library.columns(other, j) @ c[k]
     bounds.append(library.bounds(term))

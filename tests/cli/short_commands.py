@@ -68,6 +68,9 @@ SLOW = {
     "gte": Command("gte panda --trajectory {path.csv} --stiffness 500 30 0 --iterations 1"),
     "calibrate": Command("calibrate {two.xml} {base.csv}", out="out/friction.toml"),
     "diagnose": Command("diagnose {log.csv} --robot {two.xml} --method lsm"),
+    "rehearse": Command(
+        "diagnose {log.csv} --robot {two.xml} --rehearse --rehearse-causes coulomb_friction", True
+    ),
     "evaluate": Command(f"evaluate panda sje --policy none --episodes 2 {EPISODES}"),
     "tune": Command(TUNE, True),
     "tune journal": Command(f"{TUNE} --storage study.journal", True),

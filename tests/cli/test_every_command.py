@@ -22,7 +22,7 @@ from tests.cli.short_commands import COMMANDS, QUICK, SLOW, Command
 from tests.command_line import contents
 
 KINDS: tuple[Kind, ...] = ("full", "read-only")
-GROWING = ("trials.csv", "curve.csv", "policy.zip", "provenance.json")
+GROWING = ("trials.csv", "runs.jsonl", "curve.csv", "policy.zip", "provenance.json")
 REPORTING = ("identify", "sje", "gte", "diagnose", "tune", "search", "train", "reproduce")
 SIMULATING = ("sje", "gte", "tune", "calibrate", "export", "excite", "view")
 NAMES = [module.__name__.rpartition(".")[2] for module in all_commands()]

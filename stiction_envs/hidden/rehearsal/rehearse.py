@@ -1,0 +1,195 @@
+"""Would it be found on my arm? Hide each cause in the motion of the user's own log.
+
+    r = rehearse("log.csv", "panda", torque="link")
+    print(r)                       # the smallest size of each cause that this motion shows
+    r.save("runs/rehearsal")       # rehearsal.csv
+
+log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
+(`replayed_effects`) + noise -> diagnosis -> was it named, and nothing else?
+
+A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
+One that all joints' torques show (`Cause.coupled`: a link, a gear) is hidden joint by joint: all
+together would be another fault, such as a wrong torque gain. The middle size comes first; then a
+smaller one where it was found, or a larger one where not. Refinements of dry friction are hidden on
+dry friction, as much as the log shows, which a rigid nominal model lacks: that is to be named too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.causes import cause_named, registered
+from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.settings import GapSettings
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, jobs_of
+from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
+from stiction_envs.hidden.rehearsal.result import Rehearsal, not_shown, row_of
+from stiction_envs.hidden.rehearsal.runs import keep, measured, read_runs
+from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.logs.sources import Log
+from stiction_envs.method_settings import Changes
+from stiction_envs.reporting.provenance import provenance
+from stiction_envs.robots import Arm
+from stiction_envs.robots.registry import robot_files
+
+__all__ = ["Plan", "plan", "rehearse"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """What is to be hidden in a log, after its own diagnosis."""
+
+    robot: str
+    replay: Replay
+    jobs: tuple[Job, ...]
+    reasons: dict[tuple[str, int], str]
+    """Why a cause (by name) on a joint (from 1; 0 for the arm) is in no job."""
+    seed: int
+    provenance: dict[str, Any]
+
+    def run(
+        self,
+        *,
+        threads: int = 1,
+        progress: Callable[[str, float], None] | None = None,
+        kept: Path | None = None,
+    ) -> Rehearsal:
+        """Hide, diagnose and judge.
+
+        Args:
+            threads: as of `rehearse`.
+            progress: as of `rehearse`.
+            kept: file in which finished runs are kept; what is there already is not done again.
+                None keeps nothing.
+        """
+        say = progress or (lambda *_: None)
+        runs = read_runs(kept, {job.key for job in self.jobs})
+        missing = [job for job in self.jobs if job.key not in runs]
+        for job, found in measured(missing, self.replay, self.seed, threads):
+            runs[job.key] = found
+            if kept is not None:
+                keep(kept, job.key, found)
+            say(f"hid {job.key} in the log", len(runs) / len(self.jobs))
+        judged = [j for j in self.jobs if j.cause != NOTHING]
+        rows = [row_of(job, row, runs[job.key]) for job in judged for row in job.rows]
+        rows += [not_shown(*where, why) for where, why in self.reasons.items()]
+        order = {c.name: k for k, c in enumerate(registered())}
+        return Rehearsal(
+            robot=self.robot,
+            rows=tuple(sorted(rows, key=lambda r: (order[r.cause], r.joint))),
+            named_without=tuple(x[0] for x in runs[NOTHING][0]["named"]),
+            runs={job.key: runs[job.key] for job in self.jobs},
+            provenance=self.provenance,
+        )
+
+
+def rehearse(
+    data: Log | Sequence[Log],
+    robot: str | Path | Arm,
+    *,
+    threads: int = 1,
+    progress: Callable[[str, float], None] | None = None,
+    **options: Any,
+) -> Rehearsal:
+    """Say which causes, of which size, a diagnosis would find in recordings like these.
+
+    Args:
+        data: a joint log or several, as of `diagnose`.
+        robot: name, model file or arm.
+        threads: processes that diagnose at the same time, 0 for one per processor; with more than
+            one, a script needs the guard ``if __name__ == "__main__":``.
+        progress: called with what was done and the part of the whole that is done.
+        options: ``torque``, ``nominal``, ``causes`` and others of `plan`.
+
+    Raises:
+        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
+    """
+    planned = plan(data, robot, progress=progress, **options)
+    return planned.run(threads=threads, progress=progress)
+
+
+def plan(
+    data: Log | Sequence[Log],
+    robot: str | Path | Arm,
+    *,
+    torque: str | None = None,
+    joints: Sequence[str] = (),
+    topic: str | None = None,
+    nominal: str | Path | FrictionParameters | Nominal | None = None,
+    payload: Sequence[float] | None = None,
+    tilt: Sequence[float] | None = None,
+    chain: Sequence[str] | None = None,
+    cutoff_hz: float | None = None,
+    causes: Sequence[str] | None = None,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+    settings: GapSettings | Changes | None = None,
+) -> Plan:
+    """Diagnose logs as they are, and plan what to hide in them.
+
+    Args:
+        data: a joint log or several; all but ``causes`` are as of `diagnose`.
+        robot: name, model file or arm.
+        torque: side of the gear on which torque was measured.
+        joints: names of joints 1 to n in ROS bags.
+        topic: of ROS bags.
+        nominal: the simulation to judge.
+        payload: known mass and its centre of mass.
+        tilt: known inclination of the base.
+        chain: links at the base and the tip of the arm.
+        cutoff_hz: bandwidth of the log's filter; None chooses it from the data. All diagnoses have
+            the same.
+        causes: names of the causes to hide; None for all that are registered. All are always
+            looked for.
+        seed: of noise and bootstrap.
+        progress: called with what is done and the part of the whole, 0.
+        settings: constants of the method, as of `diagnose`.
+
+    Raises:
+        StictionError: as `rehearse`.
+    """
+    say = progress or (lambda *_: None)
+    given = [data] if isinstance(data, str | Path | JointLog) else list(data)
+    for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
+        raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
+    hidden = registered() if causes is None else [cause_named(x) for x in causes]
+    own = diagnose(
+        given,
+        robot,
+        torque=torque,
+        joints=joints,
+        topic=topic,
+        nominal=nominal,
+        payload=payload,
+        tilt=tilt,
+        chain=chain,
+        cutoff_hz=cutoff_hz,
+        seed=seed,
+        progress=lambda stage, _: say(f"the log itself: {stage}", 0.0),
+        settings=settings,
+    )
+    assert isinstance(own, LogDiagnosis)
+    replay = replay_of(own.diagnosis)
+    jobs, reasons = jobs_of(own.diagnosis, hidden)
+    arguments = {**own.provenance["arguments"], "rehearse": True}
+    if causes is not None:
+        arguments["rehearse_causes"] = list(causes)
+    inputs = {**own.sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
+    if isinstance(nominal, str | Path) and Path(nominal).is_file():
+        inputs["nominal"] = Path(nominal)
+    return Plan(
+        robot=own.robot,
+        replay=replay,
+        jobs=tuple(jobs),
+        reasons=reasons,
+        seed=seed,
+        provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
+    )

@@ -1,0 +1,217 @@
+"""A measured log's motion, and its noise, to simulate the log anew with something hidden in it.
+
+    replay = replay_of(diagnosis)                 # of the user's own log
+    logs = replay.logs(torque, seed)              # the same motion, another torque, new noise
+
+The motion is the log's own behind the filter of the diagnosis, as a cubic spline: angles, speeds
+and accelerations that belong together exactly. The torque is that of the nominal model along it,
+without a filter, and what is hidden. The noise is what the log's own diagnosis leaves of the
+measured torque, with random phases: it has the spectrum of each joint and the correlations between
+joints, and nothing that follows the motion (D. Prichard, J. Theiler, "Generating surrogate data for
+time series with several simultaneously measured variables", 1994). Angles get white noise of the
+size of what the filter takes off them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.friction_state import friction_torque
+from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.spectra import resample
+from stiction_envs.measured.logs.reader import JointLog
+
+Array = NDArray[np.float64]
+LEAST_ROWS = 16
+"""Shorter segments are left out [-]; assumed."""
+LEAST_FRICTION = 5.0
+"""Dry friction that is taken where the log shows none, over the noise [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replay:
+    """The motion of logs, what the nominal model says of it, and the noise."""
+
+    data: Data
+    """The motion at even times, unfiltered; `Data.nominal` is the torque of the nominal model."""
+    left: Array
+    """(T, n) torque that the log's own diagnosis leaves, above the filter's band too [N·m]."""
+    noise: Array
+    """(n,) root mean square of it within the band, at least the noise floor [N·m]."""
+    angle_noise: Array
+    """(n,) standard deviation [rad]."""
+    friction: Array
+    """(n,) dry friction of the arm [N·m]: of the nominal model, and what the log shows besides."""
+    unknown_friction: Array
+    """(n,) the part of it that the nominal model lacks [N·m]."""
+    sources: tuple[str, ...]
+    """Of the logs."""
+    cutoff_hz: float
+    """Of the filter of the log's own diagnosis."""
+    baseline: Nominal
+    """The nominal model."""
+
+    def logs(self, hidden: Array, seed: Sequence[int]) -> list[JointLog]:
+        """Return the logs with a torque (T, n) [N·m] hidden in them, and noise."""
+        rng, recording = np.random.default_rng(seed), self.data.recording
+        tau = self.data.nominal + hidden
+        for run in recording.runs:
+            tau[run] += surrogate(self.left[run], rng)
+        q = recording.q + self.angle_noise * rng.normal(size=recording.q.shape)
+        out = []
+        for number, source in enumerate(self.sources):
+            rows = np.flatnonzero(recording.log == number)
+            if len(rows) == 0:
+                continue
+            begins = np.flatnonzero(np.diff(recording.segment[rows])) + 1
+            out.append(
+                JointLog(
+                    source=source,
+                    t=recording.t[rows],
+                    q=q[rows],
+                    dq=None,
+                    tau=tau[rows],
+                    breaks=tuple(int(x) for x in begins),
+                )
+            )
+        return out
+
+    def diagnose(self, logs: Sequence[JointLog], seed: int) -> Diagnosis:
+        """Return what a diagnosis with the same filter, arm and nominal model says of logs."""
+        return diagnose_logs(
+            logs,
+            self.data.arm,
+            nominal=replace(self.baseline, torque_sign=1),
+            torque=self.data.recording.torque,
+            cutoff_hz=self.cutoff_hz,
+            seed=seed,
+            settings=self.data.settings,
+        )
+
+    def in_band(self, x: Array) -> Array:
+        """Return (T, n) behind the filter of the diagnosis."""
+        out = np.array(x)
+        for run in self.data.runs():
+            out[run] = lowpass(out[run], 1 / self.data.dt, self.cutoff_hz)
+        return out
+
+    @cached_property
+    def velocity(self) -> Array:
+        """(T, n) speed that leads from each row to the next [rad/s]; 0 at the end of a segment."""
+        out = np.zeros_like(self.data.q)
+        for run in self.data.runs():
+            out[run][:-1] = np.diff(self.data.q[run], axis=0) / self.data.dt
+        return out
+
+
+def surrogate(x: Array, rng: np.random.Generator) -> Array:
+    """Return noise (K, n) with the spectra and the cross-spectra of ``x`` (K, n)."""
+    waves = np.fft.rfft(x, axis=0)
+    phases = rng.uniform(-np.pi, np.pi, (len(waves), 1))
+    return np.asarray(np.fft.irfft(waves * np.exp(1j * phases), len(x), axis=0))
+
+
+def replay_of(own: Diagnosis) -> Replay:
+    """Return the motion and the noise of the logs of a diagnosis.
+
+    Raises:
+        StictionError: poses without time, or no segment that is long enough.
+    """
+    recording = own.data.recording
+    for log in own.logs:
+        if log.static:
+            raise StictionError(f"{log.source}: poses at rest: expected joint logs to rehearse")
+    explained = np.stack([own.torque(j) for j in range(own.data.n)], axis=1)
+    remaining = own.data.residual - explained
+    step = max(float(f"{log.step:.6g}") for log in own.logs)
+    parts = [_evened(own, run, remaining, step) for run in recording.runs]
+    whole = [x for x in parts if x is not None]
+    if not whole:
+        raise StictionError(f"{own.logs[0].source}: no segment is long enough to rehearse")
+    joined: dict[str, Any] = {k: np.concatenate([x[k] for x in whole]) for k in whole[0]}
+    left, taken_off = joined.pop("left"), joined.pop("taken_off")
+    even = replace(recording, dt=step, cutoff=np.inf, **joined)
+    noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
+    known = np.maximum(own.data.friction.level, 0.0)
+    friction = _dry_friction(own)
+    friction = np.where(friction > 0, friction, LEAST_FRICTION * noise)
+    return Replay(
+        data=_nominal(own, even),
+        left=left,
+        noise=noise,
+        angle_noise=taken_off.std(axis=0),
+        friction=friction,
+        unknown_friction=np.maximum(friction - known, 0.0),
+        sources=tuple(log.source for log in own.logs),
+        cutoff_hz=recording.cutoff,
+        baseline=own.baseline,
+    )
+
+
+def _evened(own: Diagnosis, run: slice, remaining: Array, step: float) -> dict[str, Any] | None:
+    """Return fields of `Recording` of one segment at every row of its log; None if too short."""
+    recording = own.data.recording
+    at, number = recording.t[run], int(recording.log[run.start])
+    log = own.logs[number]
+    if len(at) < LEAST_ROWS:
+        return None
+    (rows,) = (s for s in log.segments if log.t[s][0] <= at[0] <= log.t[s][-1])
+    t, q, tau = resample(log, rows, step)
+    inside = (t >= at[0]) & (t <= at[-1])
+    t, q, tau = t[inside], q[inside], tau[inside]
+    if len(t) < LEAST_ROWS:
+        return None
+    path = CubicSpline(at, recording.q[run])
+    model = CubicSpline(at, recording.tau[run] - remaining[run])
+    turning = [np.interp(t, at, x) for x in recording.reversal_path[run].T]
+    return {
+        "t": t,
+        "q": path(t),
+        "dq": path(t, 1),
+        "ddq": path(t, 2),
+        "tau": tau,
+        "reversal_path": np.stack(turning, axis=1),
+        "since_log": np.interp(t, at, recording.since_log[run]),
+        "since_session": np.interp(t, at, recording.since_session[run]),
+        "segment": np.full(len(t), recording.segment[run.start]),
+        "block": np.zeros(len(t), dtype=np.int64),
+        "log": np.full(len(t), number),
+        "left": tau - model(t),
+        "taken_off": q - path(t),
+    }
+
+
+def _nominal(own: Diagnosis, even: Recording) -> Data:
+    """Return a recording against the nominal model of a diagnosis."""
+    friction = own.baseline.friction
+    more = 0.0 if friction is None else friction_torque(even, friction)
+    data = Data(
+        recording=even,
+        nominal=even.rigid + more,
+        rigid=even.rigid,
+        friction=own.base.friction,
+        noise=own.data.noise,
+    )
+    return own.baseline.extend(data)
+
+
+def _dry_friction(own: Diagnosis) -> Array:
+    """Return (n,) dry friction of the nominal model with what was found [N·m]."""
+    level = np.array(own.data.friction.level)
+    split = own.library.split(own.terms, own.coefficients)
+    for term, c in zip(own.terms, split, strict=True):
+        if term.joint >= 0:
+            level[term.joint] += own.library.causes[term.cause].dry_friction(c)
+    return np.maximum(level, 0.0)

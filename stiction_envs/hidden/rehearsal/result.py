@@ -1,0 +1,208 @@
+"""The result of a rehearsal: what a recording can and cannot show, and its files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from stiction_envs.gap.causes import cause_named
+from stiction_envs.hidden.rehearsal.effects import REPLAYED, effect_of
+from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
+from stiction_envs.hidden.rehearsal.runs import RUNS, line
+from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import joints as joints_text
+from stiction_envs.reporting.markdown import listed, plural, short
+from stiction_envs.reporting.result import Result
+
+CSV = "rehearsal.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What the recording shows of a cause on a joint."""
+
+    cause: str
+    joint: int
+    """From 1; 0 for the whole arm."""
+    parameter: str
+    unit: str
+    smallest_found: float
+    """Smallest size that was named, told from all others, and nothing false beside it; else NaN."""
+    smallest_named: float
+    """The same where it need not be told from others."""
+    tried: tuple[float, ...]
+    """Sizes that were hidden, smallest effect first."""
+    false_alarms: str
+    """What was named falsely, and at which sizes."""
+    instead: str
+    """Why it was not found: what was named instead, or what it cannot be told from."""
+    what_to_record: str
+    """The motion that would show it, where this one does not."""
+
+    @property
+    def found(self) -> bool:
+        """Whether any size was found."""
+        return not math.isnan(self.smallest_found)
+
+    @property
+    def named(self) -> bool:
+        """Whether any size was named, told from others or not."""
+        return not math.isnan(self.smallest_named)
+
+
+def row_of(job: Job, row: int, runs: list[Run]) -> Row:
+    """Return what the runs of a job say of a joint (from 1), or of the arm."""
+    effect = effect_of(job.cause)
+    mine = [run for run in runs if str(row) in run["sizes"]]
+    judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
+
+    def smallest(*verdicts: str) -> float:
+        return next((size for size, said in judged if said.verdict in verdicts), math.nan)
+
+    instead = ""
+    if not judged:
+        instead = "not visible in this motion: it changes no torque"
+    elif math.isnan(smallest(FOUND)):
+        confused = [said.why for _, said in judged if said.verdict == CONFUSED]
+        instead = confused[-1] if confused else judged[-1][1].why
+    false = [f"{listed(said.false)} at {size:.3g}" for size, said in judged if said.false]
+    return Row(
+        cause=job.cause,
+        joint=row,
+        parameter=effect.parameter,
+        unit=effect.unit,
+        smallest_found=smallest(FOUND),
+        smallest_named=smallest(FOUND, CONFUSED),
+        tried=tuple(size for size, *_ in judged),
+        false_alarms="; ".join(false),
+        instead=instead,
+        what_to_record=cause_named(job.cause).what_to_record if instead else "",
+    )
+
+
+def not_shown(cause: str, joint: int, why: str) -> Row:
+    """Return the row of a cause that the motion cannot show."""
+    law = REPLAYED.get(cause)
+    first = cause_named(cause).parameters[0]
+    return Row(
+        cause=cause,
+        joint=joint,
+        parameter=law.parameter if law else first.name,
+        unit=law.unit if law else first.unit,
+        smallest_found=math.nan,
+        smallest_named=math.nan,
+        tried=(),
+        false_alarms="",
+        instead=f"not visible in this motion: {why}",
+        what_to_record=cause_named(cause).what_to_record,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Rehearsal(Result):
+    """What a recording can and cannot show."""
+
+    robot: str
+    rows: tuple[Row, ...]
+    """By cause, in the order of the contract, and joint."""
+    named_without: tuple[str, ...]
+    """Causes that were named where nothing was hidden."""
+    runs: dict[str, list[Run]]
+    """By key of their job."""
+    provenance: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the rows, and what was named with nothing hidden."""
+        rows = [
+            {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(r).items()}
+            for r in self.rows
+        ]
+        return {
+            "robot": self.robot,
+            "rehearsal": rows,
+            "named_without": list(self.named_without),
+            "summary": self.summary,
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write ``rehearsal.csv``, and the runs behind it."""
+        text = io.StringIO()
+        out = csv.writer(text, lineterminator="\n")
+        out.writerow(f.name for f in fields(Row))
+        for row in self.rows:
+            cells = {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
+            cells["smallest_found"] = f"{row.smallest_found:.4g}" if row.found else ""
+            cells["smallest_named"] = f"{row.smallest_named:.4g}" if row.named else ""
+            out.writerow(cells.get(f.name, getattr(row, f.name)) for f in fields(Row))
+        write_text_atomic(folder / CSV, text.getvalue())
+        lines = "".join(line(k, runs) for k, runs in self.runs.items())
+        write_text_atomic(folder / RUNS, lines)
+
+    @property
+    def summary(self) -> str:
+        """What is shown, in sentences."""
+        found = sum(r.found for r in self.rows)
+        also = sum(r.named and not r.found for r in self.rows)
+        text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "
+        text += f"{found} at a size that was tried, with nothing false beside it"
+        text += f", and {also} more that it cannot tell from others." if also else "."
+        whole = [
+            f"{r.cause} from {short(r.smallest_found, 2)}{_unit(r.unit)} on"
+            for r in self.rows
+            if r.found and not r.joint
+        ]
+        if whole:
+            text += f" It shows {listed(whole)}."
+        named = listed(self.named_without)
+        said = f"{named}: a false alarm" if named else "nothing"
+        return f"{text} With nothing hidden it names {said}."
+
+    def __repr__(self) -> str:
+        found = sum(r.found for r in self.rows)
+        return f"<Rehearsal of {self.robot}: {found} of {len(self.rows)} shown>"
+
+    def __str__(self) -> str:
+        return describe(self.to_json())
+
+
+def describe(found: dict[str, Any]) -> str:
+    """Return a rehearsal's JSON as readable lines: smallest sizes, then what is not shown."""
+    lines, rows = [found["summary"], ""], found["rehearsal"]
+    for cause in dict.fromkeys(r["cause"] for r in rows):
+        mine = [r for r in rows if r["cause"] == cause]
+        unit = _unit(mine[0]["unit"])
+        lines.append(f"{cause}, {mine[0]['parameter']}:")
+        shown = [r for r in mine if r["smallest_found"] is not None]
+        if shown:
+            lines.append(f"  shown from {_sizes(shown, 'smallest_found')}{unit} on")
+        hidden = [r for r in mine if r["smallest_found"] is None]
+        for why in dict.fromkeys(r["instead"] for r in hidden):
+            these = [r for r in hidden if r["instead"] == why]
+            named = [r for r in these if r["smallest_named"] is not None]
+            if named:
+                lines.append(f"  named from {_sizes(named, 'smallest_named')}{unit} on, but {why}")
+            missed = [r for r in these if r["smallest_named"] is None]
+            if missed:
+                which = [r["joint"] for r in missed]
+                on = "" if which == [0] else f" on {joints_text(which)}"
+                ends = dict.fromkeys(short(r["tried"][-1], 2) for r in missed if r["tried"])
+                largest = f" at {listed(ends)}{unit}" if ends else ""
+                lines.append(f"  not shown{on}{largest}: {why}")
+        if hidden:
+            lines.append(f"  record next: {hidden[0]['what_to_record']}")
+    return "\n".join(lines)
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _sizes(rows: list[dict[str, Any]], which: str) -> str:
+    """Return the sizes of some rows, each with its joint."""
+    return ", ".join(
+        (f"joint {r['joint']} " if r["joint"] else "") + short(r[which], 3) for r in rows
+    )

@@ -1,0 +1,102 @@
+"""``stiction diagnose --rehearse``: its file, its words, going on, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+
+from stiction_envs.hidden.rehearsal import runs
+from stiction_envs.robots import load_arm
+from tests.cli.short_commands import BASE_TWO
+from tests.gap.small_logs import dry, hidden, write_csv
+
+FILES = {"rehearsal.csv", "rehearsal_runs.jsonl", "provenance.json"}
+COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
+
+
+@pytest.fixture
+def log(two, inputs):
+    """A log of the small arm with dry friction."""
+    path = inputs / "log.csv"
+    write_csv(path, hidden(load_arm(two), dry, seconds=10.0))
+    return path
+
+
+@pytest.fixture
+def call(log, two):
+    """The command line; as the contract has it, with few causes."""
+    causes = ("--rehearse-causes", "coulomb_friction", "viscous_friction", "--threads", 1)
+    return ("diagnose", "--rehearse", log, "--robot", two, *causes)
+
+
+def test_writes_and_prints_the_smallest_sizes(cli, work, call):
+    ran = cli(*call, "--out", "a")
+    assert ran.code == 0, ran.err
+    assert {p.name for p in (work / "a").iterdir()} == FILES
+    with (work / "a/rehearsal.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[: len(COLUMNS)] == COLUMNS
+    assert [(r["cause"], r["joint"]) for r in rows] == [
+        (name, joint) for name in ("coulomb_friction", "viscous_friction") for joint in "12"
+    ]
+    assert all(float(r["smallest_found"]) > 0 for r in rows)
+    assert "Of 4 causes, counted on each joint, this recording shows 4 at a size" in ran.out
+    assert "coulomb_friction, coulomb_nm:\n  shown from joint 1 0.0" in ran.out
+    assert ran.out.endswith("written to a: rehearsal.csv\n")
+    assert "hid viscous_friction in the log" in ran.err
+
+    # as JSON, and finished runs are not done again
+    again = cli(*call, "--out", "a", "--json")
+    assert again.code == 0, again.err
+    found = json.loads(again.out)
+    assert [r["smallest_found"] for r in found["rehearsal"]] == pytest.approx(
+        [float(r["smallest_found"]) for r in rows], rel=1e-3
+    )
+    assert found["named_without"] == []
+    assert "hid" not in again.err
+
+
+def test_goes_on_after_an_interruption(cli, work, call, monkeypatch):
+    """Ctrl-C in the second job: the first is kept, and the files are those of one run."""
+    assert cli(*call, "--out", "whole").code == 0
+    measure, begun = runs.measure, []
+
+    def interrupted(job, *rest):
+        begun.append(job.key)
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+        return measure(job, *rest)
+
+    monkeypatch.setattr(runs, "measure", interrupted)
+    assert cli(*call, "--out", "a").code != 0
+    assert len((work / "a/rehearsal_runs.jsonl").read_text().splitlines()) == 1
+    assert not (work / "a/rehearsal.csv").exists()
+    assert cli(*call, "--out", "a").code == 0
+    assert begun == ["nothing", "coulomb_friction", "coulomb_friction", "viscous_friction"]
+    for name in FILES:
+        assert (work / "a" / name).read_bytes() == (work / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("--check", "{log.csv}"), "--check: cannot be used with --rehearse"),
+        (("--poses", "{log.csv}"), "--poses: cannot be used with --rehearse"),
+        (("--method", "lsm"), "--method lsm: cannot be used with --rehearse"),
+        (("--rehearse-causes", "rust"), "unknown cause 'rust': expected one of coulomb_friction"),
+        (("--cutoff", "nan"), "expected"),
+    ],
+)
+def test_bad_input(refused, call, more, says):
+    assert says in refused(*call, "--out", "a", *more)
+
+
+def test_a_rehearsal_needs_a_log(refused, inputs, two, log):
+    (inputs / "base.csv").write_text(BASE_TWO)
+    asked = ("diagnose", "--robot", two, "--out", "a")
+    assert "no log given" in refused(*asked, "--rehearse")
+    assert "is a torque table: expected joint logs" in refused(*asked, "--rehearse", "{base.csv}")
+    line = refused(*asked, log, "--rehearse-causes", "payload")
+    assert line == "error: --rehearse-causes: expected --rehearse too"

@@ -1,0 +1,32 @@
+"""A log of a small arm, and what a rehearsal makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import dry, found, hidden
+from tests.robots.arms import chain
+
+
+@pytest.fixture(scope="session")
+def two_xml(tmp_path_factory) -> Path:
+    """MJCF of an arm of two joints that feel gravity."""
+    path = tmp_path_factory.mktemp("arm") / "two.xml"
+    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    return path
+
+
+@pytest.fixture(scope="session")
+def two(two_xml) -> Arm:
+    """The arm."""
+    return load_arm(two_xml)
+
+
+@pytest.fixture(scope="session")
+def replay(two) -> Replay:
+    """The motion of 15 s with dry friction of 0.5 N·m, which a rigid model lacks."""
+    return replay_of(found(two, hidden(two, dry)))

@@ -1,0 +1,342 @@
+"""Would it be found? Sizes, verdicts, what cannot be shown, and going on after an interruption."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import register, unregister
+from stiction_envs.gap.causes.base import Parameter
+from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
+from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.hidden.hidden_effects import EFFECTS, FRICTION, ROTOR, Draw, World
+from stiction_envs.hidden.hidden_logs import make_case
+from stiction_envs.hidden.rehearsal import runs
+from stiction_envs.hidden.rehearsal.effects import effect_of
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Judgement, judge
+from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
+from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS, sizes_of
+from tests.gap.small_logs import dry, hidden, only, write_csv
+
+FEW = ("coulomb_friction", "payload")
+
+
+@pytest.fixture(scope="module")
+def planned(two):
+    """A log of 15 s with dry friction, in which two causes are to be hidden."""
+    return plan(hidden(two, dry), two, causes=FEW)
+
+
+@pytest.fixture(scope="module")
+def rehearsed(planned):
+    return planned.run()
+
+
+def rows_of(result, cause: str) -> dict:
+    return {r.joint: r for r in result.rows if r.cause == cause}
+
+
+# ---- what comes of it ----------------------------------------------------------------------------
+
+
+def test_a_large_cause_is_found_and_nothing_else(rehearsed):
+    assert rehearsed.named_without == ()
+    (payload,) = rows_of(rehearsed, "payload").values()
+    assert 0.005 < payload.smallest_found < 0.5
+    assert (payload.joint, payload.unit, payload.instead) == (0, "kg", "")
+    dry_rows = rows_of(rehearsed, "coulomb_friction")
+    assert sorted(dry_rows) == [1, 2]
+    assert all(0.001 < r.smallest_found < 0.1 for r in dry_rows.values())
+    assert all(r.smallest_found in r.tried for r in rehearsed.rows)
+    assert "payload from 0.0" in str(rehearsed)
+    assert "With nothing hidden it names nothing." in rehearsed.summary
+
+
+def test_it_is_the_same_again(planned, rehearsed):
+    assert planned.run().runs == rehearsed.runs
+
+
+def test_a_joint_that_rests_shows_no_friction(two):
+    """Gravity holds it all the time; friction, and what needs motion, is out of sight."""
+    log = only(hidden(two, seconds=10.0), 1)
+    names = ("coulomb_friction", "viscous_friction")
+    found = rehearse(log, two, causes=names)
+    for name in names:
+        rest, moving = (rows_of(found, name)[j] for j in (1, 2))
+        assert not rest.found
+        assert rest.instead.startswith("not visible in this motion: joint 1 turns by 0.000 rad")
+        assert rest.tried == ()
+        assert rest.what_to_record
+        assert moving.found
+    assert "not shown on joint 1: not visible in this motion" in str(found)
+
+
+def test_the_files_hold_all_of_it(rehearsed, tmp_path):
+    folder = rehearsed.save(tmp_path / "out")
+    with (folder / "rehearsal.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["cause"], int(r["joint"])) for r in rows] == [
+        (r.cause, r.joint) for r in rehearsed.rows
+    ]
+    for read, row in zip(rows, rehearsed.rows, strict=True):
+        assert float(read["smallest_found"]) == pytest.approx(row.smallest_found, rel=1e-3)
+        assert len(read["tried"].split()) == len(row.tried)
+    made = json.loads((folder / "provenance.json").read_text("utf-8"))
+    assert made["command"] == "diagnose"
+    assert made["arguments"]["rehearse"] is True
+    json.dumps(rehearsed.to_json(), allow_nan=False)
+
+
+# ---- sizes ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cause", "joints", "traits"),
+    [
+        ("coulomb_friction", (0, 1), {}),
+        ("presliding_hysteresis", (0, 1), {}),
+        ("payload", (0, 1), {"arm_wide": True}),
+        ("joint_elasticity", (1,), {"coupled": True}),
+    ],
+)
+def test_sizes_are_those_of_torques(replay, cause, joints, traits):
+    """From the noise to what nobody overlooks, or to the largest size there is."""
+    job = Job(cause=cause, joints=joints, **traits)
+    small, middle, large = sizes_of(job, replay)
+    effect = effect_of(cause)
+    whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
+    for size, target in (
+        (small, replay.noise),
+        (large, np.maximum(LARGE_NOISE * replay.noise, LARGE_SHARE * whole)),
+    ):
+        rms = np.sqrt(np.mean(np.square(replay.in_band(effect.torque(replay, size))), axis=0))
+        ratio = (rms / target)[list(joints)]
+        if traits:
+            ratio = ratio.max()
+        at_the_end = np.all(size[list(joints)] == effect.largest)
+        assert at_the_end or np.allclose(ratio, 1.0, rtol=0.05)
+    np.testing.assert_allclose(np.square(middle), small * large)
+
+
+def test_other_joints_have_no_size(replay):
+    """Here one that is hidden in the second joint only."""
+    still = Job(cause="external_spring", joints=(1,))
+    small, _, large = sizes_of(still, replay)
+    assert small[0] == large[0] == 0.0
+    assert 0 < small[1] < large[1]
+
+
+# ---- verdict of one run --------------------------------------------------------------------------
+
+ONE = Job(cause="viscous_friction", joints=(0, 1))
+SLOW = Job(cause="stribeck_friction", joints=(0, 1))
+LINK = Job(cause="link_parameters", joints=(0,), coupled=True)
+LOAD = Job(cause="payload", joints=(0, 1), arm_wide=True)
+
+
+@pytest.mark.parametrize(
+    ("job", "row", "named", "found", "false", "why"),
+    [
+        (ONE, 1, [["viscous_friction", [1, 2], []]], "found", [], ""),
+        (ONE, 2, [["viscous_friction", [1], []]], "missed", [], "nothing is named"),
+        (
+            ONE,
+            1,
+            [["viscous_friction", [1], ["torque_offset"]]],
+            "confused",
+            [],
+            "these data cannot tell it from torque_offset",
+        ),
+        (
+            ONE,
+            1,
+            [["viscous_friction", [1], []], ["payload", [1, 2], []]],
+            "missed",
+            ["payload"],
+            "named, but payload too",
+        ),
+        (ONE, 1, [["viscous_friction", [1], []], ["backlash", [2], []]], "found", [], ""),
+        (ONE, 1, [["backlash", [1], []]], "missed", ["backlash"], "named backlash instead"),
+        (
+            SLOW,
+            1,
+            [["stribeck_friction", [1], []], ["coulomb_friction", [1], []]],
+            "found",
+            [],
+            "",
+        ),
+        (
+            LINK,
+            1,
+            [["link_parameters", [1, 2], []]],
+            "missed",
+            ["link_parameters of joint 2"],
+            "named, but link_parameters of joint 2 too",
+        ),
+        (
+            LINK,
+            1,
+            [["link_parameters", [2], []]],
+            "missed",
+            ["link_parameters of joint 2"],
+            "named link_parameters of joint 2 instead",
+        ),
+        (LOAD, 0, [["payload", [2], []]], "found", [], ""),
+        (
+            LOAD,
+            0,
+            [["payload", [2], []], ["coulomb_friction", [1], []]],
+            "missed",
+            ["coulomb_friction of joint 1"],
+            "named, but coulomb_friction of joint 1 too",
+        ),
+    ],
+)
+def test_a_run_is_judged(job, row, named, found, false, why):
+    run = {"sizes": {}, "named": named, "minor": []}
+    said = judge(job, row, run)
+    assert said == Judgement(verdict=found, false=tuple(false), why=why)
+
+
+def test_a_minor_cause_is_not_found():
+    run = {"sizes": {}, "named": [], "minor": ["payload"]}
+    why = "named among the minor causes only"
+    assert judge(LOAD, 0, run) == Judgement(verdict="missed", false=(), why=why)
+
+
+# ---- going on ------------------------------------------------------------------------------------
+
+
+def test_finished_runs_are_not_done_again(planned, rehearsed, tmp_path, monkeypatch):
+    """A file with one job, and half a line of another that was cut off."""
+    kept = tmp_path / RUNS
+    lines = [runs.line(k, v) for k, v in rehearsed.runs.items()]
+    kept.write_text(lines[0] + lines[1][:40])
+    asked = []
+    whole = runs.measure
+    monkeypatch.setattr(runs, "measure", lambda job, *a: asked.append(job.key) or whole(job, *a))
+    again = planned.run(kept=kept)
+    assert asked == list(rehearsed.runs)[1:]
+    assert again.runs == rehearsed.runs
+    assert kept.read_text() == "".join(lines)
+    asked.clear()
+    assert planned.run(kept=kept).rows == again.rows
+    assert asked == []
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(planned, rehearsed, tmp_path):
+    found = planned.run(threads=2, kept=tmp_path / RUNS)
+    assert found.to_json() == rehearsed.to_json()
+    assert len((tmp_path / RUNS).read_text().splitlines()) == len(rehearsed.runs)
+
+
+# ---- causes of other packages --------------------------------------------------------------------
+
+
+class Bias(TorqueOffset):
+    """A linear cause of another package."""
+
+    name = "bias"
+    parameters = (Parameter("bias_nm", "N·m"),)
+
+    def indistinguishable_from(self, data, joint):
+        return ()
+
+
+class Wave(Bias):
+    """One that is not linear."""
+
+    name = "wave"
+    is_linear = False
+
+
+def test_a_linear_cause_of_another_package_is_hidden_by_its_own_columns(replay):
+    register(Bias())
+    try:
+        own = effect_of("bias")
+        np.testing.assert_array_equal(own.torque(replay, np.array([0.0, 2.0]))[5], [0.0, 2.0])
+        assert (own.parameter, own.unit) == ("bias_nm", "N·m")
+    finally:
+        unregister("bias")
+
+
+def test_what_has_no_law_is_said_to_have_none(two):
+    register(Wave())
+    try:
+        found = rehearse(hidden(two, seconds=8.0), two, causes=["wave"])
+    finally:
+        unregister("wave")
+    assert list(found.runs) == [NOTHING]
+    assert {r.instead for r in found.rows} == {
+        "not visible in this motion: no law is known by which to hide it"
+    }
+    assert all(math.isnan(r.smallest_found) for r in found.rows)
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+
+def test_bad_input(two, two_xml, tmp_path):
+    table = tmp_path / "sje.csv"
+    table.write_text(
+        "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"
+        "two,1,load,+,0,0,0.8,0.01,4,0\n"
+    )
+    with pytest.raises(StictionError, match=r"sje\.csv is a torque table: expected joint logs"):
+        rehearse(table, two_xml)
+    log = tmp_path / "log.csv"
+    write_csv(log, hidden(two, seconds=5.0))
+    with pytest.raises(StictionError, match="unknown cause 'rust': expected one of coulomb"):
+        rehearse(log, two_xml, causes=["rust"])
+    with pytest.raises(StictionError, match="unknown torque side 'both'"):
+        rehearse(log, two_xml, torque="both")
+
+
+# ---- is the promise kept? ------------------------------------------------------------------------
+
+
+def size_of(name: str, joint: int, known: bool, value: float) -> float:
+    """The size of `make_case` at which an effect's first parameter has a value."""
+
+    def at(size: float) -> float:
+        world = World()
+        if known:
+            world.coulomb, world.viscous, world.rotor = 0.9 * FRICTION, 0.6 * FRICTION, ROTOR
+        draw = Draw(
+            joint=joint - 1, sign=1.0, size=size, seconds=26.0, rng=np.random.default_rng(0)
+        )
+        return abs(float(next(iter(EFFECTS[name].hide(world, draw).values()))))
+
+    return float(np.log(value / at(0.0)) / np.log(at(1.0) / at(0.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "joint", "motion", "known"),
+    [
+        ("payload", 5, "fast", False),
+        ("viscous_friction", 3, "fourier", False),
+        ("presliding_hysteresis", 4, "reversals", True),
+        ("backlash", 3, "fourier", True),
+        ("joint_elasticity", 2, "chirp", True),
+    ],
+)
+def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, known):
+    """Rehearsed in the log of an arm without it; then simulated by MuJoCo, controller and all."""
+    bare = make_case(3, (), motion=motion, known=known)
+    promise = rehearse(bare.logs, bare.robot, nominal=bare.nominal, causes=[name])
+    (row,) = (r for r in promise.rows if r.joint in (0, joint))
+    assert promise.named_without == ()
+    assert row.found, row
+    size = size_of(name, joint, known, row.smallest_found)
+    true = make_case(3, (name,), motion=motion, known=known, joint=joint, size=size)
+    found = diagnose_logs(true.logs, true.robot, nominal=true.nominal)
+    named = {c.name: c for c in found.causes}
+    assert list(named) == [name]
+    assert row.joint == 0 or named[name].joints == (joint,)
