@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
@@ -144,8 +145,8 @@ def replay_of(own: Diagnosis) -> Replay:
     left, taken_off = joined.pop("left"), joined.pop("taken_off")
     even = replace(recording, dt=step, cutoff=np.inf, **joined)
     noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
-    known = np.maximum(own.data.friction.level, 0.0)
-    friction = _dry_friction(own)
+    known, found = _dry_friction(own)
+    friction = known + np.maximum(found, 0.0)
     friction = np.where(friction > 0, friction, LEAST_FRICTION * noise)
     return Replay(
         data=_nominal(own, even),
@@ -207,11 +208,15 @@ def _nominal(own: Diagnosis, even: Recording) -> Data:
     return own.baseline.extend(data)
 
 
-def _dry_friction(own: Diagnosis) -> Array:
-    """Return (n,) dry friction of the nominal model with what was found [N·m]."""
-    level = np.array(own.data.friction.level)
+def _dry_friction(own: Diagnosis) -> tuple[Array, Array]:
+    """Return (n,) dry friction of the nominal model, and (n,) of what was found [N·m]."""
+    known, found = np.array(own.base.friction.level), np.zeros(own.data.n)
+    for part in own.baseline.parts:
+        if part.joint:
+            c = np.array(part.coefficients)
+            known[part.joint - 1] += cause_named(part.cause).dry_friction(c)
     split = own.library.split(own.terms, own.coefficients)
     for term, c in zip(own.terms, split, strict=True):
         if term.joint >= 0:
-            level[term.joint] += own.library.causes[term.cause].dry_friction(c)
-    return np.maximum(level, 0.0)
+            found[term.joint] += own.library.causes[term.cause].dry_friction(c)
+    return np.maximum(known, 0.0), found

@@ -13,7 +13,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import register, unregister
 from stiction_envs.gap.causes.base import Parameter
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
-from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.hidden.hidden_effects import EFFECTS, FRICTION, ROTOR, Draw, World
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.rehearsal import runs
@@ -21,7 +21,7 @@ from stiction_envs.hidden.rehearsal.effects import effect_of
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Judgement, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
 from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS, sizes_of
-from tests.gap.small_logs import dry, hidden, only, write_csv
+from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
 FEW = ("coulomb_friction", "payload")
 
@@ -65,15 +65,27 @@ def test_a_joint_that_rests_shows_no_friction(two):
     """Gravity holds it all the time; friction, and what needs motion, is out of sight."""
     log = only(hidden(two, seconds=10.0), 1)
     names = ("coulomb_friction", "viscous_friction")
-    found = rehearse(log, two, causes=names)
+    shown = rehearse(log, two, causes=names)
     for name in names:
-        rest, moving = (rows_of(found, name)[j] for j in (1, 2))
+        rest, moving = (rows_of(shown, name)[j] for j in (1, 2))
         assert not rest.found
         assert rest.instead.startswith("not visible in this motion: joint 1 turns by 0.000 rad")
         assert rest.tried == ()
         assert rest.what_to_record
         assert moving.found
-    assert "not shown on joint 1: not visible in this motion" in str(found)
+    assert "not shown on joint 1: not visible in this motion" in str(shown)
+
+
+def test_an_earlier_model_is_what_is_judged(two):
+    """Its dry friction is known then, and is not named again."""
+    log = hidden(two, dry)
+    earlier = model_of(found(two, log))
+    planned = plan(log, two, nominal=earlier, causes=["stribeck_friction"])
+    np.testing.assert_allclose(planned.replay.friction, 0.5, atol=0.03)
+    assert np.all(planned.replay.unknown_friction < 0.02)
+    again = planned.run()
+    assert again.named_without == ()
+    assert all(r.found for r in again.rows)
 
 
 def test_the_files_hold_all_of_it(rehearsed, tmp_path):
