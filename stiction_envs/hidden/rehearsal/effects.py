@@ -164,15 +164,21 @@ def _viscous(replay: Replay, size: Array) -> Array:
     return size * replay.data.dq
 
 
-@replayed("stribeck_friction", "stiction_nm", "N·m", start=0.01, on_friction=True)
-def _stribeck(replay: Replay, size: Array) -> Array:
-    level = replay.friction
-    return _more(replay, plain_law(replay, level, stiction=level + size))
-
-
 def _share(replay: Replay, size: Array) -> Array:
     """Return a size that is a part of the dry friction."""
     return size * replay.friction
+
+
+@replayed(
+    *("stribeck_friction", "stiction_nm", "N·m"),
+    start=0.01,
+    largest=3.0,
+    on_friction=True,
+    shown=_share,
+)
+def _stribeck(replay: Replay, size: Array) -> Array:
+    level = replay.friction
+    return _more(replay, plain_law(replay, level, stiction=level * (1 + size)))
 
 
 @replayed(

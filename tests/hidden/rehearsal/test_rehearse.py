@@ -345,8 +345,8 @@ def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, kn
     promise = rehearse(bare.logs, bare.robot, nominal=bare.nominal, causes=[name])
     (row,) = (r for r in promise.rows if r.joint in (0, joint))
     assert promise.named_without == ()
-    assert row.found, row
-    size = size_of(name, joint, known, row.smallest_found)
+    assert row.named, row
+    size = size_of(name, joint, known, row.smallest_named)
     true = make_case(3, (name,), motion=motion, known=known, joint=joint, size=size)
     found = diagnose_logs(true.logs, true.robot, nominal=true.nominal)
     named = {c.name: c for c in found.causes}
