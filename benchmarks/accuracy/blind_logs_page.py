@@ -103,6 +103,7 @@ def scores(rows: list[Row], is_honest: Callable[[Row], bool]) -> dict[str, tuple
     seen = [r for r in single if visible(r)]
     held = _held(rows)
     inside = [ok for r in seen for ok in r["inside"].values()]
+    no_body = [r for r in _clear(rows) if r["hidden"] and BODIES.isdisjoint(r["expected"])]
     unclear = [is_honest(r) for r in whole(rows) if r["unclear"] >= 0]
     out = {
         "one cause is hidden: the strongest named is the hidden one": (
@@ -112,6 +113,7 @@ def scores(rows: list[Row], is_honest: Callable[[Row], bool]) -> dict[str, tuple
         "the true parameter is within its interval": ("interval", inside),
         "nothing is hidden, yet a cause is named": ("false", [bool(r["named"]) for r in none]),
         "the same, a body (payload or link)": ("", [names_body(r) for r in none]),
+        "causes are hidden, but no body, yet one is named": ("", [names_body(r) for r in no_body]),
     }
     for count, many, target in (("two", pairs, "pairs"), ("three", triples, "triples")):
         named = [all_named(r) for r in many if visible(r)]

@@ -50,6 +50,7 @@ def test_bodies_that_are_not_hidden_are_counted() -> None:
     found = scores(OFF, is_honest)
     assert found["nothing is hidden, yet a cause is named"] == ("false", [True, True])
     assert found["the same, a body (payload or link)"] == ("", [True, False])
+    assert found["causes are hidden, but no body, yet one is named"] == ("", [True])
     assert found["two causes are hidden, and all are named"] == ("pairs", [True])
     assert found["the model holds on a second motion"] == ("second", [False, True])
 
