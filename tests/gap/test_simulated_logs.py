@@ -89,6 +89,21 @@ def dahl(q: Array, level: float, stiffness: float) -> Array:
     return out
 
 
+def gms(q: Array, level: float, stiffness: float) -> Array:
+    """(T,) torque of forty Maxwell-slip elements that start unloaded, and slide one by one.
+
+    Their virgin curve is 1 − e^(−2x/d), d = level/stiffness: after a full reversal that of `dahl`.
+    """
+    distance = level / stiffness
+    strength = np.diff(1 - (1 + np.linspace(0, 6, 41) * 2) * np.exp(-2 * np.linspace(0, 6, 41)))
+    yields = distance * (np.arange(40) + 0.5) * 6 / 40
+    out, at = np.zeros(len(q)), np.zeros(40)
+    for i, way in enumerate(np.diff(q)):
+        at = np.clip(at + way / yields, -1, 1)
+        out[i + 1] = level * (strength @ at) / strength.sum()
+    return out
+
+
 EFFECTS = {
     "coulomb_friction": lambda q, v, a, n, t: np.sign(v),
     "viscous_friction": lambda q, v, a, n, t: v,
@@ -222,6 +237,28 @@ def test_joints_that_yield_far_are_named_with_their_stiffness(distance: float) -
     for parameters in named["presliding_hysteresis"].parameters.values():
         low, high = parameters["bristle_stiffness"].ci95
         assert low < 1.0 / distance < high
+    assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize("law", [dahl, gms], ids=["dahl", "gms"])
+def test_the_law_of_presliding_is_named(law) -> None:
+    """One bristle or forty elements, of which the diagnosis has eight, on joints 2, 4 and 6."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0, 20, 1 / 250)
+    q = MOTIONS["reversals"](rng, t)
+    v = np.gradient(q, t, axis=0)
+    tau = inverse("panda", q, v, np.gradient(v, t, axis=0)) + 0.03 * rng.normal(size=q.shape)
+    for j in (1, 3, 5):
+        tau[:, j] += law(q[:, j], 0.8, 0.8 / 0.015)
+    found = diagnose_logs([JointLog(source="yields.csv", t=t, q=q, dq=None, tau=tau)], "panda")
+    named = {c.name: c for c in found.causes}
+    assert set(named) == {"coulomb_friction", "presliding_hysteresis"}
+    presliding = named["presliding_hysteresis"]
+    assert presliding.joints == (2, 4, 6)
+    for parameters in presliding.parameters.values():
+        assert parameters["elements"].value == (8 if law is gms else 1)
+        assert parameters["bristle_stiffness"].value == pytest.approx(0.8 / 0.015, rel=0.1)
+    assert ("GMS" in presliding.evidence) == (law is gms)
     assert found.verdict == "explained"
 
 
