@@ -104,9 +104,11 @@ def test_what_pushes_away_is_no_spring(data: Data) -> None:
 
 
 def test_what_acts_on_the_whole_arm_stays_as_it_was_fitted(data: Data) -> None:
-    tilt = Candidate("base_tilt", ARM, ())
-    columns = np.stack([BY_NAME["base_tilt"].columns(data, j, ()) for j in range(7)], axis=1)
-    more = columns @ [0.05, -0.03, 0.0]
+    tilt = Candidate("base_tilt", ARM, (0.0, 0.0))
+    columns = np.stack(
+        [BY_NAME["base_tilt"].columns(data, j, tilt.shape) for j in range(7)], axis=1
+    )
+    more = columns @ [0.05, -0.03]
     more[:, JOINT] += hump(data)
     library = RegressorLibrary(with_torque(data, more), [BY_NAME[x] for x in FEW])
     both = [tilt, smooth(2)]
