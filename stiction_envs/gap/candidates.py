@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 ARM = -1
 """The joint's number of a `Candidate` of all joints."""
+SCALES = (0.0, 0.1, 0.2, 0.5, 1.0)
+"""Sizes of the random effects over their prior that are tried [-]; assumed."""
+BATCHES = 4
+"""Batches of rows per block, whose sums show slow noise [-]; assumed."""
 ROOM = 256
 """Initial capacity for columns of a joint; assumed."""
 THREADS = 4
@@ -76,10 +80,14 @@ class RegressorLibrary:
         if np.isfinite(data.dt) and np.isfinite(data.cutoff):
             # neighbours within half a period of the filter depend on each other
             self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
-        self.prior_rows = own.prior_rows * self.independent_rows
-        """Weight of a prior in rows."""
-        arm_wide = [c for c in causes if c.arm_wide]
+        self.scale = 0.0
+        """Size of the random effects over their prior [-]; 0 for none."""
+        arm_wide = [c for c in causes if c.arm_wide and not c.random]
         each = [c for c in causes if not c.arm_wide]
+        self.random = [Candidate(c.name, ARM, ()) for c in causes if c.random]
+        """Random effects, whose columns are the first of every joint."""
+        for term in self.random:
+            self._add(term, self._rows(term))
         first = self._made(0, each)  # also computes what all joints need from the recording
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
             for offered in chain(
@@ -93,8 +101,10 @@ class RegressorLibrary:
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of rows by how well friction is known there."""
         self.weight = self.certain.copy()
+        self.inflation = np.full(data.n, own.prior_rows * self.independent_rows)
+        """(n,) number of rows that form one independent observation of the noise floor."""
         self._reweigh()
-        self.grams = JointGrams([self._gram(j, self._store(j)) for j in range(data.n)])
+        self.grams = self._sums([self._gram(j, self._store(j)) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual after the causes that are `removed_first` were subtracted."""
@@ -155,6 +165,7 @@ class RegressorLibrary:
             # a cause without another that it needs is less simple
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms
+            if t not in self.random
         )
 
     def _add(self, term: Candidate, rows: list[Array]) -> None:
@@ -163,7 +174,8 @@ class RegressorLibrary:
             self._at[term, joint] = tuple(range(start, start + len(columns)))
             self._width[joint] += len(columns)
             self._put(joint, start, columns)
-        self.candidates.append(term)
+        if term not in self.random:
+            self.candidates.append(term)
 
     def _put(self, joint: int, start: int, columns: Array) -> None:
         """Store (k, T) columns with spare capacity; unused capacity takes no memory."""
@@ -177,9 +189,12 @@ class RegressorLibrary:
     def refine(self, terms: Iterable[Candidate]) -> None:
         """Add candidates with other nonlinear parameters, and update the sums."""
         for term in terms:
-            if term not in self.candidates:
+            if term not in self.candidates and term not in self.random:
                 self._add(term, self._rows(term))
-        self.grams = JointGrams([self._grown(j) for j in range(self.data.n)])
+        self.grams = self._sums([self._grown(j) for j in range(self.data.n)])
+
+    def _sums(self, grams: list[Gram]) -> JointGrams:
+        return JointGrams(grams, self.inflation)
 
     def _gram(self, joint: int, columns: Array) -> Gram:
         """Return the sums of columns (T, P) on a joint."""
@@ -204,13 +219,16 @@ class RegressorLibrary:
 
     def _reweigh(self) -> None:
         """Reduce the weight of rows that no linear model explains (spikes, contacts)."""
-        huber, n = self.data.settings.candidates.huber, self.data.n
-        model = self.model_columns([t for t in self.candidates if self.causes[t.cause].is_linear])
+        d = self.data
+        huber, n = d.settings.candidates.huber, d.n
+        linear = [t for t in self.candidates if self.causes[t.cause].is_linear]
+        self.scale = 1.0
+        model = self.model_columns([*self.random, *linear])
 
         def columns(joint: int) -> Array:
             return self._store(joint).T[list(model.columns[joint])].T
 
-        grams = JointGrams([self._gram(j, columns(j)) for j in range(n)])
+        grams = self._sums([self._gram(j, columns(j)) for j in range(n)])
         among = tuple(tuple(range(len(at))) for at in model.columns)
         c = grams.fit(replace(model, columns=among))
         for j, at in enumerate(model.coefficients):
@@ -219,6 +237,58 @@ class RegressorLibrary:
             self.weight[:, j] = self.certain[:, j] * np.minimum(
                 1.0, huber * scale / np.maximum(np.abs(e), 1e-300)
             )
+            self.inflation[j] = self._inflation(j, e)
+        self.scale = 0.0
+
+    def given(self, inflation: Array, scale: float) -> RegressorLibrary:
+        """Return the library itself with another noise and size of the random effects."""
+        self.inflation, self.scale = inflation, scale
+        self.grams = self._sums(self.grams.joints)
+        return self
+
+    def noise_under(self, terms: Sequence[Candidate]) -> Array:
+        """Return (n,) `inflation` by what a model leaves."""
+        c = self.grams.fit(self.model_columns(terms))
+        left = (self.residual[:, j] - self.torque(terms, c, j) for j in range(self.data.n))
+        return np.array([self._inflation(j, e) for j, e in enumerate(left)])
+
+    def likeliest(self, terms: Sequence[Candidate]) -> tuple[float, float]:
+        """Return the largest log evidence of a model [nats], and the size of random effects there.
+
+        The size of random effects is the one under which the data are most likely (H. Patterson,
+        R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika
+        1971).
+        """
+        before, rest = self.scale, [t for t in terms if t not in self.random]
+        found = []
+        for self.scale in SCALES:
+            model = self.model_columns([*self.start, *rest])
+            found.append((self.grams.log_evidence(model), -self.scale))
+        self.scale = before
+        best, scale = max(found)
+        return best, -scale
+
+    def _inflation(self, joint: int, left: Array) -> float:
+        """Return the number of rows that form one independent observation of the noise floor.
+
+        What a model leaves is more than that noise, and slower. Sums over batches of rows show how
+        slow: for independent rows the square of one is the number of its rows (A. Law, W. Kelton,
+        "Simulation Modeling and Analysis", 1991, 9.5.3).
+
+        Args:
+            joint: from 0.
+            left: (T,) what a model leaves of its torque [N·m].
+        """
+        kept = left * np.sqrt(self.weight[:, joint]) / self.data.noise[joint]
+        kept = kept[self.data.block >= 0]
+        batches = np.array_split(kept, BATCHES * self.data.blocks)
+        slow = float(np.mean([x.sum() ** 2 / max(len(x), 1) for x in batches]))
+        return max(slow, self.independent_rows * max(float(np.mean(kept**2)), 1.0))
+
+    @property
+    def start(self) -> list[Candidate]:
+        """The random effects, as far as there are any: the terms of every model."""
+        return list(self.random) if self.scale > 0 else []
 
     # ---- models ------------------------------------------------------------------------------
 
@@ -235,13 +305,17 @@ class RegressorLibrary:
                 columns[joint] += self._at[term, joint]
                 where[joint] += tuple(range(len(low), len(low) + len(lowest)))
             low, high, firm = low + lowest, high + highest, firm + precision
-        return ModelColumns(tuple(columns), tuple(where), low, high, firm)
+        random = sum(self._size(t) for t in terms if t in self.random)
+        return ModelColumns(tuple(columns), tuple(where), low, high, firm, random)
 
     def _limits_of(self, term: Candidate) -> tuple[Numbers, Numbers, Numbers]:
         """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
+        if term in self.random:
+            free = (np.inf,) * self._size(term)
+            return tuple(-x for x in free), free, (self.scale**-2,) * len(free)
         if term not in self._limits:
             low, high = self.bounds(term)
-            firm = self.prior_rows / np.square(self.prior(term))
+            firm = np.square(1 / self.prior(term))
             self._limits[term] = tuple(low.tolist()), tuple(high.tolist()), tuple(firm.tolist())
         return self._limits[term]
 

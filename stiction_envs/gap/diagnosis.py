@@ -21,10 +21,17 @@ from stiction_envs.gap.causes import Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
+from stiction_envs.gap.links import link_changes
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
 from stiction_envs.gap.refit import given_arm_causes, refine_delay, same_arm_causes
-from stiction_envs.gap.selection import Chooser, gain, prefer_arm_causes, pruned
+from stiction_envs.gap.selection import (
+    Chooser,
+    gain,
+    prefer_arm_causes,
+    pruned,
+    with_or_without_random,
+)
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
@@ -199,16 +206,19 @@ def diagnose_logs(
         return Chooser(library, lambda k: say(stage, k / (k + 12)), *some).choose()
 
     say("choosing causes", 0.0)
-    terms = choose(library, stage="choosing causes")
+    terms = with_or_without_random(library, partial(choose, stage="choosing causes"))
     say("refitting", 0.0)
     if (given := given_arm_causes(library, terms)) is not None:
+        known = library.inflation, library.scale
         del library  # two at once take too much memory
-        library = RegressorLibrary(*given)
+        library = RegressorLibrary(*given).given(*known)
         refitted = choose(library)
         if same_arm_causes(terms, refitted):
             terms = refitted
         else:
-            library = RegressorLibrary(data, causes)
+            library = RegressorLibrary(data, causes).given(*known)
+    elif library.scale > 0:
+        terms = choose(library)
     say("refitting", 0.6)
     terms = refine_delay(library, sharpen(library, terms))
     terms = prefer_arm_causes(library, terms)
@@ -235,16 +245,16 @@ def _conclude(
     data, grams = library.data, library.grams
     count = np.array([g.count.sum() for g in grams.joints])
 
-    def held_out(some: Sequence[Candidate]) -> Array:
-        """Return (n,) error of the model with some terms [N·m]."""
-        left = grams.held_out(library.model_columns(some))
+    def error(left: Array) -> Array:
+        """Return (n,) of squared errors (n, B) [N·m]."""
         return np.asarray(np.sqrt(left.sum(axis=1) / count) * data.noise)
 
-    nominal_rms, extended_rms = held_out([]), held_out(terms)
-    c = grams.fit(library.model_columns(terms))
+    model = library.model_columns(terms)
+    nominal_rms = error(grams.held_out(library.model_columns([])))
+    extended_rms, c = error(grams.held_out(model)), grams.fit(model)
     draws = draw(library, terms, c, seed) if terms else None
     noise, of_noise = noise_left(library, terms, c, signals)
-    names = list(dict.fromkeys(t.cause for t in terms))
+    names = list(dict.fromkeys(t.cause for t in terms if t not in library.random))
     named, little = [], set()
     for i, name in enumerate(names):
         say("evidence", i / len(names))
@@ -252,7 +262,11 @@ def _conclude(
         its_gain = gain(library, terms, mine)
         if not its_gain.significant:
             continue
-        without = held_out([t for t in terms if t.cause != name])
+        if its_gain.stands_out:  # other links would take its place
+            without = error(grams.held_out_less(model, library.own(terms, mine)))
+        else:
+            others = [t for t in terms if t not in mine]
+            without = error(grams.held_out(library.model_columns(others)))
         lost = percent_lost(without, extended_rms, nominal_rms)
         s = data.settings.verdict
         if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
@@ -367,7 +381,9 @@ def _verdict(
     if not seen:
         return "cannot tell"
     if not named:
-        return "cannot tell" if (nominal > enough).any() else "no discrepancy"
+        if not (nominal > enough).any():
+            return "no discrepancy"
+        return "cannot tell" if left.any() or library.scale == 0 else "explained"
     if len(named) == 1 and named[0].confused_with and left.any():
         return "cannot tell"
     return "partly explained" if left.any() else "explained"
@@ -403,7 +419,11 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         return cause.acts_on_all if isinstance(cause, ActuatorDelay) else data.carried is not None
 
     def part(term: Candidate, mine: Array) -> Part:
-        own, shape = diagnosis.library.causes[term.cause].part_of(mine, term.shape)
+        cause, shape = diagnosis.library.causes[term.cause], term.shape
+        if term in diagnosis.library.random:
+            own = link_changes(diagnosis.library, mine).ravel()
+        else:
+            own, shape = cause.part_of(mine, shape)
         return Part(
             cause=term.cause,
             joint=0 if term.joint == ARM else term.joint + 1,

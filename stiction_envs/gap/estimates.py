@@ -237,11 +237,11 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
     for i, term in enumerate(terms):
         mine = slice(start[i], start[i + 1])
         low[mine], high[mine] = library.bounds(term)
-        sd[mine] = library.prior(term)
-    firm = library.prior_rows / np.square(sd)
+        sd[mine] = library.scale if term in library.random else library.prior(term)
+    firm = np.square(1 / sd)
     model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high), tuple(firm))
     rng = np.random.default_rng(seed)
-    draws = JointGrams(grams).resample(model, s.resamples, rng, sd)
+    draws = JointGrams(grams, library.inflation).resample(model, s.resamples, rng, sd)
     out: Draws = []
     for i, term in enumerate(terms):
         own = draws[:, start[i] : start[i + 1]]

@@ -173,7 +173,10 @@ class ModelColumns:
     low: tuple[float, ...]
     high: tuple[float, ...]
     firm: tuple[float, ...] = ()
-    """Prior precision of each coefficient about zero, in the sums' units; () for none."""
+    """Prior precision of each coefficient about zero; () for none."""
+    random: int = 0
+    """Number of random effects: coefficients without bounds that come first, and whose columns are
+    the first of every joint."""
 
     @property
     def prior(self) -> Array:
@@ -196,15 +199,60 @@ def _kept(method: Method) -> Method:
     return cast(Method, kept)
 
 
-class JointGrams:
-    """The Grams of all joints."""
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """Random effects taken out of the normal equations: for all blocks, and without each."""
 
-    def __init__(self, grams: Sequence[Gram]) -> None:
+    root: Array
+    """(1 + B, r, r) L⁻¹."""
+    mixed: list[Array]
+    """(1 + B, r, P) L⁻¹DᵀWX for each joint."""
+    right: Array
+    """(1 + B, r) L⁻¹DᵀWr."""
+
+    @classmethod
+    def of(cls, joints: Sequence[Gram], inflation: Array, firm: Array) -> Eliminated:
+        """Eliminate the first r columns of all joints.
+
+        Args:
+            joints: their sums.
+            inflation: (joints,) number of rows that form one independent observation.
+            firm: (r,) precision of the prior.
+        """
+        r = len(firm)
+
+        def left_out(each: Array) -> Array:
+            whole = each.sum(axis=0)
+            return np.concatenate([whole[None], whole - each])
+
+        own = sum(left_out(g.xx[:, :r, :r]) / k for g, k in zip(joints, inflation, strict=True))
+        root = np.linalg.inv(np.linalg.cholesky(own + np.diag(firm)))
+        mixed = [root @ left_out(g.xx[:, :r]) / k for g, k in zip(joints, inflation, strict=True)]
+        along = sum(left_out(g.xr[:, :r]) / k for g, k in zip(joints, inflation, strict=True))
+        return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
+
+
+class JointGrams:
+    """The Grams of all joints.
+
+    Joints that share coefficients count by their independent observations: sums over joints are
+    divided by the number of rows that form one (``inflation``). A prior counts as it is then.
+
+    Random effects are eliminated from the equations of a model, A = Σ DᵀWD + P and L Lᵀ = A being
+    computed once for each block that is left out: (XᵀWX − ZᵀZ) c = XᵀWr − Zᵀ z, Z = L⁻¹DᵀWX and
+    z = L⁻¹DᵀWr (C. Henderson, "Best linear unbiased estimation and prediction under a selection
+    model", Biometrics 1975).
+    """
+
+    def __init__(self, grams: Sequence[Gram], inflation: Array | None = None) -> None:
         self.joints = list(grams)
+        self.inflation = np.ones(len(self.joints)) if inflation is None else inflation
+        """(joints,) number of rows that form one independent observation."""
         self.blocks = len(grams[0].rr)
         self.counts = np.array([g.count.sum() for g in grams])
         """(joints,) number of rows, by their weights."""
         self._results: dict[tuple[str, ModelColumns], Array] = {}
+        self._eliminated: dict[tuple[float, ...], Eliminated] = {}
 
     def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:
         """Yield the joints with columns: number, sums, columns, and their coefficients."""
@@ -216,23 +264,80 @@ class JointGrams:
         """Return (xx, xr) of a model, over blocks with multiplicities ``weight`` (B,) or 1."""
         p = len(model.low)
         xx, xr = np.zeros((p, p)), np.zeros(p)
-        for _, gram, cols, at in self._each(model):
+        for j, gram, cols, at in self._each(model):
             if weight is None:
                 part, along = gram.whole[0][cols[:, None], cols], gram.whole[1][cols]
             else:
                 part = np.einsum("b,bpq->pq", weight, gram.xx[:, cols[:, None], cols])
                 along = np.einsum("b,bp->p", weight, gram.xr[:, cols])
             # each coefficient has at most one column of a joint
-            xx[at[:, None], at] += part
-            xr[at] += along
+            xx[at[:, None], at] += part / self.inflation[j]
+            xr[at] += along / self.inflation[j]
         xx[np.diag_indices(p)] += model.prior
         return xx, xr
 
-    @_kept
     def fit(self, model: ModelColumns, weight: Array | None = None) -> Array:
         """Return the coefficients of a model, fitted to blocks with multiplicities ``weight``."""
+        if weight is None:
+            return np.asarray(self._fits(model)[0])
         xx, xr = self.system(model, weight)
         return solve(xx, xr, np.array(model.low), np.array(model.high))
+
+    @_kept
+    def _fits(self, model: ModelColumns) -> Array:
+        """Return (1 + B, P) the fit to all blocks, and the fits to all but each."""
+        r, low, high = model.random, np.array(model.low), np.array(model.high)
+        p = len(low) - r
+        xx, xr = np.zeros((1 + self.blocks, p, p)), np.zeros((1 + self.blocks, p))
+        gone = self._without_random(model) if r else None
+        mixed = np.zeros((1 + self.blocks, r, p))
+        for j, gram, cols, at in self._each(model):
+            own, to = cols[r:], at[r:] - r
+            whole, along, _ = gram.whole
+            part, side = whole[own[:, None], own], along[own]
+            each = np.concatenate([part[None], part - gram.xx[:, own[:, None], own]])
+            xx[:, to[:, None], to] += each / self.inflation[j]
+            each = np.concatenate([side[None], side - gram.xr[:, own]])
+            xr[:, to] += each / self.inflation[j]
+            if gone is not None:
+                mixed[:, :, to] += gone.mixed[j][:, :, own]
+        xx[:, range(p), range(p)] += model.prior[r:]
+        if gone is None:
+            return solve_all(xx, xr, low, high)
+        across = np.swapaxes(mixed, 1, 2)
+        xx, xr = xx - across @ mixed, xr - (across @ gone.right[..., None])[..., 0]
+        c = solve_all(xx, xr, low[r:], high[r:])
+        rest = gone.right - (mixed @ c[..., None])[..., 0]
+        random = (np.swapaxes(gone.root, 1, 2) @ rest[..., None])[..., 0]
+        return np.concatenate([random, c], axis=1)
+
+    def _without_random(self, model: ModelColumns) -> Eliminated:
+        """Return what is left of all columns once a model's random effects are eliminated."""
+        key = model.firm[: model.random]
+        if key not in self._eliminated:
+            self._eliminated[key] = Eliminated.of(self.joints, self.inflation, np.array(key))
+        return self._eliminated[key]
+
+    def _forces(
+        self, model: ModelColumns, c: Array
+    ) -> Iterator[tuple[int, Gram, Index, Index, Array]]:
+        """Yield the joints as `_each`, and (B, p) XᵀWX times their coefficients of ``c`` (B, P).
+
+        Random effects come first in ``c`` and in all columns: their sums are not copied.
+        """
+        r = model.random
+        for j, gram, cols, at in self._each(model):
+            own, mine = cols[r:], c[:, at]
+            cross = gram.xx[:, :r, own]
+            u, a = mine[:, :r, None], mine[:, r:, None]
+            force = np.concatenate(
+                [
+                    gram.xx[:, :r, :r] @ u + cross @ a,
+                    np.swapaxes(cross, 1, 2) @ u + gram.xx[:, own[:, None], own] @ a,
+                ],
+                axis=1,
+            )[..., 0]
+            yield j, gram, cols, at, force
 
     @_kept
     def errors(self, model: ModelColumns) -> Array:
@@ -247,28 +352,29 @@ class JointGrams:
         """Return xx (B, P, P) and xr (B, P) of a model in each block, without its prior."""
         p = len(model.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
-        for _, gram, cols, at in self._each(model):
-            xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols]
-            xr[:, at] += gram.xr[:, cols]
+        for j, gram, cols, at in self._each(model):
+            xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols] / self.inflation[j]
+            xr[:, at] += gram.xr[:, cols] / self.inflation[j]
         return xx, xr
 
-    @_kept
     def leave_one_block_out(self, model: ModelColumns) -> Array:
         """Return (B, P) the fit to all blocks but each."""
-        xx, xr = self.block_systems(model)
-        low, high = np.array(model.low), np.array(model.high)
-        prior = np.diag(model.prior)
-        return solve_all(xx.sum(axis=0) - xx + prior, xr.sum(axis=0) - xr, low, high)
+        return np.asarray(self._fits(model)[1:])
 
     @_kept
     def held_out(self, model: ModelColumns) -> Array:
         """Return (joints, B) squared errors of each block under the fit of all others."""
-        c = self.leave_one_block_out(model)
+        return self._left(model, self.leave_one_block_out(model))
+
+    def held_out_less(self, model: ModelColumns, some: NDArray[np.bool_]) -> Array:
+        """Return `held_out` with ``some`` (P,) coefficients at zero, the others as they were."""
+        return self._left(model, self.leave_one_block_out(model) * ~some)
+
+    def _left(self, model: ModelColumns, c: Array) -> Array:
+        """Return (joints, B) squared errors of each block with its coefficients (B, P)."""
         out = np.array([g.rr for g in self.joints])
-        for j, gram, cols, at in self._each(model):
-            mine, xx, xr = c[:, at], gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
-            out[j] -= 2 * (xr * mine).sum(axis=1)
-            out[j] += (np.einsum("bpq,bp->bq", xx, mine) * mine).sum(axis=1)
+        for j, gram, cols, at, force in self._forces(model, c):
+            out[j] += ((force - 2 * gram.xr[:, cols]) * c[:, at]).sum(axis=1)
         return np.maximum(out, 0.0)
 
     def cross_predicted(
@@ -289,12 +395,40 @@ class JointGrams:
         before[:, ~own] = self.leave_one_block_out(rest)
         more = self.leave_one_block_out(model) - before
         pe, pp = np.zeros((2, len(self.joints), self.blocks))
-        for j, gram, cols, at in self._each(model):
-            a, c = more[:, at], before[:, at]
-            force = np.einsum("bpq,bp->bq", gram.xx[:, cols[:, None], cols], a)
-            pp[j] = (force * a).sum(axis=1)
-            pe[j] = (gram.xr[:, cols] * a).sum(axis=1) - (force * c).sum(axis=1)
+        for j, gram, cols, at, force in self._forces(model, more):
+            pp[j] = (force * more[:, at]).sum(axis=1)
+            pe[j] = (gram.xr[:, cols] * more[:, at] - force * before[:, at]).sum(axis=1)
         return pe, pp
+
+    def standard_errors(self, model: ModelColumns) -> Array:
+        """Return (P,) standard errors of the coefficients, given their priors."""
+        xx, _ = self.system(model)
+        size = np.sqrt(np.maximum(np.diag(xx), 1e-300))
+        inverse = np.linalg.inv(xx / np.outer(size, size) + RIDGE * np.eye(len(size)))
+        return np.asarray(np.sqrt(np.diag(inverse)) / size)
+
+    def log_evidence(self, model: ModelColumns) -> float:
+        """Return the log marginal likelihood of the residual, up to a constant [nats].
+
+        Coefficients are Gaussian with their prior. One without a prior costs what a prior would
+        that a single independent observation gave, about its estimate (R. Kass, L. Wasserman, "A
+        reference Bayesian test for nested hypotheses and its relationship to the Schwarz
+        criterion", JASA 1995).
+        """
+        xx, xr = self.system(model)
+        c, prior = self.fit(model), model.prior
+        left = sum(g.whole[2] / k for g, k in zip(self.joints, self.inflation, strict=True))
+        misfit = float(left - 2 * xr @ c + c @ xx @ c)
+        own, flat = np.diag(xx).copy(), prior == 0
+        observed = max(float((self.counts / self.inflation).sum()), 1.0)
+        prior[flat] = np.maximum(own[flat], 1e-300) / observed
+        size = np.sqrt(np.maximum(own, 1e-300))
+        _, volume = np.linalg.slogdet(xx / np.outer(size, size) + RIDGE * np.eye(len(c)))
+        return -0.5 * (misfit + float(volume) + float(np.log(np.square(size) / prior).sum()))
+
+    def around(self, model: ModelColumns) -> Surroundings:
+        """Return by how much further columns would reduce the error of a model."""
+        return Surroundings(self, model)
 
     def gained(self, model: ModelColumns, rest: ModelColumns) -> Array:
         """Return (joints,) torque of a model that a smaller one lacks, over the noise.
@@ -332,6 +466,42 @@ class JointGrams:
             own = np.where(model.prior > 0, spread, 0.0)
             xr = xr + model.prior * own * rng.normal(size=xr.shape)
         return solve_all(xx, xr, np.array(model.low), np.array(model.high))
+
+
+class Surroundings:
+    """A model, and by how much each of some further columns would reduce its error.
+
+    The model's coefficients move along, those on a bound stay there.
+    """
+
+    def __init__(self, grams: JointGrams, model: ModelColumns) -> None:
+        c = grams.fit(model)
+        free = (c > np.array(model.low)) & (c < np.array(model.high))
+        place = np.cumsum(free) - 1
+        xx = grams.system(model)[0][free][:, free]
+        root = np.linalg.inv(np.linalg.cholesky(xx + RIDGE * np.diag(np.diag(xx))))
+        self._gradient = [g.whole[1].copy() for g in grams.joints]
+        self._mixed = [np.zeros((len(xx), g.xr.shape[1])) for g in grams.joints]
+        self._grams = grams
+        for j, gram, cols, at in grams._each(model):
+            whole = gram.whole[0]
+            self._gradient[j] -= whole[:, cols] @ c[at]
+            some = free[at]
+            self._mixed[j][place[at[some]]] = whole[cols[some]] / grams.inflation[j]
+        self._mixed = [root @ x for x in self._mixed]
+
+    def reduction(self, more: ModelColumns) -> float:
+        """Return the reduction of squared error, in independent observations of the noise."""
+        p, grams = len(more.low), self._grams
+        xx, xr = np.diag(more.prior), np.zeros(p)
+        mixed = np.zeros((len(self._mixed[0]), p))
+        for j, gram, cols, at in grams._each(more):
+            xx[at[:, None], at] += gram.whole[0][cols[:, None], cols] / grams.inflation[j]
+            xr[at] += self._gradient[j][cols] / grams.inflation[j]
+            mixed[:, at] += self._mixed[j][:, cols]
+        xx -= mixed.T @ mixed
+        c = solve(xx, xr, np.array(more.low), np.array(more.high))
+        return float(2 * xr @ c - c @ xx @ c)
 
 
 def share_found(pe: Array, pp: Array) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ def given_arm_causes(
     """Return data and causes given the causes of the whole arm; None without such causes."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
+    carried = [] if set(carried) <= set(library.random) else carried
     delay = _delay(library, terms)
     if not carried and delay is None:
         return None

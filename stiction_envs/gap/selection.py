@@ -28,6 +28,10 @@ from stiction_envs.gap.normal_equations import t_statistic
 Array = NDArray[np.float64]
 ROUNDS = 3
 """Largest number of rounds of adding and removing; assumed."""
+DISTINCT = 3.0
+"""Least size of a body's number over its standard error [-]; assumed: rarely by chance."""
+ONLY_NOISE = 1.1
+"""Held-out error over the noise floor up to which nothing is left to explain [-]; assumed."""
 MOST_TERMS = 40
 """Largest number of terms that are added in a round; assumed."""
 
@@ -42,6 +46,9 @@ class Gain:
     """(joints,) where the terms predict the residual, and are large enough to matter."""
     as_a_whole: bool
     """Whether they do so over all joints together, and reduce the error more than they add."""
+    stands_out: bool | None = None
+    """Whether a body is likely beside small errors of all links, which can predict the same; None
+    for what these cannot imitate."""
 
     @property
     def total(self) -> float:
@@ -51,6 +58,8 @@ class Gain:
     @property
     def significant(self) -> bool:
         """Whether the reduction is significant, given the variation between blocks."""
+        if self.stands_out is not None:
+            return self.stands_out
         return self.total > 0 and self.as_a_whole and bool(self.significant_joints.any())
 
 
@@ -65,9 +74,12 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     freedom; ``chance`` is shared out over all terms that are tried (Bonferroni).
     """
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
-    rest = library.model_columns([t for t in terms if t not in added])
+    others = [t for t in terms if t not in added]
+    rest = library.model_columns(others)
     left = grams.held_out(rest)
     less = left - grams.held_out(model)
+    if library.scale > 0 and any(library.causes[t.cause].changes_arm for t in added):
+        return Gain(less, *stands_out(library, terms, added))
     if less.sum() <= 0:  # it is not real then, whatever else may be
         return Gain(less, np.zeros(len(less), dtype=bool), False)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
@@ -82,9 +94,9 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
         [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
     )
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
-    size, others = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
+    size, rough = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
-    least = np.maximum(s.least_torque, np.maximum(share * others, library.known))
+    least = np.maximum(s.least_torque, np.maximum(share * rough, library.known))
     # columns contain acceleration noise as residuals do, so that it would explain itself
     count = grams.counts
     large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
@@ -92,6 +104,33 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
     return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
+
+
+def stands_out(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> tuple[NDArray[np.bool_], bool, bool]:
+    """Return whether bodies of a model stand out of small errors of all links, as `Gain` has it.
+
+    They must make the logs likelier by `least_evidence`, the size of the small errors being chosen
+    anew with and without them, and one of their `distinctive` numbers be `DISTINCT` standard errors
+    from zero.
+    """
+    grams, model = library.grams, library.model_columns(terms)
+    large = grams.sizes(model, library.own(terms, added)) > (
+        library.data.settings.selection.least_torque
+    )
+    z = np.abs(grams.fit(model)) / grams.standard_errors(model)
+    clear = all(
+        float(mine[: library.causes[t.cause].distinctive].max()) > DISTINCT
+        for t, mine in zip(terms, library.split(terms, z), strict=True)
+        if t in added and library.causes[t.cause].changes_arm
+    )
+    if not (clear and large.any()):
+        return large, True, False
+    least = max(library.causes[t.cause].least_evidence for t in added)
+    others = [t for t in terms if t not in added]
+    more = library.likeliest(terms)[0] - library.likeliest(others)[0]
+    return large, True, more > least
 
 
 @cache
@@ -124,7 +163,7 @@ def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candid
     out = list(terms)
     while out:
         weakest: tuple[float, Candidate] | None = None
-        for term in out:
+        for term in (t for t in out if t not in library.random):
             found = gain(library, out, [term])
             significant = found.significant and not is_implausible(library, out, [term])
             if not library.causes[term.cause].standalone:
@@ -160,7 +199,7 @@ class Chooser:
         self.library = library
         self._settings = library.data.settings.selection
         self._progress = progress or (lambda _: None)
-        self.terms = list(start)
+        self.terms = list(start) or library.start
         self._without = {(t.cause, t.joint) for t in without}
 
     def choose(self) -> list[Candidate]:
@@ -291,14 +330,7 @@ class Chooser:
         lib = self.library
         have = {(t.cause, t.joint) for t in self.terms}
         barred = have | self._without
-
-        def loss(terms: list[Candidate], joints: list[int]) -> float:
-            return float(lib.grams.errors(lib.model_columns(terms))[joints].sum())
-
-        everywhere = list(range(lib.data.n))
-        here = [t for t in self.terms if joint in lib.affected_joints(t)]
-        now = {1: loss(here, [joint]) if joint != ARM else 0.0}
-        now[lib.data.n] = loss(self.terms, everywhere)
+        near = lib.grams.around(lib.model_columns(self.terms))
         best: dict[tuple[str, Shape], tuple[float, list[Candidate]]] = {}
         for term in lib.candidates:
             if term.joint != joint or (term.cause, joint) in barred:
@@ -309,16 +341,39 @@ class Chooser:
                 for t in lib.candidates
                 if (t.cause, t.joint) == (name, joint) and (name, joint) not in have
             ]
-            joints = lib.affected_joints(term)
-            others = here if len(joints) == 1 else self.terms
             added = [*parents, term]
-            value = now[len(joints)] - loss([*others, *added], joints)
+            value = near.reduction(lib.model_columns(added))
             key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
             if value > best.get(key, (0.0, []))[0]:
                 best[key] = (value, added)
         ranked = [added for _, added in sorted(best.values(), key=lambda x: -x[0])]
         causes = list(dict.fromkeys(added[-1].cause for added in ranked))
         return [x for x in ranked if x[-1].cause in causes[: self._settings.shortlist]]
+
+
+def with_or_without_random(
+    library: RegressorLibrary, choose: Callable[[RegressorLibrary], list[Candidate]]
+) -> list[Candidate]:
+    """Return the likelier model: a few bodies explain the arm, or small errors of all its links.
+
+    The library keeps the noise and the size of the random effects under the one that is returned.
+    Where a model without bodies leaves nothing but noise, there is no question.
+    """
+    sparse = choose(library)
+    of_sparse = library.noise_under(sparse)
+    left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)
+    noise_only = bool((left < ONLY_NOISE**2 * library.grams.counts).all())
+    if noise_only and not any(library.causes[t.cause].changes_arm for t in sparse):
+        library.given(of_sparse, 0.0)
+        return sparse
+    before = library.inflation
+    library.given(before, 1.0)
+    dense = choose(library)
+    library.given(np.minimum(of_sparse, library.noise_under(dense)), 1.0)
+    (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
+    library.given(library.inflation, scale if other > one else small)
+    terms = dense if other > one else sparse
+    return [*library.start, *(t for t in terms if t not in library.random)]
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:

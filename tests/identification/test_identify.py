@@ -21,16 +21,12 @@ from stiction_envs.identification.base_parameters import (
     standard_errors,
     structural_base,
 )
-from stiction_envs.identification.bodies import (
-    LEAST_EIGENVALUE,
-    consistent_fit,
-    frames,
-    least_consistent,
-)
+from stiction_envs.identification.bodies import consistent_fit
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.consistent import LEAST_EIGENVALUE, frames, least_consistent
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     consistent,
@@ -205,7 +201,7 @@ def test_the_consistent_minimum_is_one():
     def exists(x):
         return np.linalg.eigvalsh(bodies(x)).min() >= 0 and x[10 * n : -n].min() >= 0
 
-    x = least_consistent(hessian, slope, n)
+    x = least_consistent(hessian, slope, n, free=n)
     assert np.linalg.eigvalsh(bodies(x)).min() == pytest.approx(LEAST_EIGENVALUE, abs=1e-7)
     free = np.linalg.solve(hessian, slope)
     assert not exists(free)

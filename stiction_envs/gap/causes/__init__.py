@@ -7,6 +7,7 @@ from stiction_envs.gap.causes.base import Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.body.base_tilt import BaseTilt
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.body.link_parameters import LinkParameters
+from stiction_envs.gap.causes.body.link_tolerances import LinkTolerances
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
@@ -61,9 +62,12 @@ CAUSES: tuple[Cause, ...] = tuple(
     )
 )
 """The causes of the package, in the order of the contract; `registered` returns all causes."""
+TOLERANCES = register(LinkTolerances())
+"""Small errors of all links, in every model."""
 
 __all__ = [
     "CAUSES",
+    "TOLERANCES",
     "Cause",
     "ModelDraft",
     "Parameter",

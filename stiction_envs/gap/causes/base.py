@@ -122,6 +122,13 @@ class Cause(ABC):
     changes_arm: ClassVar[bool] = False
     """Whether it changes the rigid arm, its bodies or gravity: `changed`. The gears transmit its
     torque, and the load that friction depends on changes with it."""
+    random: ClassVar[bool] = False
+    """Whether its coefficients are small random effects: in every model, and never named."""
+    least_evidence: ClassVar[float] = 0.0
+    """Log evidence beside small errors of all links from which on it is named, for causes that
+    change the arm [nats]."""
+    distinctive: ClassVar[int | None] = None
+    """How many of its first coefficients show it: one of them must be clear; None for all."""
     removed_first: ClassVar[bool] = False
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""

@@ -65,6 +65,9 @@ class Recording:
     """(T,) number of the log, from 0."""
     settings: GapSettings
     """Constants of the method, for all derived values."""
+    link_factor: Array | None = None
+    """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters about the arm's, as
+    an earlier diagnosis left it; None for the tolerance of CAD."""
 
     def __post_init__(self) -> None:
         for x in vars(self).values():

@@ -30,6 +30,7 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
     torque_regressor,
 )
+from stiction_envs.robots.stretched import tolerances
 from stiction_envs.robots.tables import payload_radius
 
 Array = NDArray[np.float64]
@@ -37,12 +38,18 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):
     _SPREADS[_k, _a, _b] = _SPREADS[_k, _b, _a] = 1.0
+LEAST_EFFECT = 1e-3
+"""Torque of one standard deviation of the prior, root mean square over the motion and summed over
+joints, below which a direction is left out [N·m]; assumed: below any sensor's noise."""
+BASIS_ROWS = 1000
+"""Number of rows from which these directions are found [-]; assumed: hundreds of poses show all."""
 ROWS = 4000
 """Number of rows that are computed at once: all of them would fill the memory; assumed."""
 
 
 def body_columns(recording: Recording, *gravity: float) -> Array:
-    """Return (T, n, 4 n + 10): torque per `link_directions` of each link, and per last parameter.
+    """Return (T, n, 4 n + 10 + r): torque per `link_directions` of each link, per parameter of the
+    last one, and per direction of `link_basis`.
 
     Args:
         recording: motion of the arm.
@@ -53,14 +60,43 @@ def body_columns(recording: Recording, *gravity: float) -> Array:
         model.gravity.linear = np.array(gravity)
     n = recording.n
     each = [link_directions(phi) for phi in inertial_parameters(model)]
-    out = np.empty((len(recording.t), n, 4 * n + 10))
+    basis = recording.derived(link_basis)
+    out = np.empty((len(recording.t), n, 4 * n + 10 + basis.shape[1]))
     for start in range(0, len(out), ROWS):
         rows = slice(start, start + ROWS)
         w = torque_regressor(model, *(x[rows] for x in (recording.q, recording.dq, recording.ddq)))
         for k, directions in enumerate(each):
             out[rows, :, 4 * k : 4 * k + 4] = w[..., 10 * k : 10 * k + 10] @ directions
-        out[rows, :, 4 * n :] = w[..., -10:]
+        out[rows, :, 4 * n : 4 * n + 10] = w[..., -10:]
+        out[rows, :, 4 * n + 10 :] = w @ basis
     return out
+
+
+def link_basis(recording: Recording) -> Array:
+    """Return (10 n, r) changes of all links' parameters, of one standard deviation each.
+
+    They are the principal directions, by the torque along the motion, of the prior's covariance
+    F Fᵀ (`Recording.link_factor`). Those that hardly change any torque are left out.
+    """
+    factor = link_factor(recording)
+    squares = recording.derived(link_squares).sum(axis=0)
+    square, v = np.linalg.eigh(factor.T @ squares @ factor)
+    return np.asarray(factor @ v[:, square > LEAST_EFFECT**2])
+
+
+def link_factor(recording: Recording) -> Array:
+    """Return (10 n, k) F, F Fᵀ being the covariance of the links' parameters before the logs."""
+    if recording.link_factor is not None:
+        return recording.link_factor
+    return tolerances(inertial_parameters(recording.pinocchio))
+
+
+def link_squares(recording: Recording) -> Array:
+    """Return (n, 10 n, 10 n) mean products of each joint's torques per unit of link parameters."""
+    thin = slice(None, None, max(1, len(recording.t) // BASIS_ROWS))
+    motion = (x[thin] for x in (recording.q, recording.dq, recording.ddq))
+    w = np.swapaxes(torque_regressor(recording.pinocchio, *motion), 0, 1)
+    return np.asarray(np.swapaxes(w, 1, 2) @ w / w.shape[1])
 
 
 def link_masses(recording: Recording) -> Array:

@@ -44,6 +44,7 @@ class LinkParameters(Cause):
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
+    least_evidence: ClassVar[float] = 7.0  # assumed: one of many links
     dependent_parameters: ClassVar[int] = 2
     parameters: ClassVar = (
         Parameter("mass_kg", "kg"),

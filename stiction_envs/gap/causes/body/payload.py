@@ -54,6 +54,7 @@ class Payload(Cause):
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
+    distinctive: ClassVar[int] = 1  # a body without mass is none
     dependent_parameters: ClassVar[int] = 9  # the centre of linearisation; inertia has a prior
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
@@ -64,7 +65,8 @@ class Payload(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""
         change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
-        last = data.recording.derived(body_columns, *data.gravity_found)[:, joint, -10:]
+        own = slice(4 * data.n, 4 * data.n + 10)
+        last = data.recording.derived(body_columns, *data.gravity_found)[:, joint, own]
         return np.asarray(last @ change)
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:

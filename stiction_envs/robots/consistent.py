@@ -1,0 +1,117 @@
+"""Bodies that can exist, nearest to what a fit wants: convex programs over pseudo-inertias.
+
+Solved by Clarabel (P. Goulart, Y. Chen, "Clarabel: an interior-point solver for conic programs with
+quadratic objectives", 2024).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots.regressor import consistent, from_pseudo_inertia, pseudo_inertia
+
+Array = NDArray[np.float64]
+_PAIRS = [(a, b) for a in range(4) for b in range(a + 1)]
+_UNITS = np.zeros((10, 4, 4))
+for _k, (_a, _b) in enumerate(_PAIRS):
+    _UNITS[_k, _a, _b] = _UNITS[_k, _b, _a] = 1.0
+TWICE = np.array([1.0 if a == b else 2.0 for a, b in _PAIRS])
+"""How often an entry of the lower triangle is in the matrix."""
+ROUND_BODY = 0.05
+"""Part of a round body of the link's own mass and size in the unit of its deviations [-]; assumed.
+Without it a thin nominal body could not become thicker."""
+LEAST_EIGENVALUE = 1e-6
+"""Of pseudo-inertias in units of the nominal link's [-]; assumed: a body must have an extent."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frames:
+    """Units of the links: J = C S Cᵀ, and S is near the identity for the nominal bodies."""
+
+    c: Array
+    """(n, 4, 4)."""
+    maps: Array
+    """(n, 10, 10) from the lower triangle of S to a link's ten parameters."""
+    nominal: Array
+    """(n, 10) lower triangles of S for the nominal bodies."""
+
+
+def frames(phi: Array) -> Frames:
+    """Return the units of nominal links (n, 10); those that cannot exist are made consistent."""
+    j = pseudo_inertia(phi)
+    mass = np.maximum(np.abs(j[:, 3, 3]), 1e-3)
+    spread = np.maximum(np.trace(j[:, :3, :3], axis1=1, axis2=2) / 3, 1e-6 * mass)
+    ball = np.zeros_like(j)
+    for k in range(3):
+        ball[:, k, k] = spread
+    ball[:, 3, 3] = mass
+    values, vectors = np.linalg.eigh(j)
+    possible = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
+    c = np.linalg.cholesky(possible + ROUND_BODY * ball)
+    inverse = np.linalg.inv(c)
+    unit = inverse @ j @ inverse.transpose(0, 2, 1)
+    each = c[:, None] @ _UNITS @ c[:, None].transpose(0, 1, 3, 2)
+    return Frames(
+        c=c,
+        maps=from_pseudo_inertia(each).transpose(0, 2, 1),
+        nominal=np.stack([unit[:, a, b] for a, b in _PAIRS], axis=1),
+    )
+
+
+def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
+    """Return (n, 10) links that exist and minimise ½ (x − φ)ᵀH(x − φ).
+
+    Args:
+        phi: (n, 10) parameters of links, which need not exist.
+        hessian: (10 n, 10 n) H.
+        nominal: (n, 10) links that give the units.
+
+    Raises:
+        StictionError: as of `least_consistent`.
+    """
+    if consistent(phi).all():
+        return phi
+    n, units = len(phi), frames(nominal)
+    wide = np.zeros((10 * n, 10 * n))
+    for i in range(n):
+        wide[10 * i : 10 * i + 10, 10 * i : 10 * i + 10] = units.maps[i]
+    inner = wide.T @ hessian @ wide
+    x = least_consistent(inner, inner @ np.linalg.solve(wide, phi.ravel()), n)
+    return np.asarray((wide @ x).reshape(n, 10))
+
+
+def least_consistent(hessian: Array, slope: Array, n: int, free: int = 0) -> Array:
+    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist and further numbers are not negative.
+
+    Args:
+        hessian: (P, P) H, positive definite.
+        slope: (P,) h.
+        n: number of links: x is n lower triangles (10), numbers ≥ 0, and free numbers.
+        free: how many of the last.
+
+    Raises:
+        StictionError: the solver finds none.
+    """
+    signed, diagonal = len(slope) - free, np.where(TWICE == 1.0, 1.0, 0.0)
+    rows = -np.eye(signed, len(slope))
+    rows[: 10 * n] *= np.tile(np.sqrt(TWICE), n)[:, None]
+    least = np.concatenate([np.tile(-LEAST_EIGENVALUE * diagonal, n), np.zeros(signed - 10 * n)])
+    cones = [clarabel.PSDTriangleConeT(4)] * n
+    if signed > 10 * n:
+        cones.append(clarabel.NonnegativeConeT(signed - 10 * n))
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    # one thread, so that the same input gives the same bits
+    options.max_threads = 1
+    found = clarabel.DefaultSolver(
+        *(csc_matrix(np.triu(hessian)), -slope, csc_matrix(rows), least, cones, options)
+    ).solve()
+    if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+        raise StictionError(f"no links fit these logs: the solver says {found.status}")
+    return np.array(found.x)
