@@ -159,7 +159,7 @@ class RegressorLibrary:
         """Return the number of free parameters of some terms, linear and nonlinear."""
         have = {t.cause for t in terms}
         return sum(
-            self._size(t)
+            self.size(t)
             + len(t.shape)
             - self.causes[t.cause].dependent_parameters
             # a cause without another that it needs is less simple
@@ -261,7 +261,8 @@ class RegressorLibrary:
         """
         before, rest = self.scale, [t for t in terms if t not in self.random]
         found = []
-        for self.scale in SCALES:
+        known = self.data.recording.link_factor is not None
+        for self.scale in (1.0,) if known else SCALES:
             model = self.model_columns([*self.start, *rest])
             found.append((self.grams.log_evidence(model), -self.scale))
         self.scale = before
@@ -305,13 +306,13 @@ class RegressorLibrary:
                 columns[joint] += self._at[term, joint]
                 where[joint] += tuple(range(len(low), len(low) + len(lowest)))
             low, high, firm = low + lowest, high + highest, firm + precision
-        random = sum(self._size(t) for t in terms if t in self.random)
+        random = sum(self.size(t) for t in terms if t in self.random)
         return ModelColumns(tuple(columns), tuple(where), low, high, firm, random)
 
     def _limits_of(self, term: Candidate) -> tuple[Numbers, Numbers, Numbers]:
         """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
         if term in self.random:
-            free = (np.inf,) * self._size(term)
+            free = (np.inf,) * self.size(term)
             return tuple(-x for x in free), free, (self.scale**-2,) * len(free)
         if term not in self._limits:
             low, high = self.bounds(term)
@@ -322,24 +323,24 @@ class RegressorLibrary:
     def bounds(self, term: Candidate) -> tuple[Array, Array]:
         """Return lowest and highest coefficients of a candidate, (k,) each."""
         low, high = self.causes[term.cause].bounds(self.data, term.joint)
-        return low[: self._size(term)], high[: self._size(term)]
+        return low[: self.size(term)], high[: self.size(term)]
 
     def prior(self, term: Candidate) -> Array:
         """Return (k,) prior standard deviations of a candidate's coefficients."""
-        return self.causes[term.cause].prior(self.data, term.joint)[: self._size(term)]
+        return self.causes[term.cause].prior(self.data, term.joint)[: self.size(term)]
 
-    def _size(self, term: Candidate) -> int:
+    def size(self, term: Candidate) -> int:
         """Return the number of coefficients."""
         return len(self._at[term, self.affected_joints(term)[0]])
 
     def own(self, terms: Sequence[Candidate], some: Sequence[Candidate]) -> NDArray[np.bool_]:
         """Return (P,) which coefficients of a model belong to some of its terms."""
-        sizes = [self._size(t) for t in terms]
+        sizes = [self.size(t) for t in terms]
         return np.repeat(np.array([t in some for t in terms], dtype=bool), sizes)
 
     def split(self, terms: Sequence[Candidate], c: Array) -> list[Array]:
         """Return the coefficients of each term."""
-        ends = np.cumsum([self._size(t) for t in terms], dtype=int)
+        ends = np.cumsum([self.size(t) for t in terms], dtype=int)
         return np.split(c, ends, axis=-1)[:-1]
 
     def fitted(self, terms: Sequence[Candidate]) -> list[Array]:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.causes import Cause, Part, cause_named, registered
+from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
-from stiction_envs.gap.links import link_changes
+from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
 from stiction_envs.gap.refit import given_arm_causes, refine_delay, same_arm_causes
@@ -103,6 +103,8 @@ class Diagnosis:
     library: RegressorLibrary
     terms: tuple[Candidate, ...]
     coefficients: Array
+    links: LinkErrors | None
+    """Small errors of all links; None where a few bodies explain the arm."""
     base: Data
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
@@ -140,6 +142,7 @@ class Diagnosis:
                 {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
                 for c in self.minor
             ],
+            **({} if self.links is None else {"links": self.links.to_json()}),
             "record_next": list(self.what_to_record),
             "notes": [*self.notes, *_log_notes(self.logs)],
         }
@@ -165,7 +168,7 @@ def diagnose_logs(
         nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
             parameters.
         torque: side of the gear on which torque was measured, "motor" or "link".
-        causes: registered hypotheses; None for all of them.
+        causes: registered hypotheses; None for all of them, beside small errors of all links.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         seed: of the bootstrap.
         progress: called with a stage and the part of it that is done.
@@ -182,7 +185,7 @@ def diagnose_logs(
     if not logs:
         raise StictionError("no logs: expected one or more")
     say("reading", 1.0)
-    causes = registered() if causes is None else causes
+    causes = (TOLERANCES, *registered()) if causes is None else causes
     for cause in causes:
         cause_named(cause.name)  # files and reports look it up
     read, signals = correct_torques(
@@ -193,7 +196,14 @@ def diagnose_logs(
         baseline.torque_sign,
     )
     say("inverse dynamics", 0.0)
-    base = assemble(arm, signals, friction=baseline.friction, torque=torque, settings=own)
+    base = assemble(
+        arm,
+        signals,
+        friction=baseline.friction,
+        torque=torque,
+        settings=own,
+        link_factor=baseline.links,
+    )
     data = baseline.extend(base)
     say("columns of all causes", 0.0)
     if not np.isfinite(data.dt):  # only poses without motion
@@ -305,6 +315,7 @@ def _conclude(
         library=library,
         terms=tuple(terms),
         coefficients=c,
+        links=link_errors(library, terms, c),
         base=base,
         baseline=baseline,
         torque_sign=_torque_sign(logs, signals, baseline, data),
@@ -420,8 +431,8 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
 
     def part(term: Candidate, mine: Array) -> Part:
         cause, shape = diagnosis.library.causes[term.cause], term.shape
-        if term in diagnosis.library.random:
-            own = link_changes(diagnosis.library, mine).ravel()
+        if term in diagnosis.library.random and diagnosis.links is not None:
+            own = diagnosis.links.changes.ravel()
         else:
             own, shape = cause.part_of(mine, shape)
         return Part(
@@ -442,4 +453,5 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
         torque_sign=diagnosis.torque_sign,
+        links=before.links if diagnosis.links is None else diagnosis.links.factor,
     )

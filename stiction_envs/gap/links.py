@@ -1,34 +1,117 @@
-"""The small errors of all links that a diagnosis found: bodies that exist."""
+"""What a diagnosis says of all links: their small errors, as bodies that exist, and the doubt left.
+
+Of a body that was named too, the last link's for a payload, the doubt is in the sum of both.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import RegressorLibrary
+from stiction_envs.gap.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
 from stiction_envs.robots.consistent import nearest_bodies
 from stiction_envs.robots.regressor import inertial_parameters
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-10
+"""Eigenvalues of correlations, over the largest, that are rounding [-]; assumed."""
+WIDTH = 1.96
+"""Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
 
 
-def link_changes(library: RegressorLibrary, c: Array) -> Array:
-    """Return (n, 10) what is added to the links' parameters so that they exist.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinkErrors:
+    """Small errors of n links beside the nominal arm."""
 
-    Of all such bodies these change the torques along the logs least, in units of the noise, and
-    stray least from the prior.
+    scale: float
+    """Their size over the tolerance of CAD [-]."""
+    changes: Array
+    """(n, 10) what is added to the links' parameters so that bodies exist; without named bodies."""
+    covariance: Array
+    """(10 n, 10 n) of the links' parameters, what was named of them included."""
+    links: Array
+    """(n, 10) parameters of the nominal links."""
+
+    @property
+    def factor(self) -> Array:
+        """(10 n, k) F of the covariance F Fᵀ."""
+        size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        square, v = np.linalg.eigh(self.covariance / np.outer(size, size))
+        kept = square > ROUNDING * square[-1]
+        return np.asarray(size[:, None] * v[:, kept] * np.sqrt(square[kept]))
+
+    @property
+    def mass(self) -> Array:
+        """(n, 2) mass that is added and its 95 % half width [kg]."""
+        spread = np.sqrt(np.diag(self.covariance).reshape(-1, 10)[:, 0])
+        return np.stack([self.changes[:, 0], WIDTH * spread], axis=1)
+
+    @property
+    def centre(self) -> Array:
+        """(n, 3, 2) shift of the centre of mass and its 95 % half width [m]."""
+        mass, moment = self.links[:, 0, None], self.links[:, 1:4]
+        after = (moment + self.changes[:, 1:4]) / (mass + self.changes[:, :1])
+        # to first order, d(h/m) = (dh − c dm)/m
+        slope = np.zeros((len(mass), 3, 10))
+        slope[:, :, 0] = -moment / mass**2
+        slope[:, range(3), range(1, 4)] = 1 / mass
+        n = len(mass)
+        own = self.covariance.reshape(n, 10, n, 10)[range(n), :, range(n)]
+        variance = np.einsum("nia,nab,nib->ni", slope, own, slope)
+        return np.stack([after - moment / mass, WIDTH * np.sqrt(variance)], axis=2)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Return ``links`` of ``diagnosis.json``."""
+
+        def estimate(value: Array) -> dict[str, Any]:
+            low, high = value[..., 0] - value[..., 1], value[..., 0] + value[..., 1]
+            return {
+                "value": value[..., 0].tolist(),
+                "ci95": np.stack([low, high], axis=-1).tolist(),
+            }
+
+        return [
+            {"link": k + 1, "mass_kg": estimate(mass), "com_m": estimate(centre)}
+            for k, (mass, centre) in enumerate(zip(self.mass, self.centre, strict=True))
+        ]
+
+
+def link_errors(
+    library: RegressorLibrary, terms: Sequence[Candidate], c: Array
+) -> LinkErrors | None:
+    """Return the small errors of all links in a model; None where it has none.
+
+    Of all bodies that exist, these change the torques along the logs least from what was fitted, in
+    units of the noise, and stray least from the prior.
 
     Args:
         library: of the logs.
-        c: (r,) factors of `link_basis`.
+        terms: the model, its random effects first.
+        c: (P,) its coefficients.
     """
+    if not terms or terms[0] not in library.random:
+        return None
     data = library.data
     recording = data.recording
-    links = inertial_parameters(data.pinocchio)
-    wanted = (recording.derived(link_basis) @ c).reshape(links.shape)
+    links, basis = inertial_parameters(data.pinocchio), recording.derived(link_basis)
+    factor = library.scale * link_factor(recording)
+    whole = factor @ factor.T
     weight = library.grams.counts / library.inflation / np.square(data.noise)
     torques = np.tensordot(weight, recording.derived(link_squares), axes=1)
-    factor = library.scale * link_factor(recording)
-    prior = np.linalg.pinv(factor @ factor.T, hermitian=True)
-    return nearest_bodies(links + wanted, torques + prior, links) - links
+    wanted = links + (basis @ c[: basis.shape[1]]).reshape(links.shape)
+    bodies = nearest_bodies(wanted, torques + np.linalg.pinv(whole, hermitian=True), links)
+    # directions that no torque shows keep the prior's doubt
+    unseen = whole - library.scale**2 * basis @ basis.T
+    effect = np.concatenate(
+        [library.causes[t.cause].on_links(data, t.joint, t.shape, library.size(t)) for t in terms],
+        axis=1,
+    )
+    shown = effect @ library.grams.covariance(library.model_columns(terms)) @ effect.T
+    return LinkErrors(
+        scale=library.scale, changes=bodies - links, covariance=shown + unseen, links=links
+    )

@@ -48,6 +48,9 @@ class Nominal:
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
     torque_sign: int = 0
     """1 where logged torques of that robot drive the joints, -1 if opposite, 0 where unknown."""
+    links: Array | None = None
+    """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters that the last
+    diagnosis left; None where it left none."""
 
     def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
         """Raise a StictionError if the arm is not that of the parts, or a body is impossible.
@@ -56,6 +59,10 @@ class Nominal:
         """
         if self.robot is None:
             return
+        if self.links is not None and len(self.links) != 10 * arm.n:
+            raise StictionError(
+                f"{where}: [links] has {len(self.links)} rows: expected {10 * arm.n} for {arm.name}"
+            )
         if self.robot != arm.name:
             raise StictionError(
                 f"{where}: of robot {self.robot}, but the arm is {arm.name}: expected the arm it "
@@ -212,6 +219,7 @@ def read(path: Path) -> Nominal:
         raise StictionError(
             f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
         ) from None
+    links = _matrix(table["links"], path) if "links" in table else None
     where = f"nominal {path}: [arm]"
     check_range((payload or ())[:1], "kg", f"{where} payload", low=0.0)
     check_range((payload or ())[1:], "m", f"{where} payload")
@@ -243,7 +251,25 @@ def read(path: Path) -> Nominal:
         tilt=tilt,
         distance=distance,
         torque_sign=sign,
+        links=links,
     )
+
+
+def _matrix(table: Any, path: Path) -> Array:
+    """Return the matrix of the table ``[links]``.
+
+    Raises:
+        StictionError: none, or one with other than finite numbers.
+    """
+    try:
+        out = np.array(table["covariance_factor"], dtype=np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        out = np.empty(0)
+    if out.ndim != 2 or not np.isfinite(out).all():
+        raise StictionError(
+            f"nominal {path}: [links] covariance_factor: expected rows of as many finite numbers"
+        )
+    return out
 
 
 def dump(nominal: Nominal) -> str:
@@ -271,4 +297,7 @@ def dump(nominal: Nominal) -> str:
     ]
     what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."
     tables = {"arm": arm, **({"cause": causes} if causes else {})}
-    return "\n" + toml_text(tables, comments={"arm": what})
+    if nominal.links is not None:
+        tables["links"] = {"covariance_factor": nominal.links.tolist()}
+    doubt = "F of the covariance F Fᵀ of the links' parameters (m, m c, I), link after link."
+    return "\n" + toml_text(tables, comments={"arm": what, "links": doubt})

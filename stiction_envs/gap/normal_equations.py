@@ -400,12 +400,12 @@ class JointGrams:
             pe[j] = (gram.xr[:, cols] * more[:, at] - force * before[:, at]).sum(axis=1)
         return pe, pp
 
-    def standard_errors(self, model: ModelColumns) -> Array:
-        """Return (P,) standard errors of the coefficients, given their priors."""
+    def covariance(self, model: ModelColumns) -> Array:
+        """Return (P, P) covariance of the coefficients, given their priors."""
         xx, _ = self.system(model)
         size = np.sqrt(np.maximum(np.diag(xx), 1e-300))
-        inverse = np.linalg.inv(xx / np.outer(size, size) + RIDGE * np.eye(len(size)))
-        return np.asarray(np.sqrt(np.diag(inverse)) / size)
+        across = np.outer(size, size)
+        return np.asarray(np.linalg.inv(xx / across + RIDGE * np.eye(len(size))) / across)
 
     def log_evidence(self, model: ModelColumns) -> float:
         """Return the log marginal likelihood of the residual, up to a constant [nats].
@@ -479,7 +479,9 @@ class Surroundings:
         free = (c > np.array(model.low)) & (c < np.array(model.high))
         place = np.cumsum(free) - 1
         xx = grams.system(model)[0][free][:, free]
-        root = np.linalg.inv(np.linalg.cholesky(xx + RIDGE * np.diag(np.diag(xx))))
+        size = np.sqrt(np.maximum(np.diag(xx), 1e-300))
+        normal = xx / np.outer(size, size) + RIDGE * np.eye(len(xx))
+        root = np.linalg.inv(np.linalg.cholesky(normal)) / size
         self._gradient = [g.whole[1].copy() for g in grams.joints]
         self._mixed = [np.zeros((len(xx), g.xr.shape[1])) for g in grams.joints]
         self._grams = grams

@@ -119,7 +119,7 @@ def stands_out(
     large = grams.sizes(model, library.own(terms, added)) > (
         library.data.settings.selection.least_torque
     )
-    z = np.abs(grams.fit(model)) / grams.standard_errors(model)
+    z = np.abs(grams.fit(model)) / np.sqrt(np.diag(grams.covariance(model)))
     clear = all(
         float(mine[: library.causes[t.cause].distinctive].max()) > DISTINCT
         for t, mine in zip(terms, library.split(terms, z), strict=True)
@@ -359,6 +359,12 @@ def with_or_without_random(
     The library keeps the noise and the size of the random effects under the one that is returned.
     Where a model without bodies leaves nothing but noise, there is no question.
     """
+    if library.data.recording.link_factor is not None:
+        # an earlier diagnosis says how well the links are known
+        library.given(library.inflation, 1.0)
+        dense = choose(library)
+        library.given(library.noise_under(dense), 1.0)
+        return dense
     sparse = choose(library)
     of_sparse = library.noise_under(sparse)
     left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -145,3 +147,96 @@ def test_a_coefficient_on_a_bound_equals_it_exactly() -> None:
     near = (np.abs(c - low) < 1e-9) | (np.abs(c - high) < 1e-9)
     assert near.sum() > 300
     assert ((c == low) | (c == high))[near].all()
+
+
+def with_random_effects() -> tuple[list[Gram], np.ndarray, ModelColumns]:
+    """Three joints that share four random effects, two that share a coefficient with a bound."""
+    rng, r, block = np.random.default_rng(9), 4, np.repeat(np.arange(5), 50)
+    grams = []
+    for _ in range(3):
+        x = rng.normal(size=(250, r + 6))
+        y = x @ rng.normal(size=r + 6) * 0.1 + rng.normal(size=250)
+        grams.append(Gram.of(x, y, block, np.ones(250), 5))
+    own = tuple(range(r))
+    model = ModelColumns(
+        columns=((*own, r, r + 2), (*own, r + 1), (*own, r + 3)),
+        coefficients=((*own, r, r + 1), (*own, r + 2), (*own, r)),
+        low=(-np.inf,) * r + (-np.inf, 0.1, -np.inf),
+        high=(np.inf,) * (r + 3),
+        firm=(10.0,) * r + (0.0, 0.0, 3.0),
+        random=r,
+    )
+    return grams, np.array([1.0, 2.0, 5.0]), model
+
+
+def test_random_effects_are_coefficients_with_a_prior() -> None:
+    """Eliminated first or solved for with all others: the same fit, with blocks left out too."""
+    grams, inflation, model = with_random_effects()
+    plain = replace(model, random=0)
+    fast, slow = JointGrams(grams, inflation), JointGrams(grams, inflation)
+    for name in ("fit", "errors", "leave_one_block_out", "held_out"):
+        assert np.allclose(getattr(fast, name)(model), getattr(slow, name)(plain), atol=1e-7), name
+    assert np.isclose(fast.fit(model)[5], 0.1)  # the bound is reached
+
+
+def test_random_effects_of_no_size_are_none() -> None:
+    grams, inflation, model = with_random_effects()
+    tiny = replace(model, firm=(1e12,) * 4 + model.firm[4:])
+    none = ModelColumns(
+        tuple(x[4:] for x in model.columns),
+        tuple(tuple(i - 4 for i in x[4:]) for x in model.coefficients),
+        *(x[4:] for x in (model.low, model.high, model.firm)),
+    )
+    ours, theirs = (JointGrams(grams, inflation).fit(m) for m in (tiny, none))
+    assert np.allclose(ours[:4], 0.0, atol=1e-9)
+    assert np.allclose(ours[4:], theirs, atol=1e-7)
+
+
+def test_the_evidence_is_the_likelihood_without_the_coefficients() -> None:
+    """Of two sizes of the prior, against the Gaussian density of the data itself."""
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(60, 3))
+    r = x @ rng.normal(size=3) * 0.4 + rng.normal(size=60)
+    grams = JointGrams([Gram.of(x, r, np.repeat(np.arange(6), 10), np.ones(60), 6)])
+    ours, theirs = [], []
+    for sd in (0.1, 0.5):
+        model = replace(FREE, firm=(sd**-2,) * 3)
+        ours.append(grams.log_evidence(model))
+        spread = np.eye(60) + sd**2 * x @ x.T
+        theirs.append(-0.5 * (np.linalg.slogdet(spread)[1] + r @ np.linalg.solve(spread, r)))
+    assert np.isclose(ours[1] - ours[0], theirs[1] - theirs[0], atol=1e-6)
+
+
+def test_a_column_of_noise_has_less_evidence_than_none() -> None:
+    rest = ModelColumns(((0, 1),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
+    noise = np.concatenate([X[:, :2], RNG.normal(size=(600, 1))], axis=1)
+    r = X[:, :2] @ [1.0, -2.0] + RNG.normal(size=600)
+    grams = JointGrams([Gram.of(noise, r, BLOCK, np.ones(600), 6)])
+    assert grams.log_evidence(FREE) < grams.log_evidence(rest)
+
+
+def test_a_reduction_is_that_of_the_larger_fit() -> None:
+    grams, inflation, model = with_random_effects()
+    more = ModelColumns(
+        ((8,), (), (9,)), ((0,), (), (1,)), (-np.inf,) * 2, (np.inf,) * 2, (0.0, 2.0)
+    )
+    whole = ModelColumns(
+        (model.columns[0] + (8,), model.columns[1], model.columns[2] + (9,)),
+        (model.coefficients[0] + (7,), model.coefficients[1], model.coefficients[2] + (8,)),
+        model.low + more.low,
+        model.high + more.high,
+        model.firm + more.firm,
+        random=4,
+    )
+    sums = JointGrams(grams, inflation)
+
+    def gained(m: ModelColumns) -> float:
+        (xx, xr), c = sums.system(m), sums.fit(m)
+        return float(2 * xr @ c - c @ xx @ c)
+
+    assert np.isclose(sums.around(model).reduction(more), gained(whole) - gained(model), atol=1e-6)
+
+
+def test_standard_errors_are_those_of_least_squares() -> None:
+    found = np.sqrt(np.diag(JointGrams([Gram.of(X, R, BLOCK, W, 6)]).covariance(FREE)))
+    assert np.allclose(found, np.sqrt(np.diag(np.linalg.inv((X.T * W) @ X))), rtol=1e-6)

@@ -11,7 +11,6 @@ from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.hidden.hidden_logs import make_case
 
 pytestmark = pytest.mark.slow
-TODAY = pytest.mark.xfail(strict=True, reason="issue 27: engine not yet landed")
 BODIES = {"payload", "link_parameters"}
 SCATTER = 0.03
 SIZE = float(np.log(0.8 / 0.1) / np.log(2.0 / 0.1))
@@ -25,16 +24,13 @@ def diagnosed(seed: int, causes: tuple[str, ...] = (), **options: Any) -> tuple[
     return found, case.hidden[0].values if case.hidden else {}
 
 
-@TODAY
 @pytest.mark.parametrize(("seed", "motion"), [(31, "fourier"), (32, "poses")])
 def test_no_body_is_named_where_links_are_only_a_little_off(seed: int, motion: str) -> None:
     found, _ = diagnosed(seed, motion=motion)
     assert BODIES.isdisjoint(c.name for c in found.causes)
 
 
-@pytest.mark.parametrize(
-    ("seed", "motion"), [pytest.param(33, "fourier", marks=TODAY), (34, "poses")]
-)
+@pytest.mark.parametrize(("seed", "motion"), [(33, "fourier"), (34, "poses")])
 def test_a_payload_is_weighed_on_links_that_are_a_little_off(seed: int, motion: str) -> None:
     found, hidden = diagnosed(seed, ("payload",), motion=motion, size=SIZE)
     payload = next(c for c in found.causes if c.name == "payload")

@@ -283,6 +283,10 @@ class Cause(ABC):
         """
         return arm
 
+    def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
+        """Return (10 n, k) change of the links' parameters per unit of ``size`` coefficients."""
+        return np.zeros((10 * data.n, size))
+
     def lean(self, coefficients: Array) -> Array:
         """Return (2,) share of gravity that it adds along x and y [-]."""
         return np.zeros(2)

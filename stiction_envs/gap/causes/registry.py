@@ -54,8 +54,8 @@ class Registry(Generic[C]):
         del self._causes[name]
 
     def registered(self) -> tuple[C, ...]:
-        """Return all causes, those of the package first and in the order of the contract."""
-        return tuple(self._causes.values())
+        """Return all that can be named, those of the package first, in the contract's order."""
+        return tuple(c for c in self._causes.values() if not getattr(c, "random", False))
 
     def named(self, name: str) -> C:
         """Return the cause of a name.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import cause_named, parameter_units
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.links import LinkErrors
 from stiction_envs.gap.report.figures import draw_cause, draw_joint
 from stiction_envs.gap.report.result import PLOTS, Picture, where
 from stiction_envs.gap.report.score_figures import draw_check, draw_forward, draw_summary
@@ -148,6 +149,8 @@ def log_page(
         "pictures": {name: _shown(x) for name, x in pictures.items()},
         "causes": sections,
         "residuals": _residuals(d),
+        "links": "" if d.links is None else _links(d.links),
+        "links_known": d.baseline.links is not None,
         "forward": forward,
         "seconds": SECONDS,
         "replay": REPLAY,
@@ -161,6 +164,19 @@ def log_page(
             *dict.fromkeys(d.notes),
         ],
     }
+
+
+def _links(links: LinkErrors) -> str:
+    """Return mass and centre that each link has more than the model."""
+    rows = [
+        [
+            f"link {k}",
+            f"{short(mass[0])} ± {short(mass[1])}",
+            *(f"{1e3 * x:.1f} ± {1e3 * width:.1f}" for x, width in centre),
+        ]
+        for k, (mass, centre) in enumerate(zip(links.mass, links.centre, strict=True), start=1)
+    ]
+    return table_text(["", "mass [kg]", "centre x [mm]", "y [mm]", "z [mm]"], rows)
 
 
 def _residuals(d: Diagnosis) -> str:

@@ -233,12 +233,14 @@ def assemble(
     friction: FrictionParameters | None = None,
     torque: str = "motor",
     settings: GapSettings | None = None,
+    link_factor: Array | None = None,
 ) -> Data:
     """Compare signals with the nominal rigid arm and its friction, None for no friction.
 
-    ``torque`` is the side of the gear on which torque was measured, "motor" or "link".
+    ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
+    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links.
     """
-    recording = join(arm, signals, torque=torque, settings=settings)
+    recording = join(arm, signals, torque=torque, settings=settings, link_factor=link_factor)
     if friction is None:
         state, nominal = FrictionState.unknown(recording), recording.rigid
     else:

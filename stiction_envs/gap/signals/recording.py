@@ -131,11 +131,17 @@ class Recording:
 
 
 def join(
-    arm: Arm, signals: Signals, *, torque: str, settings: GapSettings | None = None
+    arm: Arm,
+    signals: Signals,
+    *,
+    torque: str,
+    settings: GapSettings | None = None,
+    link_factor: Array | None = None,
 ) -> Recording:
     """Put the segments of all logs of an arm into one piece.
 
-    ``torque`` is the side of the gear on which torque was measured, "motor" or "link".
+    ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
+    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links.
     """
     own = settings or gap_settings()
     parts = signals.segments
@@ -166,6 +172,7 @@ def join(
         block=_blocks(log, segment, signals.dt, own.recording),
         log=log,
         settings=own,
+        link_factor=link_factor,
     )
 
 

@@ -15,9 +15,6 @@ from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
-LOST_SD = 0.005
-"""Prior standard deviation of the part of gravity that a lean takes away [-]; assumed: that of a
-lean of 0.1 rad. Masses that are all too large look like more."""
 LEAN = 0.05
 """Inclination that must change torques visibly [rad]; assumed."""
 LEAST = 0.02
@@ -71,10 +68,6 @@ class BaseTilt(Cause):
         """Return the lean that was found."""
         x, y = (float(v) for v in coefficients[:2])
         return (x, y) if LEAST < np.hypot(x, y) < MOST else shape
-
-    def prior(self, data: Data, joint: int) -> Array:
-        """Return any lean, and what a small one takes away of gravity."""
-        return np.array([np.inf, np.inf, LOST_SD])
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the lean [rad] and the direction towards which the base leans [rad]."""

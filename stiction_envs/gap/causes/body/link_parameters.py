@@ -8,7 +8,12 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
-from stiction_envs.gap.causes.body.bodies import body_columns, link_masses, with_link
+from stiction_envs.gap.causes.body.bodies import (
+    body_columns,
+    link_directions,
+    link_masses,
+    with_link,
+)
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
@@ -92,6 +97,13 @@ class LinkParameters(Cause):
             "mass_kg": more,
             "com_m": [float(x) for x in coefficients[1:] / (shape[1] + more)],
         }
+
+    def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
+        """Return the change of this link's parameters."""
+        out = np.zeros((10 * data.n, size))
+        own = inertial_parameters(data.pinocchio)[joint]
+        out[10 * joint : 10 * joint + 10] = link_directions(own)
+        return out
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm with the other link."""

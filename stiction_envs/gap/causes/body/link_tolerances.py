@@ -52,6 +52,10 @@ class LinkTolerances(Cause):
         """Return one standard deviation each."""
         return np.ones(data.recording.derived(link_basis).shape[1])
 
+    def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
+        """Return the directions."""
+        return data.recording.derived(link_basis)
+
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm with all links changed.
 

@@ -108,6 +108,11 @@ class Payload(Cause):
         """Return whether its mass is none."""
         return bool(abs(coefficients[0]) <= SMALL)
 
+    def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
+        """Return the change of the last link's parameters."""
+        own = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
+        return np.concatenate([np.zeros((10 * (data.n - 1), size)), own])
+
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return the ten parameters of the body about the flange."""
         return payload_of(coefficients, LEAST_INERTIA), ()
