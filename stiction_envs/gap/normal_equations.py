@@ -403,7 +403,7 @@ class JointGrams:
     def covariance(self, model: ModelColumns) -> Array:
         """Return (P, P) covariance of the coefficients, given their priors."""
         xx, _ = self.system(model)
-        size = np.sqrt(np.maximum(np.diag(xx), 1e-300))
+        size = np.sqrt(np.maximum(np.diag(xx), 1e-200))
         across = np.outer(size, size)
         return np.asarray(np.linalg.inv(xx / across + RIDGE * np.eye(len(size))) / across)
 

@@ -44,6 +44,7 @@ class EncoderOffset(Cause):
     coupled: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
+    least_evidence: ClassVar[float] = 7.0  # assumed: one of many joints
     refinable: ClassVar[bool] = False
     dependent_parameters: ClassVar[int] = 1  # δ_0 follows from δ
     parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
