@@ -20,8 +20,11 @@ Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 ARM = -1
 """The joint's number of a `Candidate` of all joints."""
-SCALES = (0.0, 0.1, 0.2, 0.5, 1.0)
+SCALES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 """Sizes of the random effects over their prior that are tried [-]; assumed."""
+ALLOWED = 1.92
+"""Drop of the log likelihood to the ends of a 95 % interval [nats]: half of the quantile of χ² with
+one degree of freedom."""
 BATCHES = 4
 """Batches of rows per block, whose sums show slow noise [-]; assumed."""
 ROOM = 256
@@ -253,21 +256,23 @@ class RegressorLibrary:
         return np.array([self._inflation(j, e) for j, e in enumerate(left)])
 
     def likeliest(self, terms: Sequence[Candidate]) -> tuple[float, float]:
-        """Return the largest log evidence of a model [nats], and the size of random effects there.
+        """Return the largest log evidence of a model [nats], and the size of random effects.
 
-        The size of random effects is the one under which the data are most likely (H. Patterson,
-        R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika
-        1971).
+        The size is the largest that the data allow: the upper end of its 95 % interval by the
+        restricted likelihood (H. Patterson, R. Thompson, "Recovery of inter-block information when
+        block sizes are unequal", Biometrika 1971), so that parameters are not too sure. It is zero
+        where the data are likeliest without random effects.
         """
         before, rest = self.scale, [t for t in terms if t not in self.random]
+        tried = (1.0,) if self.data.recording.link_factor is not None else SCALES
         found = []
-        known = self.data.recording.link_factor is not None
-        for self.scale in (1.0,) if known else SCALES:
-            model = self.model_columns([*self.start, *rest])
-            found.append((self.grams.log_evidence(model), -self.scale))
+        for self.scale in tried:
+            found.append(self.grams.log_evidence(self.model_columns([*self.start, *rest])))
         self.scale = before
-        best, scale = max(found)
-        return best, -scale
+        best = max(found)
+        if found[0] == best:
+            return best, tried[0]
+        return best, max(s for s, x in zip(tried, found, strict=True) if x > best - ALLOWED)
 
     def _inflation(self, joint: int, left: Array) -> float:
         """Return the number of rows that form one independent observation of the noise floor.
