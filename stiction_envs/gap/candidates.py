@@ -72,6 +72,7 @@ class RegressorLibrary:
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._width = [0] * data.n
         self._limits: dict[Candidate, tuple[Numbers, Numbers, Numbers]] = {}
+        self._models: dict[tuple[float, tuple[Candidate, ...]], ModelColumns] = {}
         self.residual = data.residual
         own = data.settings.candidates
         share = own.diagnosed if data.diagnosed else own.given
@@ -300,6 +301,12 @@ class RegressorLibrary:
 
     def model_columns(self, terms: Sequence[Candidate]) -> ModelColumns:
         """Return the model of some terms; arm-wide terms share their coefficients."""
+        key = self.scale, tuple(terms)
+        if key not in self._models:
+            self._models[key] = self._model_columns(terms)
+        return self._models[key]
+
+    def _model_columns(self, terms: Sequence[Candidate]) -> ModelColumns:
         columns: list[tuple[int, ...]] = [()] * self.data.n
         where: list[tuple[int, ...]] = [()] * self.data.n
         low: Numbers = ()
