@@ -42,6 +42,11 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+STRUCTURE_FROM = 1.5
+"""Held-out error of a joint over its noise from which on it may have structure [-]; assumed."""
+STRUCTURE = 0.25
+"""Part of the squared error that one more cause may take before the rest has structure in speed,
+angle, load or time [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,7 +307,14 @@ def _conclude(
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
     return Diagnosis(
         robot=data.arm.name,
-        verdict=_verdict(named, nominal_rms, extended_rms, noise, library),
+        verdict=_verdict(
+            named,
+            nominal_rms,
+            extended_rms,
+            noise,
+            library,
+            structured(library, terms, extended_rms / noise),
+        ),
         causes=tuple(named),
         minor=minor,
         nominal_rms=nominal_rms,
@@ -382,11 +394,12 @@ def _verdict(
     extended: Array,
     noise: Array,
     library: RegressorLibrary,
+    structured: NDArray[np.bool_],
 ) -> str:
     size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
     own = library.data.settings
     enough = np.maximum(own.verdict.close * noise, own.verdict.small * size)
-    left = extended > enough
+    left = (extended > enough) | structured
     farthest = float(np.ptp(library.data.q, axis=0).max())
     seen = len(library.candidates) > 0 and farthest > own.motion.travel_span
     if not seen:
@@ -398,6 +411,27 @@ def _verdict(
     if len(named) == 1 and named[0].confused_with and left.any():
         return "cannot tell"
     return "partly explained" if left.any() else "explained"
+
+
+def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Array) -> Any:
+    """Return (n,) whether a cause that is not in the model takes much of what it leaves of a joint.
+
+    Args:
+        library: of the logs.
+        terms: the model.
+        left: (n,) held-out error over the noise [-].
+    """
+    grams, model = library.grams, library.model_columns(terms)
+    near, squares = grams.around(model), grams.errors(model)
+    out = np.zeros(len(left), dtype=bool)
+    for j in np.flatnonzero(left > STRUCTURE_FROM):
+        taken = (
+            near.reduction(library.model_columns([t])) * library.inflation[j]
+            for t in library.candidates
+            if t.joint == j and t not in terms and not library.causes[t.cause].coupled
+        )
+        out[j] = max(taken, default=0.0) > STRUCTURE * squares[j]
+    return out
 
 
 def _what_to_record(named: list[NamedCause], not_identifiable: dict[str, str]) -> tuple[str, ...]:
