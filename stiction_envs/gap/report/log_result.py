@@ -59,8 +59,8 @@ class LogDiagnosis(DiagnosisResult):
         if d.links is not None and self.verdict == "explained":
             return (
                 "Small errors of all links explain what the simulation gets wrong, from "
-                f"{short(before.mean())} to {short(after.mean())} N·m in the mean of the joints; no "
-                "cause stands out of them."
+                f"{short(before.mean())} to {short(after.mean())} N·m in the mean of the joints; "
+                "no cause stands out of them."
             )
         close = d.settings.verdict.close
         above = [j + 1 for j in range(d.data.n) if before[j] > close * d.noise[j]]
