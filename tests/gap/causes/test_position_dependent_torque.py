@@ -41,6 +41,19 @@ def test_its_torque_is_the_fourier_series_of_the_angle(data: Data) -> None:
     }
 
 
+def test_beyond_the_angles_of_the_logs_it_is_constant(data: Data) -> None:
+    """Law checked: a joint that goes on has the torque at the last known angle."""
+    low, high = np.percentile(data.q[:, 3], [40, 60])
+    part = replace(PART, shape=(2.0, float(low), float(high)))
+    still = replace(data, recording=replace(data.recording, dt=float("nan")))  # no filter
+    torque = CAUSE.columns(still, 3, part.shape) @ COEFFICIENTS
+    q = data.q[:, 3]
+    np.testing.assert_allclose(torque[q > high], curve(high))
+    np.testing.assert_allclose(torque[q < low], curve(low))
+    inside = (low < q) & (q < high)
+    np.testing.assert_allclose(torque[inside], curve(q[inside]))
+
+
 def test_mujoco_holds_it_exactly(data: Data) -> None:
     """At any angle, speed and command of others; two of them on a joint add up."""
     again = replace(PART, level=2)
@@ -78,7 +91,8 @@ def test_an_order_has_its_own_bounds_and_columns(data: Data) -> None:
     wide = replace(data, recording=replace(data.recording, q=3.0 * data.q))
     library = RegressorLibrary(wide, [CAUSE])
     orders = [t for t in library.candidates if t.joint == 3]
-    assert [t.shape for t in orders] == [(3.0,), (2.0,), (1.0,)]
+    ends = float(wide.q[:, 3].min()), float(wide.q[:, 3].max())
+    assert [t.shape for t in orders] == [(k, *ends) for k in (3.0, 2.0, 1.0)]
     model = library.model_columns([orders[1]])
     assert len(model.columns[3]) == len(model.low) == 5
     assert library.complexity([orders[1]]) == 6

@@ -4,7 +4,8 @@ A cable or hose that bends, or a torque sensor that depends on the angle, has th
 both directions of motion. `external_spring` is a straight line that pulls back, and
 `position_dependent_friction` repeats within the joint's range. Harmonics of the whole turn predict
 left-out angles as well as splines do (the iiwa's joint 3, simulated humps and waves), need no
-knots, and MuJoCo holds them exactly.
+knots, and MuJoCo holds them exactly. Where the joint has not been, nothing is known: the torque
+there is that at the nearest angle of the logs.
 
 The first harmonic is also what a wrong mass looks like on a joint that moves alone. Only other
 joints that turn it against gravity distinguish the two.
@@ -56,6 +57,7 @@ class PositionDependentTorque(Cause):
     is_linear: ClassVar[bool] = False
     refinable: ClassVar[bool] = False
     multimodal: ClassVar[bool] = True
+    dependent_parameters: ClassVar[int] = 2  # lowest and highest angle of the logs
     shown_at_rest: ClassVar[bool] = True
     simpler_over_angle: ClassVar[tuple[str, ...]] = (
         ExternalSpring.name,
@@ -71,19 +73,22 @@ class PositionDependentTorque(Cause):
     )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return ones, then cosine and sine of each harmonic."""
-        x = harmonics(data.q[:, joint], int(shape[0]))
+        """Return ones, then cosine and sine of each harmonic, constant beyond the logs' angles."""
+        angle = np.clip(data.q[:, joint], *shape[1:]) if len(shape) > 1 else data.q[:, joint]
+        x = harmonics(angle, int(shape[0]))
         return np.concatenate([x[:, :1], data.smooth(x[:, 1:])], axis=1)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the orders whose harmonics differ along these angles, highest first."""
+        """Return orders whose harmonics differ along these angles, highest first, and the angles'
+        lowest and highest."""
         rows = data.block >= 0
         out: list[Shape] = []
+        low, high = float(data.q[:, joint].min()), float(data.q[:, joint].max())
         for k in range(MOST_ORDER, 0, -1):
-            x = self.columns(data, joint, (float(k),))[rows]
+            x = self.columns(data, joint, (float(k), low, high))[rows]
             x /= np.maximum(np.linalg.norm(x, axis=0), 1e-12)
             if np.linalg.eigvalsh(x.T @ x)[0] > DISTINCT:
-                out.append((float(k),))
+                out.append((float(k), low, high))
         return out
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
@@ -118,6 +123,11 @@ class PositionDependentTorque(Cause):
             # MuJoCo's cogging a sin(k q + φ) drives the joint
             draft.waves.append((j, float(np.hypot(a, b)), float(k), float(np.arctan2(-a, -b))))
         draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml, but for its mean")
+        if len(part.shape) > 1:
+            low, high = part.shape[1:]
+            draft.not_in_mjcf.append(
+                f"{self.name} of joint {j + 1}: constant beyond {low:.3g} to {high:.3g} rad"
+            )
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:
         """Return whether the joint turns too little."""
