@@ -1,0 +1,129 @@
+"""Small errors of all links: their size, their doubt, and what a next session makes of both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.candidates import RegressorLibrary
+from stiction_envs.gap.causes import TOLERANCES, cause_named
+from stiction_envs.gap.diagnosis import diagnose_logs, model_of
+from stiction_envs.gap.links import LinkErrors, link_errors
+from stiction_envs.gap.model_file import dump, read
+from stiction_envs.robots import Arm
+from stiction_envs.robots.inertias import with_inertias
+from stiction_envs.robots.regressor import consistent, inertial_parameters
+from stiction_envs.robots.stretched import tolerances
+from tests.gap.small_logs import data_of, hidden, panda
+
+SIZE = 0.3
+"""Of the errors over the tolerance of CAD [-]."""
+NOMINAL = inertial_parameters(panda().pinocchio())
+
+
+def a_little_off(seed: int = 0) -> Arm:
+    """Return an arm whose links are all a little off, drawn from the prior."""
+    rng = np.random.default_rng(seed)
+    while True:
+        more = (SIZE * tolerances(NOMINAL) @ rng.normal(size=70)).reshape(7, 10)
+        if consistent(NOMINAL + more).all():
+            return with_inertias(panda(), NOMINAL + more)
+
+
+def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
+    true = a_little_off(seed)
+    library = RegressorLibrary(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
+    noise = library.noise_under(library.start)
+    library.given(noise, library.given(noise, 1.0).likeliest([])[1])
+    c = library.grams.fit(library.model_columns(library.start))
+    found = link_errors(library, library.start, c)
+    assert found is not None
+    return found, library, inertial_parameters(true.pinocchio()) - NOMINAL
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
+    return found_of(0)
+
+
+def test_the_data_say_how_far_links_are_off(found) -> None:
+    assert 0.2 <= found[0].scale <= 0.5
+
+
+def test_an_exact_arm_has_no_small_errors() -> None:
+    library = RegressorLibrary(data_of(panda(), hidden(panda())), [TOLERANCES])
+    library.given(library.noise_under([]), 1.0)
+    assert library.likeliest([])[1] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_truth_is_within_the_doubt(seed: int) -> None:
+    """Law checked: eᵀC⁻¹e of the error e follows χ² with 70 degrees of freedom."""
+    ours, _, true = found_of(seed)
+    e = true.ravel() - ours.changes.ravel()
+    size = np.sqrt(np.diag(ours.covariance))
+    square, v = np.linalg.eigh(ours.covariance / np.outer(size, size))
+    kept = square > 1e-9
+    far = float(np.square((v[:, kept].T @ (e / size)) / np.sqrt(square[kept])).sum())
+    assert 30 < far * 70 / kept.sum() < 120
+    inside = np.abs(true[:, 0] - ours.mass[:, 0]) < ours.mass[:, 1]
+    assert inside.sum() >= 6
+
+
+@pytest.mark.slow
+def test_the_bodies_exist_and_have_the_torque(found) -> None:
+    ours, library, _ = found
+    assert consistent(NOMINAL + ours.changes).all()
+    part = model_of(diagnose_logs([hidden(panda(), true=a_little_off())], panda())).parts[0]
+    assert part.cause == TOLERANCES.name
+    arm = cause_named(part.cause).changed(panda(), part)
+    data = library.data
+    left = data.on(arm).recording.rigid - data.tau
+    before = data.residual
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(before**2))
+
+
+def test_the_factor_is_a_root_of_the_covariance(found) -> None:
+    ours = found[0]
+    again = ours.factor @ ours.factor.T
+    size = np.sqrt(np.diag(ours.covariance))
+    assert np.allclose(again / np.outer(size, size), ours.covariance / np.outer(size, size))
+
+
+@pytest.mark.slow
+def test_a_model_hands_its_doubt_on(tmp_path) -> None:
+    """A tool of 1 kg is weighed on the next day; the interval knows what the first day left."""
+    arm, true = panda(), a_little_off()
+    bare = diagnose_logs([hidden(arm, true=true)], arm)
+    assert bare.links is not None
+    assert not bare.causes
+    path = tmp_path / "model.toml"
+    path.write_text(dump(model_of(bare)), encoding="utf-8")
+    known = read(path)
+    assert known.links is not None
+    assert np.array_equal(known.links, bare.links.factor)
+    tool = cause_named("payload")
+    body = tool.part_of(np.array([1.0, 0.0, 0.0, 0.05, *[0.0] * 6]), (0.0, 0.0, 0.0))[0]
+    part = type(model_of(bare).parts[0])(
+        cause="payload", joint=0, shape=(), coefficients=tuple(body.tolist())
+    )
+    log = hidden(arm, true=tool.changed(true, part), seed=2)
+    later = diagnose_logs([log], arm, nominal=path)
+    assert [c.name for c in later.causes] == ["payload"]
+    weighed = later.causes[0].parameters[0]["mass_kg"]
+    low, high = weighed.ci95
+    assert low < 1.0 < high
+    assert high - low < 0.3
+
+
+def test_a_matrix_of_another_arm_is_refused(tmp_path) -> None:
+    path = tmp_path / "model.toml"
+    text = '[arm]\nrobot = "panda"\npayload = []\ntilt = [0.0, 0.0]\ndistance = []\n\n[links]\n'
+    for rows in ("[[1.0], [2.0, 3.0]]", '[["a"]]', "[[nan]]", "[1.0]"):
+        path.write_text(f"{text}covariance_factor = {rows}\n")
+        with pytest.raises(StictionError, match=r"\[links\] covariance_factor: expected rows"):
+            read(path)
+    path.write_text(f"{text}covariance_factor = [[1.0], [2.0]]\n")
+    with pytest.raises(StictionError, match=r"\[links\] has 2 rows: expected 70 for panda"):
+        read(path).check(panda(), path)
