@@ -22,9 +22,9 @@ ARM = -1
 """The joint's number of a `Candidate` of all joints."""
 SCALES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 """Sizes of the random effects over their prior that are tried [-]; assumed."""
-ALLOWED = 1.92
-"""Drop of the log likelihood to the ends of a 95 % interval [nats]: half of the quantile of χ² with
-one degree of freedom."""
+ALLOWED = 3.32
+"""Drop of the log likelihood to the ends of a 99 % interval [nats]: half of the quantile of χ² with
+one degree of freedom. Not 95 %, since one size stands for mass, centre and shape."""
 BATCHES = 4
 """Batches of rows per block, whose sums show slow noise [-]; assumed."""
 ROOM = 256
@@ -107,6 +107,8 @@ class RegressorLibrary:
         self.weight = self.certain.copy()
         self.inflation = np.full(data.n, own.prior_rows * self.independent_rows)
         """(n,) number of rows that form one independent observation of the noise floor."""
+        self.least_inflation = self.inflation.copy()
+        """(n,) the same by what all linear causes together leave."""
         self._reweigh()
         self.grams = self._sums([self._gram(j, self._store(j)) for j in range(data.n)])
 
@@ -241,7 +243,7 @@ class RegressorLibrary:
             self.weight[:, j] = self.certain[:, j] * np.minimum(
                 1.0, huber * scale / np.maximum(np.abs(e), 1e-300)
             )
-            self.inflation[j] = self._inflation(j, e)
+            self.least_inflation[j] = self._inflation(j, e)
         self.scale = 0.0
 
     def given(self, inflation: Array, scale: float) -> RegressorLibrary:
@@ -259,7 +261,7 @@ class RegressorLibrary:
     def likeliest(self, terms: Sequence[Candidate]) -> tuple[float, float]:
         """Return the largest log evidence of a model [nats], and the size of random effects.
 
-        The size is the largest that the data allow: the upper end of its 95 % interval by the
+        The size is the largest that the data allow: the upper end of its 99 % interval by the
         restricted likelihood (H. Patterson, R. Thompson, "Recovery of inter-block information when
         block sizes are unequal", Biometrika 1971), so that parameters are not too sure. It is zero
         where the data are likeliest without random effects.

@@ -399,7 +399,7 @@ def _verdict(
     size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
     own = library.data.settings
     enough = np.maximum(own.verdict.close * noise, own.verdict.small * size)
-    left = (extended > enough) | structured
+    far = extended > enough
     farthest = float(np.ptp(library.data.q, axis=0).max())
     seen = len(library.candidates) > 0 and farthest > own.motion.travel_span
     if not seen:
@@ -407,10 +407,10 @@ def _verdict(
     if not named:
         if not (nominal > enough).any():
             return "no discrepancy"
-        return "cannot tell" if left.any() or library.scale == 0 else "explained"
-    if len(named) == 1 and named[0].confused_with and left.any():
+        return "cannot tell" if far.any() or library.scale == 0 else "explained"
+    if len(named) == 1 and named[0].confused_with and far.any():
         return "cannot tell"
-    return "partly explained" if left.any() else "explained"
+    return "partly explained" if (far | structured).any() else "explained"
 
 
 def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Array) -> Any:

@@ -48,7 +48,7 @@ class Gain:
     """Whether they do so over all joints together, and reduce the error more than they add."""
     stands_out: bool | None = None
     """Whether a body is likely beside small errors of all links, which can predict the same; None
-    for what these cannot imitate."""
+    for what these cannot imitate, or where there are none."""
 
     @property
     def total(self) -> float:
@@ -79,7 +79,9 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     left = grams.held_out(rest)
     less = left - grams.held_out(model)
     if library.scale > 0 and any(library.causes[t.cause].changes_arm for t in added):
-        return Gain(less, *stands_out(library, terms, added))
+        found = Gain(less, *stands_out(library, terms, added))
+        if not found.stands_out or any(library.causes[t.cause].body for t in added):
+            return found
     if less.sum() <= 0:  # it is not real then, whatever else may be
         return Gain(less, np.zeros(len(less), dtype=bool), False)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
@@ -103,7 +105,12 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     # log-likelihood of joints with separate noise, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
-    return Gain(less, each & large & (less.sum(axis=1) > 0), whole)
+    joints = each & large & (less.sum(axis=1) > 0)
+    if library.scale > 0 and whole and joints.any():
+        # beside random effects a held-out gain may be theirs: the likelihood must agree
+        more = grams.log_evidence(model) - grams.log_evidence(rest)
+        whole = more > np.log(max(len(library.candidates), 1))
+    return Gain(less, joints, whole)
 
 
 def stands_out(
@@ -361,25 +368,26 @@ def with_or_without_random(
     """
     if library.data.recording.link_factor is not None:
         # an earlier diagnosis says how well the links are known
-        library.given(library.inflation, 1.0)
+        library.given(library.least_inflation, 1.0)
         dense = choose(library)
         library.given(library.noise_under(dense), 1.0)
         return dense
+    usual = library.inflation
     sparse = choose(library)
-    of_sparse = library.noise_under(sparse)
     left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)
     noise_only = bool((left < ONLY_NOISE**2 * library.grams.counts).all())
     if noise_only and not any(library.causes[t.cause].changes_arm for t in sparse):
-        library.given(of_sparse, 0.0)
         return sparse
-    before = library.inflation
-    library.given(before, 1.0)
+    of_sparse = library.noise_under(sparse)
+    library.given(library.least_inflation, 1.0)
     dense = choose(library)
     library.given(np.minimum(of_sparse, library.noise_under(dense)), 1.0)
     (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
-    library.given(library.inflation, scale if other > one else small)
-    terms = dense if other > one else sparse
-    return [*library.start, *(t for t in terms if t not in library.random)]
+    if other > one:
+        library.given(library.inflation, scale)
+        return dense
+    library.given(library.inflation if small else usual, small)
+    return [*library.start, *sparse]
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:

@@ -124,6 +124,8 @@ class Cause(ABC):
     torque, and the load that friction depends on changes with it."""
     random: ClassVar[bool] = False
     """Whether its coefficients are small random effects: in every model, and never named."""
+    body: ClassVar[bool] = False
+    """Whether it is a body, whose torque small errors of all links can imitate."""
     least_evidence: ClassVar[float] = 0.0
     """Log evidence beside small errors of all links from which on it is named, for causes that
     change the arm [nats]."""

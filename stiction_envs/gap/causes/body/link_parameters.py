@@ -48,6 +48,7 @@ class LinkParameters(Cause):
     coupled: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
+    body: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
     least_evidence: ClassVar[float] = 7.0  # assumed: one of many links
     dependent_parameters: ClassVar[int] = 2

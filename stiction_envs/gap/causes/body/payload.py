@@ -53,6 +53,7 @@ class Payload(Cause):
     arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
+    body: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
     distinctive: ClassVar[int] = 1  # a body without mass is none
     dependent_parameters: ClassVar[int] = 9  # the centre of linearisation; inertia has a prior
