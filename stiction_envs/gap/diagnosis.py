@@ -28,6 +28,7 @@ from stiction_envs.gap.refit import given_arm_causes, refine_delay, same_arm_cau
 from stiction_envs.gap.selection import (
     Chooser,
     gain,
+    is_implausible,
     prefer_arm_causes,
     pruned,
     with_or_without_random,
@@ -42,9 +43,9 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-STRUCTURE_FROM = 1.5
+STRUCTURE_FROM = 2.0
 """Held-out error of a joint over its noise from which on it may have structure [-]; assumed."""
-STRUCTURE = 0.25
+STRUCTURE = 0.5
 """Part of the squared error that one more cause may take before the rest has structure in speed,
 angle, load or time [-]; assumed."""
 
@@ -99,6 +100,8 @@ class Diagnosis:
     """(n,) held-out error of the extended model [N·m]."""
     noise: Array
     """(n,) noise floor, given the causes (`noise_left`) [N·m]."""
+    structured: NDArray[np.bool_]
+    """(n,) whether a further cause would take much of what is left of a joint."""
     not_identifiable: dict[str, str]
     """Causes that these data cannot show, and why."""
     what_to_record: tuple[str, ...]
@@ -221,7 +224,8 @@ def diagnose_logs(
         return Chooser(library, lambda k: say(stage, k / (k + 12)), *some).choose()
 
     say("choosing causes", 0.0)
-    terms = with_or_without_random(library, partial(choose, stage="choosing causes"))
+
+    terms = with_or_without_random(library, partial(choose, stage="choosing causes"), sharpen)
     say("refitting", 0.0)
     if (given := given_arm_causes(library, terms)) is not None:
         known = library.inflation, library.scale
@@ -304,22 +308,17 @@ def _conclude(
     named.sort(key=lambda x: -x.gain_percent)
     minor = tuple(c for c in named[1:] if c.name in little)
     named = [c for c in named if c not in minor]
+    more = structured(library, terms, extended_rms / noise)
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
     return Diagnosis(
         robot=data.arm.name,
-        verdict=_verdict(
-            named,
-            nominal_rms,
-            extended_rms,
-            noise,
-            library,
-            structured(library, terms, extended_rms / noise),
-        ),
+        verdict=_verdict(named, nominal_rms, extended_rms, noise, library, more),
         causes=tuple(named),
         minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=noise,
+        structured=more,
         not_identifiable=not_identifiable,
         what_to_record=_what_to_record(named, not_identifiable),
         logs=tuple(logs),
@@ -423,14 +422,16 @@ def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Arra
     """
     grams, model = library.grams, library.model_columns(terms)
     near, squares = grams.around(model), grams.errors(model)
+    have = {(t.cause, t.joint) for t in terms}
     out = np.zeros(len(left), dtype=bool)
     for j in np.flatnonzero(left > STRUCTURE_FROM):
-        taken = (
-            near.reduction(library.model_columns([t])) * library.inflation[j]
-            for t in library.candidates
-            if t.joint == j and t not in terms and not library.causes[t.cause].coupled
-        )
-        out[j] = max(taken, default=0.0) > STRUCTURE * squares[j]
+        for term in library.candidates:
+            cause = library.causes[term.cause]
+            if term.joint != j or cause.coupled or (term.cause, term.joint) in have:
+                continue
+            taken = near.reduction(library.model_columns([term])) * library.inflation[j]
+            if taken > STRUCTURE * squares[j]:
+                out[j] |= not is_implausible(library, [*terms, term], [term])
     return out
 
 

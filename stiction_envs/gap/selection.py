@@ -23,6 +23,7 @@ from scipy.stats import t as student
 from stiction_envs.gap.angle_ranges import holds_over_angle, simpler_by_angle
 from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Shape
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.normal_equations import t_statistic
 
 Array = NDArray[np.float64]
@@ -359,12 +360,19 @@ class Chooser:
 
 
 def with_or_without_random(
-    library: RegressorLibrary, choose: Callable[[RegressorLibrary], list[Candidate]]
+    library: RegressorLibrary,
+    choose: Callable[[RegressorLibrary], list[Candidate]],
+    refine: Callable[[RegressorLibrary, list[Candidate]], list[Candidate]],
 ) -> list[Candidate]:
     """Return the likelier model: a few bodies explain the arm, or small errors of all its links.
 
     The library keeps the noise and the size of the random effects under the one that is returned.
     Where a model without bodies leaves nothing but noise, there is no question.
+
+    Args:
+        library: of the logs.
+        choose: returns the significant terms.
+        refine: returns terms with better nonlinear parameters.
     """
     if library.data.recording.link_factor is not None:
         # an earlier diagnosis says how well the links are known
@@ -373,21 +381,22 @@ def with_or_without_random(
         library.given(library.noise_under(dense), 1.0)
         return dense
     usual = library.inflation
-    sparse = choose(library)
+    # small errors of links would make up for what a first guess leaves
+    sparse = refine(library, choose(library))
     left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)
-    noise_only = bool((left < ONLY_NOISE**2 * library.grams.counts).all())
-    if noise_only and not any(library.causes[t.cause].changes_arm for t in sparse):
+    done = bool((left < ONLY_NOISE**2 * library.grams.counts).all())
+    # a delay is exact only once it is applied to the whole model, and leaves more until then
+    done |= any(isinstance(library.causes[t.cause], ActuatorDelay) for t in sparse)
+    if done and not any(library.causes[t.cause].changes_arm for t in sparse):
         return sparse
     of_sparse = library.noise_under(sparse)
     library.given(library.least_inflation, 1.0)
     dense = choose(library)
     library.given(np.minimum(of_sparse, library.noise_under(dense)), 1.0)
     (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
-    if other > one:
-        library.given(library.inflation, scale)
-        return dense
-    library.given(library.inflation if small else usual, small)
-    return [*library.start, *sparse]
+    terms, size = (dense, scale) if other > one else (sparse, small)
+    library.given(library.inflation if size else usual, size)
+    return [*library.start, *(t for t in terms if t not in library.random)]
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:

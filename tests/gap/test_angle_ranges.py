@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,9 +21,14 @@ SMOOTH = "position_dependent_torque"
 FEW = ("coulomb_friction", "torque_offset", "external_spring", SMOOTH, "base_tilt")
 
 
+@cache
+def moved() -> Data:
+    return data_of(panda(), hidden(panda(), seconds=30.0, noise=0.05))
+
+
 @pytest.fixture(scope="module")
 def data() -> Data:
-    return data_of(panda(), hidden(panda(), seconds=30.0, noise=0.05))
+    return moved()
 
 
 def library_of(data: Data, torque: np.ndarray, *names: str) -> RegressorLibrary:
@@ -39,7 +45,8 @@ def hump(data: Data) -> np.ndarray:
 
 
 def smooth(order: int) -> Candidate:
-    return Candidate(SMOOTH, JOINT, (float(order),))
+    q = moved().q[:, JOINT]
+    return Candidate(SMOOTH, JOINT, (float(order), float(q.min()), float(q.max())))
 
 
 def test_a_joint_travels_equally_far_in_each_range(data: Data) -> None:

@@ -181,11 +181,12 @@ def _links(links: LinkErrors) -> str:
 
 def _residuals(d: Diagnosis) -> str:
     rows, close = [], d.settings.verdict.close
-    for j, (before, after, noise) in enumerate(
-        zip(d.nominal_rms, d.extended_rms, d.noise, strict=True), 1
+    for j, (before, after, noise, missing) in enumerate(
+        zip(d.nominal_rms, d.extended_rms, d.noise, d.structured, strict=True), 1
     ):
         gain = f"{number(100 * (1 - after / before), 0)} %"
-        left = f"{after / noise:.1f} × the noise" + ("" if after > close * noise else ", explained")
+        said = ", a cause is missing" if missing else "" if after > close * noise else ", explained"
+        left = f"{after / noise:.1f} × the noise{said}"
         rows.append([f"joint {j}", short(before), short(after), gain, short(noise), left])
     return table_text(["joint", "nominal", "extended", "gain", "noise floor", "left"], rows)
 

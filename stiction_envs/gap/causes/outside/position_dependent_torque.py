@@ -74,7 +74,9 @@ class PositionDependentTorque(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones, then cosine and sine of each harmonic, constant beyond the logs' angles."""
-        angle = np.clip(data.q[:, joint], *shape[1:]) if len(shape) > 1 else data.q[:, joint]
+        angle = data.q[:, joint]
+        if len(shape) > 1:
+            angle = np.clip(angle, shape[1], shape[2])
         x = harmonics(angle, int(shape[0]))
         return np.concatenate([x[:, :1], data.smooth(x[:, 1:])], axis=1)
 
