@@ -236,8 +236,11 @@ def diagnose_logs(
             terms = refitted
         else:
             library = RegressorLibrary(data, causes).given(*known)
-    elif library.scale > 0:
-        terms = choose(library)
+            library.refine(terms)  # with the nonlinear parameters that were found
+    if library.scale > 0:
+        # the noise, and the size of the links' errors, are known only now; a search is greedy
+        several = choose(library, terms), choose(library)
+        terms = max(several, key=lambda x: library.grams.log_evidence(library.model_columns(x)))
     say("refitting", 0.6)
     terms = refine_delay(library, sharpen(library, terms))
     terms = prefer_arm_causes(library, terms)
