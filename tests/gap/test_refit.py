@@ -42,5 +42,5 @@ def test_what_is_not_found_again_leaves_the_model_as_it_was(
     ]
     assert ours["verdict"] == theirs["verdict"]
     assert back.extended_rms == pytest.approx(never.extended_rms, rel=1e-3)
-    assert (back.coefficients == never.coefficients).all()
+    np.testing.assert_allclose(back.coefficients, never.coefficients, rtol=0.01, atol=1e-3)
     assert back.data.carried is None
