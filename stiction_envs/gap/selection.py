@@ -31,8 +31,6 @@ ROUNDS = 3
 """Largest number of rounds of adding and removing; assumed."""
 DISTINCT = 3.0
 """Least size of a body's number over its standard error [-]; assumed: rarely by chance."""
-ONLY_NOISE = 1.1
-"""Held-out error over the noise floor up to which nothing is left to explain [-]; assumed."""
 MOST_TERMS = 40
 """Largest number of terms that are added in a round; assumed."""
 
@@ -367,7 +365,7 @@ def with_or_without_random(
     """Return the likelier model: a few bodies explain the arm, or small errors of all its links.
 
     The library keeps the noise and the size of the random effects under the one that is returned.
-    Where a model without bodies leaves nothing but noise, there is no question.
+    Where a model without bodies leaves little, there is no question.
 
     Args:
         library: of the logs.
@@ -384,10 +382,11 @@ def with_or_without_random(
     # small errors of links would make up for what a first guess leaves
     sparse = refine(library, choose(library))
     left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)
-    done = bool((left < ONLY_NOISE**2 * library.grams.counts).all())
+    most = float(np.sqrt(np.max(left / np.maximum(library.grams.counts, 1.0))))
+    has_body = any(library.causes[t.cause].changes_arm for t in sparse)
     # a delay is exact only once it is applied to the whole model, and leaves more until then
-    done |= any(isinstance(library.causes[t.cause], ActuatorDelay) for t in sparse)
-    if done and not any(library.causes[t.cause].changes_arm for t in sparse):
+    late = any(isinstance(library.causes[t.cause], ActuatorDelay) for t in sparse)
+    if not has_body and (late or most < library.data.settings.verdict.close):
         return sparse
     of_sparse = library.noise_under(sparse)
     library.given(library.least_inflation, 1.0)
