@@ -228,7 +228,7 @@ def diagnose_logs(
     terms = with_or_without_random(library, partial(choose, stage="choosing causes"), sharpen)
     say("refitting", 0.0)
     if (given := given_arm_causes(library, terms)) is not None:
-        known = library.inflation, library.scale
+        known, tried = (library.inflation, library.scale), library.candidates
         del library  # two at once take too much memory
         library = RegressorLibrary(*given).given(*known)
         refitted = choose(library)
@@ -236,7 +236,7 @@ def diagnose_logs(
             terms = refitted
         else:
             library = RegressorLibrary(data, causes).given(*known)
-            library.refine(terms)  # with the nonlinear parameters that were found
+            library.refine(tried)  # with the nonlinear parameters that were tried since
     if library.scale > 0:
         # the noise, and the size of the links' errors, are known only now; a search is greedy
         several = choose(library, terms), choose(library)

@@ -372,6 +372,8 @@ def with_or_without_random(
         choose: returns the significant terms.
         refine: returns terms with better nonlinear parameters.
     """
+    if not library.random:
+        return choose(library)
     if library.data.recording.link_factor is not None:
         # an earlier diagnosis says how well the links are known
         library.given(library.least_inflation, 1.0)
