@@ -101,18 +101,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         result = diagnose(
             args.logs,
             args.robot,
-            torque=args.torque,
-            joints=args.joints,
-            topic=args.topic,
-            nominal=args.nominal,
+            **_about_the_logs(args),
             poses=args.poses,
             check=args.check,
-            payload=args.payload,
-            tilt=args.tilt,
-            chain=args.chain,
-            cutoff_hz=args.cutoff,
             method=args.method,
-            seed=args.seed,
             threads=args.threads,
             progress=say,
         )
@@ -124,6 +116,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "summary": result.summary,
         **result.to_json(),
     }
+
+
+def _about_the_logs(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments that a diagnosis and a rehearsal share."""
+    same = ("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed")
+    return {name: getattr(args, name) for name in same} | {"cutoff_hz": args.cutoff}
 
 
 def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
@@ -152,16 +150,8 @@ def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
         planned = plan(
             args.logs,
             args.robot,
-            torque=args.torque,
-            joints=args.joints,
-            topic=args.topic,
-            nominal=args.nominal,
-            payload=args.payload,
-            tilt=args.tilt,
-            chain=args.chain,
-            cutoff_hz=args.cutoff,
+            **_about_the_logs(args),
             causes=causes,
-            seed=args.seed,
             progress=progress.whole,
         )
         with common.working(), folder:

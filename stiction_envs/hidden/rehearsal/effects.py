@@ -149,9 +149,20 @@ def dry_friction(replay: Replay, level: Array) -> Array:
     return level * along(replay, plain_law(replay, replay.friction)) / replay.friction
 
 
-def _more(replay: Replay, law: LuGre) -> Array:
-    """Return what a law adds to the arm's own dry friction."""
-    return along(replay, law) - along(replay, plain_law(replay, replay.friction))
+def replayed_friction(
+    name: str, parameter: str, unit: str, *, start: float = 0.01, **traits: Any
+) -> Callable[[Callable[[Replay, Array], LuGre]], Law]:
+    """Enter a law of dry friction into `REPLAYED`: hidden is what it adds to the arm's own."""
+
+    def enter(law: Callable[[Replay, Array], LuGre]) -> Law:
+        @replayed(name, parameter, unit, start=start, on_friction=True, **traits)
+        def more(replay: Replay, size: Array) -> Array:
+            own = plain_law(replay, replay.friction)
+            return along(replay, law(replay, size)) - along(replay, own)
+
+        return more
+
+    return enter
 
 
 @replayed("coulomb_friction", "coulomb_nm", "N·m", start=0.01)
@@ -169,40 +180,22 @@ def _share(replay: Replay, size: Array) -> Array:
     return size * replay.friction
 
 
-@replayed(
-    *("stribeck_friction", "stiction_nm", "N·m"),
-    start=0.01,
-    largest=3.0,
-    on_friction=True,
-    shown=_share,
-)
-def _stribeck(replay: Replay, size: Array) -> Array:
+@replayed_friction("stribeck_friction", "stiction_nm", "N·m", largest=3.0, shown=_share)
+def _stribeck(replay: Replay, size: Array) -> LuGre:
     level = replay.friction
-    return _more(replay, plain_law(replay, level, stiction=level * (1 + size)))
+    return plain_law(replay, level, stiction=level * (1 + size))
 
 
-@replayed(
-    *("direction_asymmetry", "asymmetry_nm", "N·m"),
-    start=0.01,
-    largest=0.9,
-    on_friction=True,
-    shown=_share,
-)
-def _asymmetry(replay: Replay, size: Array) -> Array:
+@replayed_friction("direction_asymmetry", "asymmetry_nm", "N·m", largest=0.9, shown=_share)
+def _asymmetry(replay: Replay, size: Array) -> LuGre:
     level = replay.friction * (1 + size)
-    return _more(replay, plain_law(replay, level, asymmetry=(1 - size) / (1 + size)))
+    return plain_law(replay, level, asymmetry=(1 - size) / (1 + size))
 
 
-@replayed(
-    *("load_dependent_friction", "load_coefficient", "1"),
-    start=0.01,
-    largest=1.0,
-    on_friction=True,
-)
-def _load(replay: Replay, size: Array) -> Array:
+@replayed_friction("load_dependent_friction", "load_coefficient", "1", largest=1.0)
+def _load(replay: Replay, size: Array) -> LuGre:
     load = np.abs(replay.data.rigid)
-    law = plain_law(replay, replay.friction, load_coefficient=size, load=load)
-    return _more(replay, law)
+    return plain_law(replay, replay.friction, load_coefficient=size, load=load)
 
 
 def _longer(replay: Replay, size: Array) -> Array:
@@ -210,15 +203,14 @@ def _longer(replay: Replay, size: Array) -> Array:
     return replay.data.friction.presliding_distance + size
 
 
-@replayed(
+@replayed_friction(
     *("presliding_hysteresis", "bristle_stiffness", "N·m/rad"),
     start=1e-3,
     largest=0.1,
-    on_friction=True,
     shown=lambda replay, size: replay.friction / _longer(replay, size),
 )
-def _presliding(replay: Replay, size: Array) -> Array:
-    return _more(replay, plain_law(replay, replay.friction, _longer(replay, size)))
+def _presliding(replay: Replay, size: Array) -> LuGre:
+    return plain_law(replay, replay.friction, _longer(replay, size))
 
 
 @replayed("position_dependent_friction", "ripple_nm", "N·m", start=0.01)
@@ -231,17 +223,10 @@ def _over_the_log(replay: Replay, size: Array) -> Array:
     return size * replay.friction / max(float(replay.data.recording.since_session.max()), 1e-9)
 
 
-@replayed(
-    *("warm_up_drift", "drift_nm_per_s", "N·m/s"),
-    start=0.01,
-    largest=1.0,
-    on_friction=True,
-    shown=_over_the_log,
-)
-def _drift(replay: Replay, size: Array) -> Array:
+@replayed_friction("warm_up_drift", "drift_nm_per_s", "N·m/s", largest=1.0, shown=_over_the_log)
+def _drift(replay: Replay, size: Array) -> LuGre:
     since = replay.data.recording.since_session[:, None]
-    level = replay.friction + _over_the_log(replay, size) * since
-    return _more(replay, plain_law(replay, level))
+    return plain_law(replay, replay.friction + _over_the_log(replay, size) * since)
 
 
 # ---- bodies --------------------------------------------------------------------------------------
