@@ -7,6 +7,7 @@ the noise is white.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
@@ -220,17 +221,22 @@ def test_a_textbook_effect_is_named(hidden: str, first: str, key: str, truth: fl
     assert found.verdict == "explained"
 
 
-@pytest.mark.parametrize("distance", [0.04, pytest.param(0.06, marks=pytest.mark.slow)])
-def test_joints_that_yield_far_are_named_with_their_stiffness(distance: float) -> None:
-    """Dahl's friction that builds up over 40 or 60 mrad, in a log of small reversals."""
-    rng = np.random.default_rng(3)
+def yielding(law: Callable[..., Array], level: float, distance: float, seed: int) -> Diagnosis:
+    """Diagnose a log of small reversals, in which a law is hidden on joints 2, 4 and 6."""
+    rng = np.random.default_rng(seed)
     t = np.arange(0, 20, 1 / 250)
     q = MOTIONS["reversals"](rng, t)
     v = np.gradient(q, t, axis=0)
     tau = inverse("panda", q, v, np.gradient(v, t, axis=0)) + 0.03 * rng.normal(size=q.shape)
     for j in (1, 3, 5):
-        tau[:, j] += dahl(q[:, j], 1.0, 1.0 / distance)
-    found = diagnose_logs([JointLog(source="yields.csv", t=t, q=q, dq=None, tau=tau)], "panda")
+        tau[:, j] += law(q[:, j], level, level / distance)
+    return diagnose_logs([JointLog(source="yields.csv", t=t, q=q, dq=None, tau=tau)], "panda")
+
+
+@pytest.mark.parametrize("distance", [0.04, pytest.param(0.06, marks=pytest.mark.slow)])
+def test_joints_that_yield_far_are_named_with_their_stiffness(distance: float) -> None:
+    """Dahl's friction that builds up over 40 or 60 mrad, in a log of small reversals."""
+    found = yielding(dahl, 1.0, distance, seed=3)
     named = {c.name: c for c in found.causes}
     assert set(named) == {"coulomb_friction", "presliding_hysteresis"}
     assert named["presliding_hysteresis"].joints == (2, 4, 6)
@@ -243,14 +249,7 @@ def test_joints_that_yield_far_are_named_with_their_stiffness(distance: float) -
 @pytest.mark.parametrize("law", [dahl, gms], ids=["dahl", "gms"])
 def test_the_law_of_presliding_is_named(law) -> None:
     """One bristle or forty elements, of which the diagnosis has eight, on joints 2, 4 and 6."""
-    rng = np.random.default_rng(4)
-    t = np.arange(0, 20, 1 / 250)
-    q = MOTIONS["reversals"](rng, t)
-    v = np.gradient(q, t, axis=0)
-    tau = inverse("panda", q, v, np.gradient(v, t, axis=0)) + 0.03 * rng.normal(size=q.shape)
-    for j in (1, 3, 5):
-        tau[:, j] += law(q[:, j], 0.8, 0.8 / 0.015)
-    found = diagnose_logs([JointLog(source="yields.csv", t=t, q=q, dq=None, tau=tau)], "panda")
+    found = yielding(law, 0.8, 0.015, seed=4)
     named = {c.name: c for c in found.causes}
     assert set(named) == {"coulomb_friction", "presliding_hysteresis"}
     presliding = named["presliding_hysteresis"]

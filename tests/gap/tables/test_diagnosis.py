@@ -92,9 +92,17 @@ def test_low_pass_is_one_cause_of_all_joints(diagnose):
     assert "cut-off" in first.evidence
 
 
+HEAVY_ROTOR = Truth(joint=7, rotor_inertia=2.0)
+
+
+@pytest.fixture(scope="module")
+def heavy_rotor(diagnose):
+    return diagnose(tables(JOINTS, HEAVY_ROTOR, seed=1))
+
+
 @pytest.mark.slow
-def test_rotor_inertia(diagnose):
-    found = diagnose(tables(JOINTS, Truth(joint=7, rotor_inertia=2.0), seed=1))
+def test_rotor_inertia(heavy_rotor):
+    found = heavy_rotor
     first = check(found, "rotor_inertia", [7], "factor", 2.0, 0.1)
     inertia = nominal().rotor_inertia[6]
     value = first.parameters["armature_kgm2"].value
@@ -145,10 +153,9 @@ def test_corrupted_cell_is_one_cell(diagnose):
 
 
 @pytest.mark.slow
-def test_a_corrupted_cell_damages_no_other_estimate(diagnose):
-    plain = Truth(joint=7, rotor_inertia=2.0)
-    hit = dataclasses.replace(plain, corrupted=BAD)
-    clean, found = (diagnose(tables(JOINTS, t, seed=1)) for t in (plain, hit))
+def test_a_corrupted_cell_damages_no_other_estimate(diagnose, heavy_rotor):
+    hit = dataclasses.replace(HEAVY_ROTOR, corrupted=BAD)
+    clean, found = heavy_rotor, diagnose(tables(JOINTS, hit, seed=1))
     check(found, "rotor_inertia", [7], "factor", 2.0, 0.1)
     assert [c.name for c in found.causes] == ["rotor_inertia", "corrupted_cell"]
     values = [d.causes[0].parameters["factor"].value for d in (clean, found)]

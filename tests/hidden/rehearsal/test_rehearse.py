@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -342,7 +343,10 @@ def size_of(name: str, joint: int, known: bool, value: float) -> float:
 def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, known):
     """Rehearsed in the log of an arm without it; then simulated by MuJoCo, controller and all."""
     bare = make_case(3, (), motion=motion, known=known)
-    promise = rehearse(bare.logs, bare.robot, nominal=bare.nominal, causes=[name])
+    planned = plan(bare.logs, bare.robot, nominal=bare.nominal, causes=[name])
+    # of a cause that is hidden joint by joint, this joint's runs alone: each has its own noise
+    jobs = tuple(j for j in planned.jobs if j.key == NOTHING or joint - 1 in j.joints)
+    promise = replace(planned, jobs=jobs).run()
     (row,) = (r for r in promise.rows if r.joint in (0, joint))
     assert promise.named_without == ()
     assert row.named, row
