@@ -50,7 +50,9 @@ class AngleRanges:
         self._library, self._term = library, term
         self._settings = data.settings.angle_ranges
         self._ranges = equal_travel(data, j, self._settings.ranges)
-        self._own = [t for t in terms if t != term and library.affected_joints(t) == [j]]
+        self._own = [
+            t for t in terms if t != term and not t.small and library.affected_joints(t) == [j]
+        ]
         self._target = library.residual[:, j].copy()
         for other, mine in zip(terms, library.fitted(terms), strict=True):
             if other != term and other not in self._own and j in library.affected_joints(other):

@@ -56,6 +56,8 @@ class Candidate:
     cause: str
     joint: int
     shape: Shape
+    small: bool = False
+    """Whether it is a random effect: an error within its tolerance, never named."""
 
 
 class RegressorLibrary:
@@ -71,7 +73,7 @@ class RegressorLibrary:
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._width = [0] * data.n
-        self._limits: dict[Candidate, tuple[Numbers, Numbers, Numbers]] = {}
+        self._limits: dict[tuple[Candidate, float], tuple[Numbers, Numbers, Numbers]] = {}
         self._models: dict[tuple[float, tuple[Candidate, ...]], ModelColumns] = {}
         self.residual = data.residual
         own = data.settings.candidates
@@ -88,8 +90,8 @@ class RegressorLibrary:
         """Size of the random effects over their prior [-]; 0 for none."""
         arm_wide = [c for c in causes if c.arm_wide and not c.random]
         each = [c for c in causes if not c.arm_wide]
-        self.random = [Candidate(c.name, ARM, ()) for c in causes if c.random]
-        """Random effects, whose columns are the first of every joint."""
+        self.random = [Candidate(c.name, ARM, (), small=True) for c in causes if c.random]
+        """Small errors of all links, whose columns are the first of every joint."""
         for term in self.random:
             self._add(term, self._rows(term))
         first = self._made(0, each)  # also computes what all joints need from the recording
@@ -171,7 +173,7 @@ class RegressorLibrary:
             # a cause without another that it needs is less simple
             + sum(name not in have for name in self.needs(t.cause))
             for t in terms
-            if t not in self.random
+            if not t.small
         )
 
     def _add(self, term: Candidate, rows: list[Array]) -> None:
@@ -180,7 +182,7 @@ class RegressorLibrary:
             self._at[term, joint] = tuple(range(start, start + len(columns)))
             self._width[joint] += len(columns)
             self._put(joint, start, columns)
-        if term not in self.random:
+        if not term.small:
             self.candidates.append(term)
 
     def _put(self, joint: int, start: int, columns: Array) -> None:
@@ -195,7 +197,7 @@ class RegressorLibrary:
     def refine(self, terms: Iterable[Candidate]) -> None:
         """Add candidates with other nonlinear parameters, and update the sums."""
         for term in terms:
-            if term not in self.candidates and term not in self.random:
+            if term not in self.candidates and not term.small:
                 self._add(term, self._rows(term))
         self.grams = self._sums([self._grown(j) for j in range(self.data.n)])
 
@@ -252,6 +254,22 @@ class RegressorLibrary:
         self.grams = self._sums(self.grams.joints)
         return self
 
+    def add_set_up(self, terms: Sequence[Candidate]) -> list[Candidate]:
+        """Return a model with small errors of all causes that have a tolerance.
+
+        They share the causes' columns; one of what is named would be the same torque twice.
+        """
+        named = [t for t in terms if not t.small]
+        have, small = {(t.cause, t.joint) for t in named}, list(self.random)
+        for term in self.candidates:
+            usual = self.causes[term.cause].tolerance(self.data, term.joint)
+            if (term.cause, term.joint) in have or any(term.shape) or not usual:
+                continue
+            small.append(replace(term, small=True))
+            for joint in self.affected_joints(term):
+                self._at[small[-1], joint] = self._at[term, joint]
+        return [*small, *named]
+
     def noise_under(self, terms: Sequence[Candidate]) -> Array:
         """Return (n,) `inflation` by what a model leaves."""
         c = self.grams.fit(self.model_columns(terms))
@@ -266,11 +284,11 @@ class RegressorLibrary:
         block sizes are unequal", Biometrika 1971), so that parameters are not too sure. It is zero
         where the data are likeliest without random effects.
         """
-        before, rest = self.scale, [t for t in terms if t not in self.random]
+        before = self.scale
         tried = (1.0,) if self.data.recording.link_factor is not None else SCALES
         found = []
         for self.scale in tried:
-            found.append(self.grams.log_evidence(self.model_columns([*self.start, *rest])))
+            found.append(self.grams.log_evidence(self.model_columns(self.beside(terms))))
         self.scale = before
         best = max(found)
         if found[0] == best:
@@ -294,10 +312,9 @@ class RegressorLibrary:
         slow = float(np.mean([x.sum() ** 2 / max(len(x), 1) for x in batches]))
         return max(slow, self.independent_rows * max(float(np.mean(kept**2)), 1.0))
 
-    @property
-    def start(self) -> list[Candidate]:
-        """The random effects, as far as there are any: the terms of every model."""
-        return list(self.random) if self.scale > 0 else []
+    def beside(self, terms: Sequence[Candidate]) -> list[Candidate]:
+        """Return the named terms beside small errors of all links, as far as there are any."""
+        return [*(self.random if self.scale > 0 else []), *(t for t in terms if not t.small)]
 
     # ---- models ------------------------------------------------------------------------------
 
@@ -325,14 +342,12 @@ class RegressorLibrary:
 
     def _limits_of(self, term: Candidate) -> tuple[Numbers, Numbers, Numbers]:
         """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
-        if term in self.random:
-            free = (np.inf,) * self.size(term)
-            return tuple(-x for x in free), free, (self.scale**-2,) * len(free)
-        if term not in self._limits:
+        key = term, self.scale if term.small else 1.0
+        if key not in self._limits:
             low, high = self.bounds(term)
             firm = np.square(1 / self.prior(term))
-            self._limits[term] = tuple(low.tolist()), tuple(high.tolist()), tuple(firm.tolist())
-        return self._limits[term]
+            self._limits[key] = tuple(low.tolist()), tuple(high.tolist()), tuple(firm.tolist())
+        return self._limits[key]
 
     def bounds(self, term: Candidate) -> tuple[Array, Array]:
         """Return lowest and highest coefficients of a candidate, (k,) each."""
@@ -341,7 +356,10 @@ class RegressorLibrary:
 
     def prior(self, term: Candidate) -> Array:
         """Return (k,) prior standard deviations of a candidate's coefficients."""
-        return self.causes[term.cause].prior(self.data, term.joint)[: self.size(term)]
+        cause = self.causes[term.cause]
+        if not term.small:
+            return cause.prior(self.data, term.joint)[: self.size(term)]
+        return np.full(self.size(term), self.scale * (cause.tolerance(self.data, term.joint)))
 
     def size(self, term: Candidate) -> int:
         """Return the number of coefficients."""

@@ -17,11 +17,11 @@ def confused_with(
     mine: list[Candidate],
     joints: tuple[int, ...],
     own: Gain,
-    c: Array,
 ) -> tuple[str, ...]:
     """Return the causes that explain the same part: the held-out gain of one given the other."""
     name, rest = mine[0].cause, [t for t in terms if t not in mine]
     data, cause = library.data, library.causes[name]
+    c = library.grams.fit(library.model_columns(terms))
     out = list(dict.fromkeys(x for t in mine for x in cause.indistinguishable_from(data, t.joint)))
     taken = {t.cause for t in rest}
     for other in library.causes:

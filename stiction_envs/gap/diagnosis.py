@@ -32,6 +32,7 @@ from stiction_envs.gap.selection import (
     prefer_arm_causes,
     pruned,
     with_or_without_random,
+    with_set_up,
 )
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -264,7 +265,8 @@ def _conclude(
     seed: int,
     say: Callable[[str, float], None],
 ) -> Diagnosis:
-    data, grams = library.data, library.grams
+    data, grams, chosen = library.data, library.grams, terms
+    terms = with_set_up(library, chosen)
     count = np.array([g.count.sum() for g in grams.joints])
 
     def error(left: Array) -> Array:
@@ -276,12 +278,12 @@ def _conclude(
     extended_rms, c = error(grams.held_out(model)), grams.fit(model)
     draws = draw(library, terms, c, seed) if terms else None
     noise, of_noise = noise_left(library, terms, c, signals)
-    names = list(dict.fromkeys(t.cause for t in terms if t not in library.random))
+    names = list(dict.fromkeys(t.cause for t in terms if not t.small))
     named, little = [], set()
     for i, name in enumerate(names):
         say("evidence", i / len(names))
-        mine = [t for t in terms if t.cause == name]
-        its_gain = gain(library, terms, mine)
+        mine = [t for t in terms if t.cause == name and not t.small]
+        its_gain = gain(library, chosen, mine)
         if not its_gain.significant:
             continue
         if its_gain.stands_out:  # other links would take its place
@@ -305,7 +307,7 @@ def _conclude(
                 evidence=_evidence(
                     _described(library, terms, mine, c), joints, without, extended_rms
                 ),
-                confused_with=confused_with(library, terms, mine, joints, its_gain, c),
+                confused_with=confused_with(library, chosen, mine, joints, its_gain),
             )
         )
     named.sort(key=lambda x: -x.gain_percent)
@@ -333,7 +335,7 @@ def _conclude(
         base=base,
         baseline=baseline,
         torque_sign=_torque_sign(logs, signals, baseline, data),
-        notes=(*signals.notes, *of_noise),
+        notes=(*signals.notes, *of_noise, *_small_notes(library, terms)),
     )
 
 
@@ -356,6 +358,14 @@ def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data
         return -1
     shown = any(s.vote for s in signs(signals, data.recording.arm, data.settings))
     return 1 if shown else baseline.torque_sign
+
+
+def _small_notes(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[str]:
+    """Return what small errors of the set-up are in a model."""
+    of = dict.fromkeys(t.cause for t in terms if t.small and t not in library.random)
+    if not of:
+        return []
+    return [f"small errors within the usual tolerance are fitted too, not named: {', '.join(of)}"]
 
 
 def _log_notes(logs: Sequence[JointLog]) -> list[str]:
@@ -425,7 +435,7 @@ def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Arra
     """
     grams, model = library.grams, library.model_columns(terms)
     near, squares = grams.around(model), grams.errors(model)
-    have = {(t.cause, t.joint) for t in terms}
+    have = {(t.cause, t.joint) for t in terms if not t.small}
     out = np.zeros(len(left), dtype=bool)
     for j in np.flatnonzero(left > STRUCTURE_FROM):
         for term in library.candidates:
@@ -434,7 +444,7 @@ def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Arra
                 continue
             taken = near.reduction(library.model_columns([term])) * library.inflation[j]
             if taken > STRUCTURE * squares[j]:
-                out[j] |= not is_implausible(library, [*terms, term], [term])
+                out[j] |= not is_implausible(library, library.beside([*terms, term]), [term])
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,9 +48,7 @@ def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate
         for term, mine in zip(out, c, strict=True):
             level[term.joint] += library.causes[term.cause].dry_friction(mine)
         larger = [
-            Candidate(
-                t.cause, t.joint, library.causes[t.cause].resized(t.shape, x, float(level[t.joint]))
-            )
+            replace(t, shape=library.causes[t.cause].resized(t.shape, x, float(level[t.joint])))
             for t, x in zip(out, c, strict=True)
         ]
         if larger == out:
@@ -87,7 +85,7 @@ def _refined_term(
     for k, other in enumerate(terms):
         if k == i or j not in library.affected_joints(other):
             continue
-        if library.affected_joints(other) == [j]:
+        if library.affected_joints(other) == [j] and not other.small:
             fixed.append(library.columns(other, j))
             # another term may be refined already, and not yet be in the library
             own = library.causes[other.cause].bounds(data, j)
@@ -237,7 +235,7 @@ def draw(library: RegressorLibrary, terms: list[Candidate], c: Array, seed: int)
     for i, term in enumerate(terms):
         mine = slice(start[i], start[i + 1])
         low[mine], high[mine] = library.bounds(term)
-        sd[mine] = library.scale if term in library.random else library.prior(term)
+        sd[mine] = library.prior(term)
     firm = np.square(1 / sd)
     model = ModelColumns(tuple(columns), tuple(coefficients), tuple(low), tuple(high), tuple(firm))
     rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ def given_arm_causes(
     """Return data and causes given the causes of the whole arm; None without such causes."""
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
-    carried = [] if set(carried) <= set(library.random) else carried
+    carried = [] if all(t.small for t in carried) else carried
     delay = _delay(library, terms)
     if not carried and delay is None:
         return None
@@ -73,7 +73,7 @@ def _presliding_given_delay(data: Data, shift: ActuatorDelay, shape: Shape, leng
 
 def same_arm_causes(terms: Sequence[Candidate], refitted: Sequence[Candidate]) -> bool:
     """Whether all causes that were assumed are found again."""
-    return {t.cause for t in terms if t.joint == ARM} <= {t.cause for t in refitted}
+    return {t.cause for t in terms if t.joint == ARM and not t.small} <= {t.cause for t in refitted}
 
 
 def refine_delay(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:

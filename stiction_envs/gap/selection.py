@@ -169,7 +169,7 @@ def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candid
     out = list(terms)
     while out:
         weakest: tuple[float, Candidate] | None = None
-        for term in (t for t in out if t not in library.random):
+        for term in (t for t in out if not t.small):
             found = gain(library, out, [term])
             significant = found.significant and not is_implausible(library, out, [term])
             if not library.causes[term.cause].standalone:
@@ -205,7 +205,7 @@ class Chooser:
         self.library = library
         self._settings = library.data.settings.selection
         self._progress = progress or (lambda _: None)
-        self.terms = list(start) or library.start
+        self.terms = library.beside(start)
         self._without = {(t.cause, t.joint) for t in without}
 
     def choose(self) -> list[Candidate]:
@@ -397,7 +397,37 @@ def with_or_without_random(
     (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
     terms, size = (dense, scale) if other > one else (sparse, small)
     library.given(library.inflation if size else usual, size)
-    return [*library.start, *(t for t in terms if t not in library.random)]
+    return library.beside(terms)
+
+
+def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
+    """Return a model with small errors of the set-up, where that makes the logs likelier.
+
+    They are added once causes are known: in a search that begins with nothing they would take what
+    belongs to causes that are not found yet. A cause that they make superfluous goes.
+    """
+    if library.scale == 0:
+        return terms
+    grams = library.grams
+
+    def evidence(model: Sequence[Candidate]) -> float:
+        return grams.log_evidence(library.model_columns(model))
+
+    out, before = library.add_set_up(terms), evidence(terms)
+    if evidence(out) <= before:
+        return terms
+    least = float(np.log(max(len(library.candidates), 1)))
+    while True:
+        known = evidence(out)
+        each = {
+            t: known - evidence([x for x in out if x != t])
+            for t in out
+            if not t.small and not library.causes[t.cause].changes_arm
+        }
+        weakest = min(each, key=lambda t: each[t], default=None)
+        if weakest is None or each[weakest] > least:
+            return out
+        out = library.add_set_up([t for t in out if t != weakest])
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:
@@ -446,13 +476,14 @@ def prefer_joint_causes(library: RegressorLibrary, terms: Sequence[Candidate]) -
     and a body is found before the last of them.
     """
     out, best = list(terms), description_length(library, terms)
-    rest = [t for t in terms if not library.causes[t.cause].changes_arm]
+    named = [t for t in terms if not t.small]
+    rest = [t for t in named if not library.causes[t.cause].changes_arm]
     have = {(t.cause, t.joint) for t in rest}
     for cause in library.causes.values():
-        if len(rest) == len(terms) or cause.coupled or cause.arm_wide or not cause.is_linear:
+        if len(rest) == len(named) or cause.coupled or cause.arm_wide or not cause.is_linear:
             continue
         more = [t for t in library.candidates if t.cause == cause.name]
-        model = [*rest, *(t for t in more if (t.cause, t.joint) not in have)]
+        model = library.beside([*rest, *(t for t in more if (t.cause, t.joint) not in have)])
         if description_length(library, model) < best:
             model = pruned(library, model)
             if (length := description_length(library, model)) < best:

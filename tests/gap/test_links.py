@@ -35,10 +35,11 @@ def a_little_off(seed: int = 0) -> Arm:
 def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
     true = a_little_off(seed)
     library = RegressorLibrary(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
-    noise = library.noise_under(library.start)
+    noise = library.given(library.inflation, 1.0).noise_under(library.beside([]))
     library.given(noise, library.given(noise, 1.0).likeliest([])[1])
-    c = library.grams.fit(library.model_columns(library.start))
-    found = link_errors(library, library.start, c)
+    terms = library.beside([])
+    c = library.grams.fit(library.model_columns(terms))
+    found = link_errors(library, terms, c)
     assert found is not None
     return found, library, inertial_parameters(true.pinocchio()) - NOMINAL
 

@@ -184,6 +184,14 @@ class Cause(ABC):
         """Return (k,) prior standard deviations of the coefficients about zero; none by default."""
         return np.full(len(self.bounds(data, joint)[0]), np.inf)
 
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return the standard deviation of its coefficients in an arm without a fault.
+
+        It is a random effect then, beside small errors of all links, until it is named; 0 for none.
+        ``joint`` counts from 0 and is -1 for causes of the whole arm.
+        """
+        return 0.0
+
     # ---- what was found ----------------------------------------------------------------------
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:

@@ -100,7 +100,9 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
     figure = _figure(max(6.8, 1.4 + 3.4 * len(shown)), 5.6, top=0.6, bottom=0.85)
     grid = figure.subplots(2, len(shown), squeeze=False, sharex="col", sharey="col")
     for column, j in enumerate(shown):
-        term = next(t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM))
+        term = next(
+            t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM) and not t.small
+        )
         after = data.residual[:, j] - d.torque(j)
         before, alone = after + effect[:, j], effect[:, j]
         x = alone if view.of is None else view.of(data, j, term.shape)
@@ -146,7 +148,7 @@ def _torques(d: Diagnosis, cause: str) -> Array:
     """Return (T, n) torque of one cause."""
     out = np.zeros_like(d.data.q)
     for term, mine in zip(d.terms, d.library.split(d.terms, d.coefficients), strict=True):
-        if term.cause == cause:
+        if term.cause == cause and not term.small:
             for j in d.library.affected_joints(term):
                 out[:, j] += d.library.columns(term, j) @ mine
     return out

@@ -109,7 +109,7 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
     numbers = np.unique(log_of)
     if len(numbers) < 2:
         return None
-    names = list(dict.fromkeys(t.cause for t in d.terms))
+    names = list(dict.fromkeys(t.cause for t in d.terms if not t.small))
     shape = (len(grams.joints), grams.blocks)
     errors, sums = np.zeros((2, *shape)), np.zeros((len(names), 3, *shape))
     judged = np.zeros((len(names), *shape), dtype=bool)
@@ -122,9 +122,9 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
         errors[0][:, mine] = _sums(library, d.terms, none, none)[2][:, mine]
         errors[1][:, mine] = _sums(library, d.terms, c, none)[2][:, mine]
         for i, name in enumerate(names):
-            own = library.own(d.terms, [t for t in d.terms if t.cause == name])
+            own = library.own(d.terms, _named(d, name))
             rest = none.copy()
-            rest[~own], _ = _fit(d, [t for t in d.terms if t.cause != name], others)
+            rest[~own], _ = _fit(d, [t for t in d.terms if t not in _named(d, name)], others)
             sums[i][:, :, mine] = _sums(library, d.terms, rest, c - rest)[:, :, mine]
             part, whole = (
                 _sums(library, d.terms, none, x * own)[1][:, mine].sum(axis=1)
@@ -152,9 +152,14 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
     )
 
 
+def _named(d: Diagnosis, name: str) -> list[Candidate]:
+    """Return the terms of a cause, without its small errors on other joints."""
+    return [t for t in d.terms if t.cause == name and not t.small]
+
+
 def _acts_on(d: Diagnosis, name: str) -> list[int]:
     """Return the joints (from 0) on which a cause's torque is larger than the noise."""
-    own = d.library.own(d.terms, [t for t in d.terms if t.cause == name])
+    own = d.library.own(d.terms, _named(d, name))
     none = np.zeros_like(d.coefficients)
     size = _sums(d.library, d.terms, none, d.coefficients * own)[1].sum(axis=1)
     count = np.array([g.count.sum() for g in d.library.grams.joints])

@@ -21,6 +21,8 @@ LEAST = 0.02
 """Lean up to which gravity keeps its size along the nominal direction [-]: it loses 0.0002."""
 MOST = 0.99
 """Largest lean [-]; assumed: a base on its side has another model."""
+USUAL = 0.003
+"""Lean of a base that was levelled [-]; assumed."""
 
 
 class BaseTilt(Cause):
@@ -45,6 +47,10 @@ class BaseTilt(Cause):
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
         Parameter("azimuth_rad", "rad", size=0),
     )
+
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return the lean of bases that were levelled [-]."""
+        return USUAL
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return (x_0, y_0) that are tried: upright, and what a lean alone would find."""

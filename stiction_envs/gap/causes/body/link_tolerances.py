@@ -48,9 +48,9 @@ class LinkTolerances(Cause):
         size = data.recording.derived(link_basis).shape[1]
         return np.full(size, -np.inf), np.full(size, np.inf)
 
-    def prior(self, data: Data, joint: int) -> Array:
-        """Return one standard deviation each."""
-        return np.ones(data.recording.derived(link_basis).shape[1])
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return one standard deviation of the prior."""
+        return 1.0
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the directions."""

@@ -11,6 +11,9 @@ from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
+USUAL = 0.003
+"""Viscous friction at 1 rad/s that goes unnoticed, over the joint's largest torque [-]; assumed."""
+
 
 class ViscousFriction(Cause):
     """A torque in proportion to speed."""
@@ -26,6 +29,10 @@ class ViscousFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the speed."""
         return data.dq[:, joint, None]
+
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return a coefficient that goes unnoticed [N·m·s/rad]."""
+        return USUAL * float(data.arm.limits.torque[joint])
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise the slope."""

@@ -12,6 +12,9 @@ from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import rests
 from stiction_envs.gap.signals.dataset import Data
 
+USUAL = 0.01
+"""Offset of a sensor without a fault over the joint's largest torque [-]; assumed."""
+
 
 class TorqueOffset(Cause):
     """Zero of a sensor, or a calibration."""
@@ -29,6 +32,10 @@ class TorqueOffset(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
         return np.ones((len(data.t), 1))
+
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return the offset of usual sensors [N·m]."""
+        return USUAL * float(data.arm.limits.torque[joint])
 
     def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
         """Return friction on a joint that only holds: it bears whatever it came to rest with."""

@@ -16,6 +16,9 @@ LEAST_ERROR = 0.002
 """Error of a gain that does not count [-]; assumed: torque sensors are linear to some tenths of a
 per cent."""
 
+USUAL = 0.01
+"""Error of a gain without a fault [-]; assumed."""
+
 
 class TorqueScale(Cause):
     """Gain of a torque sensor, motor constant or gear ratio."""
@@ -35,6 +38,10 @@ class TorqueScale(Cause):
         """Return the nominal torque and the load."""
         torque = data.nominal[:, joint, None]
         return torque if data.carried is None else torque + data.carried[:, joint, None]
+
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return the error of usual gains [-]."""
+        return USUAL
 
     def negligible(self, coefficients: Array, shape: Shape) -> bool:
         """Return whether the gain is right within the error of usual gains."""

@@ -1,0 +1,76 @@
+"""Small errors of the set-up: in the model where the logs ask for them, and never named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.causes import TOLERANCES, cause_named
+from stiction_envs.gap.selection import with_set_up
+from tests.gap.small_logs import data_of, hidden, panda
+
+CAUSES = [TOLERANCES, *(cause_named(x) for x in ("torque_offset", "torque_scale"))]
+OFFSETS = np.array([0.3, -0.2, 0.25, -0.3, 0.02, -0.03, 0.04])
+"""Below a hundredth of the torque limits [N·m]."""
+
+
+def library_of(offsets: np.ndarray) -> RegressorLibrary:
+    log = hidden(panda(), noise=0.02)
+    library = RegressorLibrary(data_of(panda(), replace(log, tau=log.tau + offsets)), CAUSES)
+    return library.given(library.independent_rows * np.ones(7), 0.1)
+
+
+@pytest.fixture(scope="module")
+def library() -> RegressorLibrary:
+    return library_of(OFFSETS)
+
+
+def test_small_offsets_are_fitted_and_not_named(library) -> None:
+    found = with_set_up(library, library.beside([]))
+    assert found
+    assert all(t.small for t in found)
+    offsets = {
+        t.joint: float(x[0])
+        for t, x in zip(found, library.fitted(found), strict=True)
+        if t.cause == "torque_offset"
+    }
+    # joint 1 turns about the vertical: nothing else there is constant
+    assert offsets[0] == pytest.approx(OFFSETS[0], abs=0.02)
+    grams = library.grams
+    before, after = (
+        grams.held_out(library.model_columns(x)).sum() for x in (library.beside([]), found)
+    )
+    assert after < before
+
+
+def test_what_is_named_has_no_small_error_beside_it(library) -> None:
+    named = Candidate("torque_offset", 0, ())
+    terms = library.add_set_up(library.beside([named]))
+    assert named in terms
+    assert replace(named, small=True) not in terms
+    assert Candidate("torque_offset", 1, (), small=True) in terms
+
+
+def test_logs_without_small_errors_do_not_get_them() -> None:
+    library = library_of(np.zeros(7))
+    terms = library.beside([])
+    assert with_set_up(library, terms) == terms
+
+
+def test_an_exact_arm_has_none(library) -> None:
+    named = [Candidate("torque_offset", 0, ())]
+    scale, library.scale = library.scale, 0.0
+    assert with_set_up(library, named) == named
+    library.scale = scale
+
+
+def test_their_prior_is_the_tolerance(library) -> None:
+    """Half of a tolerance has four times its precision."""
+    small = Candidate("torque_offset", 2, (), small=True)
+    library.add_set_up([])
+    usual = cause_named("torque_offset").tolerance(library.data, 2)
+    assert library.prior(small) == pytest.approx(usual * library.scale)
+    assert library.prior(replace(small, small=False)) == pytest.approx(np.inf)
