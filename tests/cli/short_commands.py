@@ -17,7 +17,6 @@ from stiction_envs.robots import load_arm
 from tests.cli.bad_disk import BadDisk
 from tests.experiments.test_conformance import lugre
 from tests.gap.small_logs import hidden, sliding, write_csv
-from tuning.robot import session
 from tuning.settings import tuning_settings
 
 BASE_TWO = "robot,joint,load,direction,tau_base_Nm\n" + "".join(
@@ -42,7 +41,10 @@ final_episodes = 2
 """Settings of a short training."""
 EPISODES = """--env control_interval_s=0.2 'fixed_options={"joint":6,"load":"no_load"}'"""
 """Arguments of short episodes of the SJE."""
-FEW = {"robot.frequencies": 2, "robot.amplitudes": 2, "robot.iterations": 1}
+FEW = {
+    **{"robot.frequencies": 2, "robot.amplitudes": 2, "robot.iterations": 1},
+    **{"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1},
+}
 TUNE = "tune {two.xml} --iterations 1 --no-scatter --frequencies 15 --scales 1"
 SEARCH = "tune {two.xml} --protocol search"
 
@@ -97,9 +99,10 @@ def short_motion(monkeypatch) -> None:
 
 @pytest.fixture
 def few_settings(monkeypatch) -> None:
-    """Leave so few settings to ask for that simulating them is quick."""
+    """Leave so few settings to ask for, and frictions to try, that simulating them is quick."""
     asked = override(tuning_settings(), FEW)
-    monkeypatch.setattr(session, "tuning_settings", lambda: asked)
+    for module in ("robot.session", "search.search"):
+        monkeypatch.setattr(f"tuning.{module}.tuning_settings", lambda: asked)
 
 
 @pytest.fixture

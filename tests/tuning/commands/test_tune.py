@@ -162,6 +162,7 @@ def test_names_written_out_for_help_are_the_packages_own():
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated
+@pytest.mark.usefixtures("few_settings")
 def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
     (work / "two.xml").write_text(chain(2))
     argv = ["tune", "two.xml", *SEARCH, "--sampler", "random", "--evaluations", 3]
