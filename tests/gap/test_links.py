@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.gap.candidates import RegressorLibrary
 from stiction_envs.gap.causes import TOLERANCES, cause_named
-from stiction_envs.gap.diagnosis import diagnose_logs, model_of
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, dump, read
 from stiction_envs.robots import Arm
@@ -32,6 +34,7 @@ def a_little_off(seed: int = 0) -> Arm:
             return with_inertias(panda(), NOMINAL + more)
 
 
+@cache
 def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
     true = a_little_off(seed)
     library = RegressorLibrary(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
@@ -47,6 +50,12 @@ def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
 @pytest.fixture(scope="module")
 def found() -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
     return found_of(0)
+
+
+@pytest.fixture(scope="module")
+def bare() -> Diagnosis:
+    """The diagnosis of the arm, in which nothing else is hidden."""
+    return diagnose_logs([hidden(panda(), true=a_little_off())], panda())
 
 
 def test_the_data_say_how_far_links_are_off(found) -> None:
@@ -74,10 +83,10 @@ def test_the_truth_is_within_the_doubt(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_bodies_exist_and_have_the_torque(found) -> None:
+def test_the_bodies_exist_and_have_the_torque(found, bare) -> None:
     ours, library, _ = found
     assert consistent(NOMINAL + ours.changes).all()
-    part = model_of(diagnose_logs([hidden(panda(), true=a_little_off())], panda())).parts[0]
+    part = model_of(bare).parts[0]
     assert part.cause == TOLERANCES.name
     arm = cause_named(part.cause).changed(panda(), part)
     data = library.data
@@ -94,10 +103,9 @@ def test_the_factor_is_a_root_of_the_covariance(found) -> None:
 
 
 @pytest.mark.slow
-def test_a_model_hands_its_doubt_on(tmp_path) -> None:
+def test_a_model_hands_its_doubt_on(bare, tmp_path) -> None:
     """A tool of 1 kg is weighed on the next day; the interval knows what the first day left."""
     arm, true = panda(), a_little_off()
-    bare = diagnose_logs([hidden(arm, true=true)], arm)
     assert bare.links is not None
     assert not bare.causes
     path = tmp_path / "model.toml"
