@@ -388,7 +388,9 @@ class RegressorLibrary:
         return out
 
     def columns(self, term: Candidate, joint: int) -> Array:
-        """Return the (T, k) columns of a candidate on a joint."""
+        """Return the (T, k) columns of a candidate on a joint; not to be changed."""
+        if at := self._at.get((term, joint)):
+            return np.asarray(self._rows_of[joint][at[0] : at[-1] + 1].T)
         cause = self.causes[term.cause]
         if cause.coupled:
             if self._last is None or self._last[0] != term:

@@ -253,6 +253,8 @@ class JointGrams:
         """(joints,) number of rows, by their weights."""
         self._results: dict[tuple[str, ModelColumns], Array] = {}
         self._eliminated: dict[tuple[float, ...], Eliminated] = {}
+        self.gains: dict[Any, Any] = {}
+        """What `selection.gain` found of these sums: a search asks again and again."""
 
     def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:
         """Yield the joints with columns: number, sums, columns, and their coefficients."""

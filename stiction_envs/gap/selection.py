@@ -72,6 +72,16 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
     freedom; ``chance`` is shared out over all terms that are tried (Bonferroni).
     """
+    key = tuple(terms), tuple(added)
+    if key not in library.grams.gains:
+        library.grams.gains[key] = _gain(library, terms, added)
+    found: Gain = library.grams.gains[key]
+    return found
+
+
+def _gain(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> Gain:
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
     others = [t for t in terms if t not in added]
     rest = library.model_columns(others)
@@ -287,7 +297,7 @@ class Chooser:
     def _significant(self, joint: int) -> list[Offer]:
         """Return the significant terms on a joint, by held-out error."""
         out = []
-        for added in self._offers(joint):
+        for added in self._offers(joint, self._least_reduction(joint)):
             terms = [*self.terms, *added]
             found = gain(self.library, terms, added)
             if not found.significant:
@@ -315,11 +325,12 @@ class Chooser:
         errors = lib.grams.held_out(lib.model_columns(self.terms))[joint].sum()
         if errors < self._settings.pair_error**2 * lib.grams.counts[joint]:
             return []
+        near, least = lib.grams.around(lib.model_columns(self.terms)), self._least_reduction(joint)
         out = []
         for one, two in combinations(self._offers(joint), 2):
-            if one[-1].cause == two[-1].cause:
-                continue
             added = list(dict.fromkeys([*one, *two]))
+            if one[-1].cause == two[-1].cause or near.reduction(lib.model_columns(added)) <= least:
+                continue
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
             separately = (found.significant and gain(lib, terms, [x]).significant for x in added)
@@ -327,8 +338,10 @@ class Chooser:
                 out.append(Offer(added, found))
         return out
 
-    def _offers(self, joint: int) -> list[list[Candidate]]:
+    def _offers(self, joint: int, least: float = 0.0) -> list[list[Candidate]]:
         """Return the best term of each cause on a joint by its in-sample gain, best first.
+
+        Terms of single joints reduce the squared error by more than ``least``.
 
         It returns all terms of causes whose predictions differ strongly between neighbouring
         nonlinear parameters: the best in the sample is then often not the best predictor.
@@ -350,11 +363,24 @@ class Chooser:
             added = [*parents, term]
             value = near.reduction(lib.model_columns(added))
             key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
-            if value > best.get(key, (0.0, []))[0]:
+            wide = lib.causes[term.cause].changes_arm
+            if value > best.get(key, (0.0 if wide else least, []))[0]:
                 best[key] = (value, added)
         ranked = [added for _, added in sorted(best.values(), key=lambda x: -x[0])]
         causes = list(dict.fromkeys(added[-1].cause for added in ranked))
         return [x for x in ranked if x[-1].cause in causes[: self._settings.shortlist]]
+
+    def _least_reduction(self, joint: int) -> float:
+        """Return the reduction of squared error under which no term of a joint is significant.
+
+        Beside small errors the likelihood must gain ln(number of candidates), of which half of the
+        reduction is the most; else the torque must be large enough. Halved, since bounds may move.
+        """
+        lib = self.library
+        if lib.scale > 0:
+            return float(np.log(max(len(lib.candidates), 1)))
+        torque = np.square(self._settings.least_torque) * lib.grams.counts / lib.grams.inflation
+        return 0.5 * float(torque.min() if joint == ARM else torque[joint])
 
 
 def with_or_without_random(
