@@ -21,7 +21,7 @@ from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.excitation import excite
-from stiction_envs.identification.identify import FOLDS, MODELS, identify
+from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.markdown import table_text
@@ -134,8 +134,8 @@ def real() -> tuple[dict[str, Array], Any, Any] | None:
     smooth = JointLog(source="filtered", t=data.t, q=data.q, dq=data.dq, tau=data.tau)
     for name, log in (("RosDyn's way", logs[0]), (FILTERED, smooth)):
         squares, count = np.zeros(7), 0
-        for fold in np.array_split(np.arange(data.block.max() + 1), FOLDS):
-            test = np.isin(data.block, fold)
+        for block in range(data.blocks):
+            test = data.block == block
             low, high = data.t[test].min() - guard, data.t[test].max() + guard
             fit = rosdyn([without(log, low, high)], arm)
             columns = with_friction(arm, (data.q[test], data.dq[test], data.ddq[test]))

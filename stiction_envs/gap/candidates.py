@@ -276,16 +276,19 @@ class RegressorLibrary:
         left = (self.residual[:, j] - self.torque(terms, c, j) for j in range(self.data.n))
         return np.array([self._inflation(j, e) for j, e in enumerate(left)])
 
-    def likeliest(self, terms: Sequence[Candidate]) -> tuple[float, float]:
+    def likeliest(
+        self, terms: Sequence[Candidate], scales: Numbers = SCALES
+    ) -> tuple[float, float]:
         """Return the largest log evidence of a model [nats], and the size of random effects.
 
         The size is the largest that the data allow: the upper end of its 99 % interval by the
         restricted likelihood (H. Patterson, R. Thompson, "Recovery of inter-block information when
         block sizes are unequal", Biometrika 1971), so that parameters are not too sure. It is zero
-        where the data are likeliest without random effects.
+        where the data are likeliest without random effects. ``scales`` are the sizes to try, in
+        order.
         """
         before = self.scale
-        tried = (1.0,) if self.data.recording.link_factor is not None else SCALES
+        tried = (1.0,) if self.data.recording.link_factor is not None else scales
         found = []
         for self.scale in tried:
             found.append(self.grams.log_evidence(self.model_columns(self.beside(terms))))

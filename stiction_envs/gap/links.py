@@ -86,9 +86,6 @@ def link_errors(
 ) -> LinkErrors | None:
     """Return the small errors of all links in a model; None where it has none.
 
-    Of all bodies that exist, these change the torques along the logs least from what was fitted, in
-    units of the noise, and stray least from the prior.
-
     Args:
         library: of the logs.
         terms: the model, its random effects first.
@@ -97,21 +94,40 @@ def link_errors(
     if not terms or terms[0] not in library.random:
         return None
     data = library.data
-    recording = data.recording
-    links, basis = inertial_parameters(data.pinocchio), recording.derived(link_basis)
-    factor = library.scale * link_factor(recording)
-    whole = factor @ factor.T
-    weight = library.grams.counts / library.inflation / np.square(data.noise)
-    torques = np.tensordot(weight, recording.derived(link_squares), axes=1)
-    wanted = links + (basis @ c[: basis.shape[1]]).reshape(links.shape)
-    bodies = nearest_bodies(wanted, torques + np.linalg.pinv(whole, hermitian=True), links)
+    links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
-    unseen = whole - library.scale**2 * basis @ basis.T
+    unseen = _prior(library) - library.scale**2 * basis @ basis.T
     effect = np.concatenate(
         [library.causes[t.cause].on_links(data, t.joint, t.shape, library.size(t)) for t in terms],
         axis=1,
     )
     shown = effect @ library.grams.covariance(library.model_columns(terms)) @ effect.T
     return LinkErrors(
-        scale=library.scale, changes=bodies - links, covariance=shown + unseen, links=links
+        scale=library.scale,
+        changes=nearest_links(library, c) - links,
+        covariance=shown + unseen,
+        links=links,
     )
+
+
+def nearest_links(library: RegressorLibrary, c: Array) -> Array:
+    """Return (..., n, 10) links that exist, of coefficients (..., P), the random effects first.
+
+    Of all bodies that exist, these change the torques along the logs least from what was fitted, in
+    units of the noise, and stray least from the prior.
+    """
+    data = library.data
+    links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
+    weight = library.grams.counts / library.inflation / np.square(data.noise)
+    torques = np.tensordot(weight, data.recording.derived(link_squares), axes=1)
+    hessian = torques + np.linalg.pinv(_prior(library), hermitian=True)
+    more = c[..., : basis.shape[1]] @ basis.T
+    wanted = links + more.reshape(*more.shape[:-1], *links.shape)
+    each = [nearest_bodies(x, hessian, links) for x in wanted.reshape(-1, *links.shape)]
+    return np.reshape(each, wanted.shape)
+
+
+def _prior(library: RegressorLibrary) -> Array:
+    """Return (10 n, 10 n) covariance of the links' parameters before the logs."""
+    factor = library.scale * link_factor(library.data.recording)
+    return np.asarray(factor @ factor.T)

@@ -10,8 +10,8 @@
 Torques determine only sums of link parameters, the base parameters. QR with pivoting of pinocchio's
 regressor finds them (`robots.regressor`), together with Coulomb, viscous and constant torque.
 Unconstrained least squares does not determine single links: filled up to ten parameters per link it
-gives negative masses (Table 4.1 of the thesis). So a second fit runs over physically consistent
-links.
+gives negative masses (Table 4.1 of the thesis). So a second fit, that of a diagnosis without named
+causes (`mixed_fit`), keeps links near the nominal ones and physically consistent.
 """
 
 from __future__ import annotations
@@ -28,18 +28,21 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
+from stiction_envs.gap.noise_left import noise_left
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
-from stiction_envs.identification.base_parameters import (
-    Design,
-    design,
-    fit,
-    presliding,
-    standard_errors,
-    structural_base,
+from stiction_envs.identification.base_parameters import fit_base, structural_base
+from stiction_envs.identification.mixed_fit import (
+    SCALES,
+    all_columns,
+    fit_library,
+    held_out,
+    kinds_of,
+    not_shown,
+    parameters,
+    terms_of,
 )
-from stiction_envs.identification.bodies import consistent_fit
 from stiction_envs.identification.settings import IdentificationSettings, identification_settings
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs
@@ -59,8 +62,6 @@ __all__ = ["Identification", "identify"]
 
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
-FOLDS = 6
-"""Parts of the time that are held out in turn; assumed: enough rows stay to fit."""
 MOST_SAMPLES = 20_000
 """Of all logs together; assumed. Longer logs are thinned out after the filter."""
 POOR = 0.02
@@ -99,10 +100,11 @@ class Identification(Result):
     rms: dict[str, Array]
     """Held-out residual of each of `MODELS`, (n,) [N·m]."""
     noise: Array
-    """(n,) robust standard deviation of the residual of the base parameters [N·m]."""
+    """(n,) noise floor of the torque, as of a diagnosis [N·m]."""
     unsure: tuple[int, ...]
-    """Base parameters (from 0) whose error changes torques over the range by more than `POOR`.
-    The logs hardly excite them, and the links follow the nominal there."""
+    """Base parameters (from 0) that the logs hardly excite: their error changes torques over the
+    range by more than `POOR`, or a joint does not move as its friction needs. The links follow the
+    nominal there."""
     provenance: dict[str, Any]
     notes: tuple[str, ...] = ()
     """How the signals were made, and whether the torques had the opposite sign."""
@@ -114,11 +116,13 @@ class Identification(Result):
 
     @property
     def on_bound(self) -> tuple[str, ...]:
-        """Friction of the consistent fit that is on its bound of zero."""
+        """Friction of the consistent fit that is on its bound of zero, where the logs excite it."""
         kinds = {"Fc": self.coulomb, "Fv": self.viscous}
         if self.rotor is not None:
             kinds["rotor"] = self.rotor
-        return tuple(f"{k}{j + 1}" for k, v in kinds.items() for j in np.flatnonzero(v == 0))
+        zero = [f"{k}{j + 1}" for k, v in kinds.items() for j in np.flatnonzero(v == 0)]
+        unsure = {self.names[i] for i in self.unsure}
+        return tuple(x for x in zero if x not in unsure)
 
     @property
     def gain_percent(self) -> float:
@@ -265,7 +269,7 @@ def identify(
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
-            (``{"bodies.trust": 0.5}``), a TOML file of them, or all.
+            (``{"gap.candidates.huber": 2.0}``), a TOML file of them, or all.
 
     Raises:
         StictionError: settings that are none, logs that cannot be read, do not fit the robot, or
@@ -307,81 +311,49 @@ def identify(
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)
     data = assemble(arm, signals, torque=side, settings=gap)
-    rotor = side == "motor"
-    base, unit_torque = structural_base(data, rotor)
-    d = design(data, rotor=rotor, distance=presliding(data, base, rotor))
-    if d.torque.size < 2 * base.size:
+    base, unit_torque = structural_base(arm, kinds_of(side))
+    # neighbours within half a period of the filter depend on each other
+    independent = np.nanmin([1.0, 2 * data.cutoff * data.dt])
+    seen = int(data.n * np.count_nonzero(data.block >= 0) * independent)
+    if seen < 2 * base.size:
         raise StictionError(
-            f"{d.torque.size} torques after the filter for {base.size} parameters: expected "
+            f"{seen} independent torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
-    kept = d.columns[:, :, base.kept]
-    found = fit(kept, d.torque)
-    errors, condition = standard_errors(kept, found, d.shared)
-    p = consistent_fit(d, found, chosen)
+    library = fit_library(data, signals)
+    terms, columns = terms_of(library), all_columns(library)
+    found = fit_base(library, columns[:, :, base.kept])
     say("fitting", 0.2)
-    rms = held_out(d, base, lambda part: say("held-out", part), chosen)
-    friction = p[d.links :].reshape(-1, d.n)
+    library.given(library.inflation, library.likeliest(terms, SCALES)[1])
+    consistent = parameters(library, terms)
+    say("held-out", 0.5)
+    nominal = parameters(library, [])
+    free = np.zeros_like(nominal)
+    free[:, base.kept] = found.values
+    models = (nominal, parameters(library, library.candidates), free, consistent)
+    c = library.grams.fit(library.model_columns(terms))
+    noise, of_noise = noise_left(library, terms, c, signals)
+    hidden = np.isin(np.array(base.names)[base.kept], not_shown(library))
+    links, friction = np.split(consistent[0], [10 * data.n])
+    *rotor, coulomb, viscous, offset = friction.reshape(-1, data.n)
     # torques are turned in all logs or none
     sign = [c.text for log in turned[:1] for c in log.corrections if c.kind == "sign"]
     source = [c.text for log in turned for c in log.corrections if c.kind == "source"]
     return Identification(
         nominal=arm,
         base=base,
-        values=found.values,
-        errors=errors,
-        nominal_values=base.values(d.nominal),
-        condition=condition,
-        phi=p[: d.links].reshape(d.n, 10),
-        coulomb=friction[-3],
-        viscous=friction[-2],
-        offset=friction[-1],
-        rotor=friction[0] if rotor else None,
-        rms=rms,
-        noise=found.noise,
+        values=found.values[0],
+        errors=found.errors,
+        nominal_values=base.values(nominal[0]),
+        condition=found.condition,
+        phi=links.reshape(-1, 10),
+        coulomb=coulomb,
+        viscous=viscous,
+        offset=offset,
+        rotor=rotor[0] if rotor else None,
+        rms={k: held_out(data, columns, x) for k, x in zip(MODELS, models, strict=True)},
+        noise=noise,
         provenance=made,
-        unsure=tuple(np.flatnonzero(errors * unit_torque > POOR).tolist()),
-        notes=(*signals.notes, *source, *sign),
+        unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),
+        notes=(*signals.notes, *of_noise, *source, *sign),
     )
-
-
-def held_out(
-    d: Design, base: BaseSet, say: Callable[[float], None], settings: IdentificationSettings
-) -> dict[str, Array]:
-    """Return (n,) residual of each of `MODELS` on blocks that it was not fitted to [N·m].
-
-    Only the presliding distance was chosen on all rows; it is the same for all models.
-
-    Args:
-        d: torques and columns.
-        base: the base parameters.
-        say: called with the part done.
-        settings: constants of the method.
-    """
-    blocks = np.unique(d.block[d.block >= 0])
-    folds = np.array_split(blocks, min(FOLDS, len(blocks)))
-    squares = {name: np.zeros(d.n) for name in MODELS}
-    count = 0
-    for k, fold in enumerate(folds):
-        test, train = np.isin(d.block, fold), (d.block >= 0) & ~np.isin(d.block, fold)
-        if train.sum() * d.n <= 2 * base.size:
-            continue
-        a, b = d.take(train), d.take(test)
-        nominal = b.torque - b.columns @ b.nominal
-        friction = slice(d.links, None)
-        alone = fit(a.columns[:, :, friction], a.torque - a.columns @ a.nominal, a.usual)
-        free = fit(a.columns[:, :, base.kept], a.torque)
-        bodies = consistent_fit(a, free, settings)
-        left = {
-            "nominal": nominal,
-            "nominal + friction": nominal - b.columns[:, :, friction] @ alone.values,
-            "base parameters": b.torque - b.columns[:, :, base.kept] @ free.values,
-            "consistent": b.torque - b.columns @ bodies,
-        }
-        for name, e in left.items():
-            squares[name] += np.square(e).sum(axis=0)
-        count += int(test.sum())
-        say((k + 1) / len(folds))
-    if count == 0:
-        raise StictionError("too few rows to hold any out: record for longer")
-    return {name: np.sqrt(x / count) for name, x in squares.items()}

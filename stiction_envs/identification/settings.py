@@ -20,15 +20,6 @@ from stiction_envs.method_settings import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodySettings:
-    """Physically consistent inertias."""
-
-    trust: Positive
-    """Relative standard deviation of the nominal bodies [-]. It affects only what the torques do
-    not determine: 27 sums of a seven-joint arm's 70 numbers, and poorly excited ones."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ExcitationSettings:
     """An exciting motion."""
 
@@ -77,8 +68,6 @@ class IdentificationSettings:
 
     gap: GapSettings
     """Settings for reading logs and computing signals from them."""
-    bodies: BodySettings
-    """Physically consistent inertias."""
     excitation: ExcitationSettings
     """The motion to record."""
 
@@ -89,6 +78,5 @@ def identification_settings() -> IdentificationSettings:
     path = Path(__file__).with_name("settings.toml")
     return IdentificationSettings(
         gap=gap_settings(),
-        bodies=load_settings(BodySettings, path, "bodies"),
         excitation=load_settings(ExcitationSettings, path, "excitation"),
     )

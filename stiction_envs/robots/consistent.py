@@ -21,7 +21,7 @@ _PAIRS = [(a, b) for a in range(4) for b in range(a + 1)]
 _UNITS = np.zeros((10, 4, 4))
 for _k, (_a, _b) in enumerate(_PAIRS):
     _UNITS[_k, _a, _b] = _UNITS[_k, _b, _a] = 1.0
-TWICE = np.array([1.0 if a == b else 2.0 for a, b in _PAIRS])
+_TWICE = np.array([1.0 if a == b else 2.0 for a, b in _PAIRS])
 """How often an entry of the lower triangle is in the matrix."""
 ROUND_BODY = 0.05
 """Part of a round body of the link's own mass and size in the unit of its deviations [-]; assumed.
@@ -38,8 +38,6 @@ class Frames:
     """(n, 4, 4)."""
     maps: Array
     """(n, 10, 10) from the lower triangle of S to a link's ten parameters."""
-    nominal: Array
-    """(n, 10) lower triangles of S for the nominal bodies."""
 
 
 def frames(phi: Array) -> Frames:
@@ -54,14 +52,8 @@ def frames(phi: Array) -> Frames:
     values, vectors = np.linalg.eigh(j)
     possible = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
     c = np.linalg.cholesky(possible + ROUND_BODY * ball)
-    inverse = np.linalg.inv(c)
-    unit = inverse @ j @ inverse.transpose(0, 2, 1)
     each = c[:, None] @ _UNITS @ c[:, None].transpose(0, 1, 3, 2)
-    return Frames(
-        c=c,
-        maps=from_pseudo_inertia(each).transpose(0, 2, 1),
-        nominal=np.stack([unit[:, a, b] for a, b in _PAIRS], axis=1),
-    )
+    return Frames(c=c, maps=from_pseudo_inertia(each).transpose(0, 2, 1))
 
 
 def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
@@ -86,25 +78,20 @@ def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
     return np.asarray((wide @ x).reshape(n, 10))
 
 
-def least_consistent(hessian: Array, slope: Array, n: int, free: int = 0) -> Array:
-    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist and further numbers are not negative.
+def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
+    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist.
 
     Args:
-        hessian: (P, P) H, positive definite.
-        slope: (P,) h.
-        n: number of links: x is n lower triangles (10), numbers ≥ 0, and free numbers.
-        free: how many of the last.
+        hessian: (10 n, 10 n) H, positive definite.
+        slope: (10 n,) h.
+        n: number of links: x is their lower triangles.
 
     Raises:
         StictionError: the solver finds none.
     """
-    signed, diagonal = len(slope) - free, np.where(TWICE == 1.0, 1.0, 0.0)
-    rows = -np.eye(signed, len(slope))
-    rows[: 10 * n] *= np.tile(np.sqrt(TWICE), n)[:, None]
-    least = np.concatenate([np.tile(-LEAST_EIGENVALUE * diagonal, n), np.zeros(signed - 10 * n)])
+    rows = -np.diag(np.tile(np.sqrt(_TWICE), n))
+    least = np.tile(-LEAST_EIGENVALUE * (_TWICE == 1.0), n)
     cones = [clarabel.PSDTriangleConeT(4)] * n
-    if signed > 10 * n:
-        cones.append(clarabel.NonnegativeConeT(signed - 10 * n))
     options = clarabel.DefaultSettings()
     options.verbose = False
     # one thread, so that the same input gives the same bits
