@@ -31,7 +31,7 @@ from benchmarks.harness import ROOT, Benchmark, Row, Rows
 from stiction_envs.reporting.markdown import table_text
 
 STUDY = Benchmark(__file__, __doc__)
-GAP = ("candidates", "estimates", "normal_equations", "selection")
+GAP = ("estimates", "linear/*", "selection/*")
 ROOMS: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {
     # faults (assumed), sources, tests
     "friction": (

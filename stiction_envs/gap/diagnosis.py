@@ -16,21 +16,19 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
-from stiction_envs.gap.confusion import confused_with, other_links
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
-from stiction_envs.gap.refit import given_arm_causes, refine_delay, same_arm_causes
-from stiction_envs.gap.selection import (
-    Chooser,
-    gain,
-    is_implausible,
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.selection.chooser import Chooser
+from stiction_envs.gap.selection.confusion import confused_with
+from stiction_envs.gap.selection.gain import gain, pruned
+from stiction_envs.gap.selection.refit import given_arm_causes, refine_delay, same_arm_causes
+from stiction_envs.gap.selection.whole_models import (
     prefer_arm_causes,
-    pruned,
     with_or_without_random,
     with_set_up,
 )
@@ -39,16 +37,19 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import signs
+from stiction_envs.gap.verdict import (
+    described,
+    evidence,
+    percent_lost,
+    structured,
+    verdict_of,
+    what_to_record,
+)
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-STRUCTURE_FROM = 2.0
-"""Held-out error of a joint over its noise from which on it may have structure [-]; assumed."""
-STRUCTURE = 0.5
-"""Part of the squared error that one more cause may take before the rest has structure in speed,
-angle, load or time [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,8 +305,8 @@ def _conclude(
                 joints=joints,
                 gain_percent=lost,
                 parameters=estimates(library, terms, mine, c, draws),
-                evidence=_evidence(
-                    _described(library, terms, mine, c), joints, without, extended_rms
+                evidence=evidence(
+                    described(library, terms, mine, c), joints, without, extended_rms
                 ),
                 confused_with=confused_with(library, chosen, mine, joints, its_gain),
             )
@@ -317,7 +318,7 @@ def _conclude(
     not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
     return Diagnosis(
         robot=data.arm.name,
-        verdict=_verdict(named, nominal_rms, extended_rms, noise, library, more),
+        verdict=verdict_of(named, nominal_rms, extended_rms, noise, library, more),
         causes=tuple(named),
         minor=minor,
         nominal_rms=nominal_rms,
@@ -325,7 +326,7 @@ def _conclude(
         noise=noise,
         structured=more,
         not_identifiable=not_identifiable,
-        what_to_record=_what_to_record(named, not_identifiable),
+        what_to_record=what_to_record(named, not_identifiable),
         logs=tuple(logs),
         data=data,
         library=library,
@@ -337,19 +338,6 @@ def _conclude(
         torque_sign=_torque_sign(logs, signals, baseline, data),
         notes=(*signals.notes, *of_noise, *_small_notes(library, terms)),
     )
-
-
-def percent_lost(without: Array, extended: Array, nominal: Array) -> float:
-    """Return the loss when one cause is removed, mean over joints [%].
-
-    A fit without it may be worse on a joint than the nominal model; the loss is limited to that.
-
-    Args:
-        without: (n,) error of the extended model without the cause [N·m].
-        extended: (n,) error with it [N·m].
-        nominal: (n,) error of the nominal model [N·m].
-    """
-    return float(100 * np.mean((np.minimum(without, nominal) - extended) / nominal))
 
 
 def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data: Data) -> int:
@@ -372,94 +360,6 @@ def _log_notes(logs: Sequence[JointLog]) -> list[str]:
     """Return corrections of the logs and uncorrected findings, each with its log."""
     said = [(log, x) for log in logs for x in (*(c.text for c in log.corrections), *log.warnings)]
     return [f"{Path(log.source).name}: {x}" if len(logs) > 1 else x for log, x in said]
-
-
-def _described(
-    library: RegressorLibrary, terms: list[Candidate], mine: list[Candidate], c: Array
-) -> str:
-    """Return what is wrong, with the other links that may be the cause."""
-    cause = library.causes[mine[0].cause]
-    text = cause.describe(library.split(terms, c)[terms.index(mine[0])])
-    if assumed := cause.assumption(library.data, mine[0].shape):
-        text += f" ({assumed})"
-    if not (cause.coupled and cause.changes_arm):
-        return text
-    links = ", ".join(str(t.joint + 1) for t in mine)
-    also = ", ".join(map(str, other_links(library, terms, mine)))
-    return f"{text} (link {links})" + (f"; link {also} would explain it as well" if also else "")
-
-
-def _evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) -> str:
-    """Return one sentence that can be checked against a plot."""
-    if not joints:
-        return f"{what}, on the arm as a whole"
-    j = max(joints, key=lambda k: (without[k - 1] - full[k - 1]) / without[k - 1]) - 1
-    return (
-        f"{what}: without it joint {j + 1} is off by {without[j]:.3g} N·m "
-        f"(held out, root mean square), with it by {full[j]:.3g} N·m"
-    )
-
-
-def _verdict(
-    named: list[NamedCause],
-    nominal: Array,
-    extended: Array,
-    noise: Array,
-    library: RegressorLibrary,
-    structured: NDArray[np.bool_],
-) -> str:
-    size = np.sqrt(np.mean(np.square(library.data.tau), axis=0))
-    own = library.data.settings
-    enough = np.maximum(own.verdict.close * noise, own.verdict.small * size)
-    far = extended > enough
-    farthest = float(np.ptp(library.data.q, axis=0).max())
-    seen = len(library.candidates) > 0 and farthest > own.motion.travel_span
-    if not seen:
-        return "cannot tell"
-    if not named:
-        if not (nominal > enough).any():
-            return "no discrepancy"
-        return "cannot tell" if far.any() or library.scale == 0 else "explained"
-    if len(named) == 1 and named[0].confused_with and far.any():
-        return "cannot tell"
-    return "partly explained" if (far | structured).any() else "explained"
-
-
-def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Array) -> Any:
-    """Return (n,) whether a cause that is not in the model takes much of what it leaves of a joint.
-
-    Args:
-        library: of the logs.
-        terms: the model.
-        left: (n,) held-out error over the noise [-].
-    """
-    grams, model = library.grams, library.model_columns(terms)
-    near, squares = grams.around(model), grams.errors(model)
-    have = {(t.cause, t.joint) for t in terms if not t.small}
-    out = np.zeros(len(left), dtype=bool)
-    for j in np.flatnonzero(left > STRUCTURE_FROM):
-        for term in library.candidates:
-            cause = library.causes[term.cause]
-            if term.joint != j or cause.coupled or (term.cause, term.joint) in have:
-                continue
-            taken = near.reduction(library.model_columns([term])) * library.inflation[j]
-            if taken > STRUCTURE * squares[j]:
-                out[j] |= not is_implausible(library, library.beside([*terms, term]), [term])
-    return out
-
-
-def _what_to_record(named: list[NamedCause], not_identifiable: dict[str, str]) -> tuple[str, ...]:
-    """Return what to record next, most useful first."""
-    out = []
-    for c in named:
-        mine = cause_named(c.name).what_to_record
-        for other in c.confused_with:
-            out.append(
-                f"to tell {c.name} from {other}: {mine}; {cause_named(other).what_to_record}"
-            )
-    for name, reason in not_identifiable.items():
-        out.append(f"to see {name} ({reason}): {cause_named(name).what_to_record}")
-    return tuple(dict.fromkeys(out))
 
 
 def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal:

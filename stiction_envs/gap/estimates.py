@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Cause
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve
+from stiction_envs.gap.linear.bounded_fit import solve
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.settings import EstimateSettings
 
 Array = NDArray[np.float64]

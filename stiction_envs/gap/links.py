@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.robots.consistent import nearest_bodies
 from stiction_envs.robots.regressor import inertial_parameters
 

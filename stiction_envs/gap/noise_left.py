@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.signals.noise_floor import slow_noise
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.reporting.markdown import joints as joint_list

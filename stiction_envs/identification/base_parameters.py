@@ -12,8 +12,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import RegressorLibrary
-from stiction_envs.gap.normal_equations import RIDGE, Gram, JointGrams, ModelColumns
+from stiction_envs.gap.linear.bounded_fit import RIDGE
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import BaseSet, base_set, inertial_names, torque_regressor
 

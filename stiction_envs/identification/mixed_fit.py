@@ -13,13 +13,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import TOLERANCES, Cause
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.links import nearest_links
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 from stiction_envs.gap.signals.noise_floor import noise_floor

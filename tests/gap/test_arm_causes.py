@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.causes.body.bodies import with_link
 from stiction_envs.gap.diagnosis import diagnose_logs
-from stiction_envs.gap.selection import Chooser, description_length, prefer_arm_causes
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.selection.chooser import Chooser
+from stiction_envs.gap.selection.whole_models import description_length, prefer_arm_causes
 from tests.gap.small_logs import data_of, hidden, panda, sliding
 
 SMALL = ("torque_scale", "torque_offset", "external_spring", "coulomb_friction")

@@ -11,7 +11,7 @@ import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.normal_equations import share_found
+from stiction_envs.gap.linear.grams import share_found
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.validation import check as module

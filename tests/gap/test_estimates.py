@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.causes.gear import backlash
 from stiction_envs.gap.estimates import FAR, draw, estimates, sharpen
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, with_torque

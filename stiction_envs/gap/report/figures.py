@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from stiction_envs.gap.candidates import ARM
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.report.result import Picture
+from stiction_envs.gap.selection.candidates import ARM
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.reporting.png import save_small
 

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.stats import t as student
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.gap.normal_equations import RIDGE, share_found, solve
+from stiction_envs.gap.linear.bounded_fit import RIDGE, solve
+from stiction_envs.gap.linear.grams import share_found
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.gap.candidates import RegressorLibrary
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda
 

@@ -1,164 +1,25 @@
-"""Least squares on sums over blocks: every fit, held-out error and resample from one pass.
+"""Models of all joints as small linear systems on the sums of `grams.py`.
 
-Per joint the residual r (T,) and the columns X (T, P) of all causes are summed once per block,
-G_b = Xᵀ W X, g_b = Xᵀ W r, s_b = rᵀ W r. Any choice of columns, any set of blocks, any resample of
-blocks is then a small linear system.
+Fits, held-out errors, likelihoods and resamples of a model, with coefficients that joints share,
+priors, and random effects that are eliminated once for all models.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
+from functools import wraps
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
+
+from stiction_envs.gap.linear.bounded_fit import RIDGE, solve, solve_all
+from stiction_envs.gap.linear.grams import Gram
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Method = TypeVar("Method", bound=Callable[..., Array])
-RIDGE = 1e-9
-"""Ridge that keeps dependent columns solvable, over their squares [-]; assumed: far below any
-effect."""
-
-
-@dataclass(frozen=True, eq=False)
-class Gram:
-    """Sums of one joint, in units of its noise."""
-
-    xx: Array
-    """(B, P, P)."""
-    xr: Array
-    """(B, P)."""
-    rr: Array
-    """(B,)."""
-    count: Array
-    """(B,) number of rows of each block, by their weights."""
-
-    @cached_property
-    def whole(self) -> tuple[Array, Array, float]:
-        """The sums over all blocks: (P, P), (P,) and a number."""
-        return self.xx.sum(axis=0), self.xr.sum(axis=0), float(self.rr.sum())
-
-    @classmethod
-    def of(cls, columns: Array, residual: Array, block: Index, weight: Array, blocks: int) -> Gram:
-        """Compute the sums.
-
-        Args:
-            columns: (T, P) columns.
-            residual: (T,) residual.
-            block: (T,) block of each row, −1 for none.
-            weight: (T,) robust weight of each row over the noise variance.
-            blocks: number of blocks B.
-        """
-        p, x = columns.shape[1], columns.T
-        xx, xr = np.zeros((blocks, p, p)), np.zeros((blocks, p))
-        rr, count = np.zeros(blocks), np.zeros(blocks)
-        for b, rows in _rows_of(block, blocks):
-            root = np.sqrt(weight[rows])
-            # BLAS computes half of a product with its own transpose
-            part, left = x[:, rows] * root, residual[rows] * root
-            xx[b], xr[b], rr[b] = part @ part.T, part @ left, left @ left
-            count[b] = weight[rows].sum()
-        # in rows of full weight
-        return cls(xx, xr, rr, count / max(float(weight.max(initial=0.0)), 1e-300))
-
-    def with_columns(
-        self, before: Array, more: Array, residual: Array, block: Index, weight: Array
-    ) -> Gram:
-        """Return the sums with further columns after the present ones.
-
-        Args:
-            before: (T, P) present columns.
-            more: (T, K) further columns.
-            residual: (T,) residual, as of `of`.
-            block: (T,) blocks, as of `of`.
-            weight: (T,) weights, as of `of`.
-        """
-        old, new = before.shape[1], more.shape[1]
-        xx = np.zeros((len(self.rr), old + new, old + new))
-        xr = np.zeros((len(self.rr), old + new))
-        xx[:, :old, :old], xr[:, :old] = self.xx, self.xr
-        for b, rows in _rows_of(block, len(self.rr)):
-            part = more.T[:, rows] * weight[rows]
-            xx[b, old:, :old], xr[b, old:] = part @ before[rows], part @ residual[rows]
-            own = part @ more[rows]
-            xx[b, old:, old:] = (own + own.T) / 2
-        xx[:, :old, old:] = np.swapaxes(xx[:, old:, :old], 1, 2)
-        return Gram(xx, xr, self.rr, self.count)
-
-
-def _rows_of(block: Index, blocks: int) -> Iterator[tuple[int, slice | Index]]:
-    """Yield each block that has rows, and its rows, as a slice where they are neighbours."""
-    for b in range(blocks):
-        rows = np.flatnonzero(block == b)
-        if len(rows):
-            first, last = int(rows[0]), int(rows[-1])
-            yield b, slice(first, last + 1) if last - first == len(rows) - 1 else rows
-
-
-def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
-    """Return the coefficients (P,) that minimise cᵀxx c − 2 cᵀxr within bounds."""
-    return np.asarray(solve_all(xx[None], xr[None], low, high)[0])
-
-
-def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
-    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as of `solve`."""
-    if not xr.shape[1]:
-        return np.zeros_like(xr)
-    scale = np.sqrt(np.maximum(np.diagonal(xx, axis1=1, axis2=2), 1e-300))
-    normal = xx / (scale[:, :, None] * scale[:, None, :]) + RIDGE * np.eye(xr.shape[1])
-    target = xr / scale
-    out = np.linalg.solve(normal, target[..., None])[..., 0]
-    lows, highs = low * scale, high * scale
-    beyond = ((out < lows) | (out > highs)).any(axis=1)
-    if beyond.any():
-        some = (x[beyond] for x in (normal, target, lows, highs, out))
-        out[beyond] = _bounded(*some)
-    # a coefficient on a bound equals it exactly, since callers compare the two
-    return np.where(out <= lows, low, np.where(out >= highs, high, out / scale))
-
-
-def _bounded(normal: Array, target: Array, low: Array, high: Array, free: Array) -> Array:
-    """Return the minima (B, P) within bounds by active sets, all systems at once.
-
-    The method of Lawson and Hanson solves the systems whose active sets cycle.
-    """
-    c = np.asarray(np.clip(free, low, high))
-    held: NDArray[np.bool_] = np.asarray((free < low) | (free > high))
-    left = np.arange(len(free))
-    for _ in range(3 * free.shape[1]):
-        n, x, fixed = normal[left], c[left], held[left]
-        loose = np.logical_not(fixed)
-        # held coefficients keep their values; the others are solved given them
-        rest = target[left] - np.einsum("bpq,bq->bp", n, np.where(fixed, x, 0.0))
-        system = np.where(loose[:, :, None] & loose[:, None, :], n, 0.0)
-        system += fixed[:, :, None] * np.eye(x.shape[1])
-        x = np.linalg.solve(system, np.where(loose, rest, x)[..., None])[..., 0]
-        x[fixed] = c[left][fixed]
-        out: NDArray[np.bool_] = np.asarray(loose & ((x < low[left]) | (x > high[left])))
-        x = np.where(out, np.clip(x, low[left], high[left]), x)
-        slope = np.einsum("bpq,bq->bp", n, x) - target[left]
-        inward = ((x <= low[left]) & (slope < -1e-12)) | ((x >= high[left]) & (slope > 1e-12))
-        done = np.asarray(out.any(axis=1))
-        inward &= fixed & np.logical_not(done)[:, None]
-        back = np.flatnonzero(inward.any(axis=1))
-        fixed |= out
-        fixed[back, np.argmax(np.where(inward, np.abs(slope), -1.0), axis=1)[back]] = False
-        c[left], held[left] = x, fixed
-        left = left[done | inward.any(axis=1)]
-        if not len(left):
-            return c
-    for b in left:
-        # blocks that were taken off may leave rounding larger than the ridge
-        size, axes = np.linalg.eigh(normal[b])
-        root = np.sqrt(np.maximum(size, RIDGE))[:, None] * axes.T
-        bounds = (np.minimum(low[b], high[b] - 1e-12), high[b])
-        right = np.linalg.solve(root.T, target[b])
-        c[b] = lsq_linear(root, right, bounds=bounds, method="bvls").x
-    return c
 
 
 @dataclass(frozen=True)
@@ -506,32 +367,3 @@ class Surroundings:
         xx -= mixed.T @ mixed
         c = solve(xx, xr, np.array(more.low), np.array(more.high))
         return float(2 * xr @ c - c @ xx @ c)
-
-
-def share_found(pe: Array, pp: Array) -> tuple[Array, Array]:
-    """Return (n,) the part of a predicted torque that is found, and its standard error [-].
-
-    Args:
-        pe: (B, n) sums over blocks of predicted torque times what is left without it.
-        pp: (B, n) of predicted torque squared.
-
-    Returns:
-        Σpe/Σpp, and √(Σ(pe − a pp)²·B/(B − 1))/Σpp between blocks (K.-Y. Liang, S. Zeger,
-        "Longitudinal data analysis using generalized linear models", Biometrika 1986); NaN
-        without a torque, an infinite error with a single block.
-    """
-    total = pp.sum(axis=0)
-    some = np.where(total > 0, total, np.nan)
-    a = pe.sum(axis=0) / some
-    if len(pp) < 2:
-        return a, np.where(np.isnan(a), np.nan, np.inf)
-    spread = np.sqrt(np.square(pe - a * pp).sum(axis=0) * len(pp) / (len(pp) - 1))
-    return a, spread / some
-
-
-def t_statistic(pe: Array, pp: Array) -> float:
-    """Return `share_found` over its standard error, of sums over blocks (B,)."""
-    if float(pp.sum()) <= 0 or len(pp) < 2:
-        return 0.0
-    a, error = (float(x[0]) for x in share_found(pe[:, None], pp[:, None]))
-    return a / max(error, 1e-12)

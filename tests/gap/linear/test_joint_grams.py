@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, solve, solve_all
+from stiction_envs.gap.linear.bounded_fit import solve, solve_all
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
 
 RNG = np.random.default_rng(0)
 X, W = RNG.normal(size=(600, 3)), RNG.uniform(0.5, 1.0, 600)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
-from stiction_envs.gap.normal_equations import t_statistic
-from stiction_envs.gap.refit import refine_delay
-from stiction_envs.gap.selection import Chooser, Gain, Offer, gain, is_implausible, pruned
+from stiction_envs.gap.linear.grams import t_statistic
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.selection.chooser import Chooser, Offer
+from stiction_envs.gap.selection.gain import Gain, gain, is_implausible, pruned
+from stiction_envs.gap.selection.refit import refine_delay
 from tests.friction.gyro import gyro
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, Shape
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.selection import Gain, gain
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.selection.gain import Gain, gain
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stiction_envs.gap.angle_ranges import AngleRanges, equal_travel, holds_over_angle
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.causes import CAUSES
-from stiction_envs.gap.selection import Chooser, gain
+from stiction_envs.gap.selection.angle_ranges import AngleRanges, equal_travel, holds_over_angle
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.selection.chooser import Chooser
+from stiction_envs.gap.selection.gain import gain
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, with_torque
 

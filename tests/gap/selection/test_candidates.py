@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.candidates import ARM, Candidate, RegressorLibrary, certain
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
-from stiction_envs.gap.normal_equations import Gram
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary, certain
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque

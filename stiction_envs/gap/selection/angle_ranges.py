@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
-from stiction_envs.gap.normal_equations import Gram, JointGrams, ModelColumns, t_statistic
+from stiction_envs.gap.linear.grams import Gram, t_statistic
+from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 
 Array = NDArray[np.float64]

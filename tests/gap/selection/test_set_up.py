@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.causes import TOLERANCES, cause_named
-from stiction_envs.gap.selection import with_set_up
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.selection.whole_models import with_set_up
 from tests.gap.small_logs import data_of, hidden, panda
 
 CAUSES = [TOLERANCES, *(cause_named(x) for x in ("torque_offset", "torque_scale"))]

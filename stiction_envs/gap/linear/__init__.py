@@ -1,0 +1,1 @@
+"""Least squares on sums over blocks, with bounds, priors and random effects."""

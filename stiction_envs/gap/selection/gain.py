@@ -1,0 +1,177 @@
+"""Judge terms of a model by the error of held-out blocks, and by the likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from stiction_envs.gap.linear.grams import t_statistic
+from stiction_envs.gap.selection.angle_ranges import holds_over_angle
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+
+Array = NDArray[np.float64]
+DISTINCT = 3.0
+"""Least size of a body's number over its standard error [-]; assumed: rarely by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """The effect of some terms on the held-out error of a model."""
+
+    less: Array
+    """(joints, B) reduction of squared error, in units of noise variance."""
+    significant_joints: NDArray[np.bool_]
+    """(joints,) where the terms predict the residual, and are large enough to matter."""
+    as_a_whole: bool
+    """Whether they do so over all joints together, and reduce the error more than they add."""
+    stands_out: bool | None = None
+    """Whether a body is likely beside small errors of all links, which can predict the same; None
+    for what these cannot imitate, or where there are none."""
+
+    @property
+    def total(self) -> float:
+        """Reduction of squared error, in units of noise variance."""
+        return float(self.less.sum())
+
+    @property
+    def significant(self) -> bool:
+        """Whether the reduction is significant, given the variation between blocks."""
+        if self.stands_out is not None:
+            return self.stands_out
+        return self.total > 0 and self.as_a_whole and bool(self.significant_joints.any())
+
+
+def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]) -> Gain:
+    """Judge terms of a model by blocks that were held out.
+
+    On each block they predict a torque p beyond that of the model without them, both fitted to
+    the other blocks. Against what the smaller one leaves there, e, its slope a = Σpᵀe/Σpᵀp is one
+    where they are real and zero where not, however much blocks differ in size. Its standard error
+    is that between blocks, √(Σ(pᵀe − a pᵀp)²·B/(B − 1))/Σpᵀp (Liang and Zeger, "Longitudinal data
+    analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
+    freedom; ``chance`` is shared out over all terms that are tried (Bonferroni).
+    """
+    key = tuple(terms), tuple(added)
+    if key not in library.grams.gains:
+        library.grams.gains[key] = _gain(library, terms, added)
+    found: Gain = library.grams.gains[key]
+    return found
+
+
+def _gain(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> Gain:
+    s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
+    others = [t for t in terms if t not in added]
+    rest = library.model_columns(others)
+    left = grams.held_out(rest)
+    less = left - grams.held_out(model)
+    if library.scale > 0 and any(library.causes[t.cause].changes_arm for t in added):
+        found = Gain(less, *stands_out(library, terms, added))
+        if not found.stands_out or any(library.causes[t.cause].body for t in added):
+            return found
+    if less.sum() <= 0:  # it is not real then, whatever else may be
+        return Gain(less, np.zeros(len(less), dtype=bool), False)
+    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
+    strict, single = (
+        _quantile(1 - s.chance / tried, grams.blocks - 1)
+        for tried in (max(len(library.candidates), 1), 1)
+    )
+    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
+    limit = np.where(part > s.clear, single, strict)
+    whole = t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
+    each = np.array(
+        [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
+    )
+    approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
+    size, rough = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
+    share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
+    least = np.maximum(s.least_torque, np.maximum(share * rough, library.known))
+    # columns contain acceleration noise as residuals do, so that it would explain itself
+    count = grams.counts
+    large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
+    # log-likelihood of joints with separate noise, at least the floor
+    better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
+    whole = whole and float(better.sum()) > 0
+    joints = each & large & (less.sum(axis=1) > 0)
+    if library.scale > 0 and whole and joints.any():
+        # beside random effects a held-out gain may be theirs: the likelihood must agree
+        more = grams.log_evidence(model) - grams.log_evidence(rest)
+        whole = more > np.log(max(len(library.candidates), 1))
+    return Gain(less, joints, whole)
+
+
+def stands_out(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> tuple[NDArray[np.bool_], bool, bool]:
+    """Return whether bodies of a model stand out of small errors of all links, as `Gain` has it.
+
+    They must make the logs likelier by `least_evidence`, the size of the small errors being chosen
+    anew with and without them, and one of their `distinctive` numbers be `DISTINCT` standard errors
+    from zero.
+    """
+    grams, model = library.grams, library.model_columns(terms)
+    large = grams.sizes(model, library.own(terms, added)) > (
+        library.data.settings.selection.least_torque
+    )
+    z = np.abs(grams.fit(model)) / np.sqrt(np.diag(grams.covariance(model)))
+    clear = all(
+        float(mine[: library.causes[t.cause].distinctive].max()) > DISTINCT
+        for t, mine in zip(terms, library.split(terms, z), strict=True)
+        if t in added and library.causes[t.cause].changes_arm
+    )
+    if not (clear and large.any()):
+        return large, True, False
+    least = max(library.causes[t.cause].least_evidence for t in added)
+    others = [t for t in terms if t not in added]
+    more = library.likeliest(terms)[0] - library.likeliest(others)[0]
+    return large, True, more > least
+
+
+@cache
+def _quantile(part: float, freedom: int) -> float:
+    """Return a quantile of Student's t."""
+    return float(student.ppf(part, freedom))
+
+
+def is_implausible(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> bool:
+    """Whether a value is too small, or too far out, for its cause to be meaningful.
+
+    It is also not meaningful if it only repeats known angles and left-out ranges must confirm it.
+    """
+    for term, mine in zip(terms, library.fitted(terms), strict=True):
+        cause = library.causes[term.cause]
+        if term in added and (
+            cause.negligible(mine, term.shape)
+            or cause.on_bound(mine, library.data, term.joint)
+            or cause.at_edge(term.shape, library.tried(term), library.data.settings.candidates.edge)
+            or (cause.simpler_over_angle and not holds_over_angle(library, terms, term))
+        ):
+            return True
+    return False
+
+
+def pruned(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return the terms after the removal of insignificant ones, the weakest first."""
+    out = list(terms)
+    while out:
+        weakest: tuple[float, Candidate] | None = None
+        for term in (t for t in out if not t.small):
+            found = gain(library, out, [term])
+            significant = found.significant and not is_implausible(library, out, [term])
+            if not library.causes[term.cause].standalone:
+                have = {t.cause for t in out if t.joint == term.joint}
+                significant &= have.issuperset(library.needs(term.cause))
+            if not significant and (weakest is None or found.total < weakest[0]):
+                weakest = (found.total, term)
+        if weakest is None:
+            break
+        out = [t for t in out if t != weakest[1]]
+    return out
