@@ -54,7 +54,7 @@ def described(
     text = cause.describe(library.split(terms, c)[terms.index(mine[0])])
     if assumed := cause.assumption(library.data, mine[0].shape):
         text += f" ({assumed})"
-    if not (cause.coupled and cause.changes_arm):
+    if not (cause.coupled and cause.body):
         return text
     links = ", ".join(str(t.joint + 1) for t in mine)
     also = ", ".join(map(str, other_links(library, terms, mine)))

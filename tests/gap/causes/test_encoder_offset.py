@@ -124,6 +124,7 @@ def test_an_offset_is_found_with_friction_however_large(joint: int, offset: floa
     named = {c.name: c for c in found.causes}
     assert set(named) == {"coulomb_friction", "encoder_offset"}
     assert named["encoder_offset"].joints == (joint,)
+    assert "link" not in named["encoder_offset"].evidence
     mine = named["encoder_offset"].parameters[joint]["offset_rad"]
     assert mine.value == pytest.approx(offset, rel=0.01)
     assert mine.ci95[0] < offset < mine.ci95[1]
