@@ -28,6 +28,7 @@ from stiction_envs.gap.selection.confusion import confused_with
 from stiction_envs.gap.selection.gain import gain, pruned
 from stiction_envs.gap.selection.refit import given_arm_causes, refine_delay, same_arm_causes
 from stiction_envs.gap.selection.whole_models import (
+    likelier,
     prefer_arm_causes,
     with_or_without_random,
     with_set_up,
@@ -241,8 +242,7 @@ def diagnose_logs(
             library.refine(tried)  # with the nonlinear parameters that were tried since
     if library.scale > 0:
         # the noise, and the size of the links' errors, are known only now; a search is greedy
-        several = choose(library, terms), choose(library)
-        terms = max(several, key=lambda x: library.grams.log_evidence(library.model_columns(x)))
+        terms = likelier(library, choose(library, terms), choose(library))
     say("refitting", 0.6)
     terms = refine_delay(library, sharpen(library, terms))
     terms = prefer_arm_causes(library, terms)
@@ -253,6 +253,9 @@ def diagnose_logs(
         gone = [t for t in terms if t not in kept]
         terms = refine_delay(library, sharpen(library, choose(library, kept, gone)))
         terms = pruned(library, terms)
+    if library.scale > 0:
+        library.settle()
+        terms = likelier(library, terms, sharpen(library, choose(library, terms)))
     return _conclude(baseline, base, read, signals, library, terms, seed, say)
 
 

@@ -89,6 +89,9 @@ class RegressorLibrary:
             self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
         self.scale = 0.0
         """Size of the random effects over their prior [-]; 0 for none."""
+        self.settled = False
+        """Whether a search has ended: a term's own torque must be large then, beside random effects
+        that would make up for it; before, what the model without it leaves."""
         arm_wide = [c for c in causes if c.arm_wide and not c.random]
         each = [c for c in causes if not c.arm_wide]
         self.random = [Candidate(c.name, ARM, (), small=True) for c in causes if c.random]
@@ -270,6 +273,11 @@ class RegressorLibrary:
             for joint in self.affected_joints(term):
                 self._at[small[-1], joint] = self._at[term, joint]
         return [*small, *named]
+
+    def settle(self) -> None:
+        """Count terms by their own torque from now on."""
+        self.settled = True
+        self.grams.gains.clear()
 
     def noise_under(self, terms: Sequence[Candidate]) -> Array:
         """Return (n,) `inflation` by what a model leaves."""

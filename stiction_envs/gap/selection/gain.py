@@ -89,7 +89,11 @@ def _gain(
         [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
     )
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
-    size, rough = grams.gained(model, rest), grams.sizes(model, library.own(terms, approximate))
+    rough = grams.sizes(model, library.own(terms, approximate))
+    size = grams.gained(model, rest)
+    if library.scale > 0 and library.settled:
+        # without the terms, small errors of links would make up for most of their torque
+        size = np.maximum(size, grams.sizes(model, library.own(terms, added)))
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
     least = np.maximum(s.least_torque, np.maximum(share * rough, library.known))
     # columns contain acceleration noise as residuals do, so that it would explain itself

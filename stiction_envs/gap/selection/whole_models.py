@@ -63,6 +63,11 @@ def with_or_without_random(
     return library.beside(terms)
 
 
+def likelier(library: RegressorLibrary, *models: list[Candidate]) -> list[Candidate]:
+    """Return the model with the largest evidence, the first of equals."""
+    return max(models, key=lambda x: library.grams.log_evidence(library.model_columns(x)))
+
+
 def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
     """Return a model with small errors of the set-up, where that makes the logs likelier.
 
