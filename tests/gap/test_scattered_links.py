@@ -39,3 +39,15 @@ def test_a_payload_is_weighed_on_links_that_are_a_little_off(seed: int, motion: 
     low, high = weighed.ci95
     assert low <= hidden["mass_kg"] <= high
     assert high - low < 0.8
+
+
+def test_an_offset_that_small_errors_of_links_would_make_up_for_is_named() -> None:
+    """In a log of few poses they leave a twentieth of its torque to it."""
+    case = make_case(900, ("torque_offset",), scatter=SCATTER)
+    assert case.motion == "rests"
+    found = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
+    (offset,) = found.causes
+    (joint,) = offset.joints
+    assert (offset.name, joint) == ("torque_offset", case.hidden[0].joint)
+    low, high = offset.parameters[joint]["offset_nm"].ci95
+    assert low <= case.hidden[0].values["offset_nm"] <= high
