@@ -1,4 +1,4 @@
-"""``stiction check``: what is wrong in torque tables and joint logs."""
+"""``stiction check``: what is wrong in torque tables, joint logs and servo logs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stiction_envs.cli import common
 
 EXIT_CODES = (
     "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
-    "2 bad usage: no such file, or neither a torque table nor a joint log"
+    "2 bad usage: no such file, or neither a torque table nor a log"
 )
 
 
@@ -19,7 +19,7 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "check",
-        summary="List what is wrong in torque tables and joint logs, one line each.",
+        summary="List what is wrong in torque tables, joint logs and servo logs, one line each.",
         example="stiction check base.csv log.csv --robot panda",
         interrupted="run the same command again",
         run=run,
@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         metavar="FILE",
         help="torque tables (as sje.csv, or as the thesis prints them; several are also checked "
-        "against each other) or joint logs",
+        "against each other) or logs of joints",
     )
     parser.add_argument(
         "--robot",
@@ -41,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
     )
     common.add_chain_option(parser)
     common.add_bag_options(parser)
+    common.add_drive_option(parser)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 
@@ -53,7 +54,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
         folder = common.output_folder(args, "", inputs)
     result = check(
-        *args.files, robot=args.robot, chain=args.chain, joints=args.joints, topic=args.topic
+        *args.files,
+        robot=args.robot,
+        chain=args.chain,
+        joints=args.joints,
+        topic=args.topic,
+        drive=args.drive,
     )
     if folder is not None:
         with common.working(), folder:

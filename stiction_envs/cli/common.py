@@ -175,6 +175,16 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_drive_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says what drives the joints of logs."""
+    parser.add_argument(
+        "--drive",
+        choices=("torque", "position"),
+        help="what drives the joints: torque (tau1..n), or a servo that is told positions "
+        "(q_cmd1..n) (default: what the log has; torque where it has both)",
+    )
+
+
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add the arm to simulate and what is known of its mounting."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())

@@ -15,7 +15,7 @@ from stiction_envs.measured.logs.formats.registry import format_of
 from stiction_envs.measured.tables import SJE_COLUMNS
 
 TABLE, LOG = "torque table", "joint log"
-_LOG_COLUMN = re.compile(r"t|(q|dq|tau)\d+")
+_LOG_COLUMN = re.compile(r"t|(q|dq|tau|q_cmd)\d+")
 
 
 def file_kind(path: str | os.PathLike[str]) -> str:

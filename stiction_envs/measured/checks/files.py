@@ -13,13 +13,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.checks.tables import check_tables, read_rows
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import IGNORED, read_logs
+from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from stiction_envs.measured.logs.timing import IGNORED
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
@@ -89,12 +93,14 @@ def check(
     chain: Sequence[str] | None = None,
     joints: Sequence[str] = (),
     topic: str | None = None,
+    drive: str | None = None,
 ) -> Findings:
-    """List what is wrong in torque tables and joint logs, which are told apart by their columns.
+    """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
 
     Tables: percentages that do not follow from their torques, amplitudes that are not base × scale,
     repetitions that contradict (of one table and between tables), impossible signs, sizes, units.
     Logs: units, clock, repeated and missing rows, stuck or saturated channels, speeds that lag.
+    Of servo logs also: commands beyond the joints' limits, that never move, or were copied.
 
     Args:
         files: paths.
@@ -102,12 +108,16 @@ def check(
         chain: links at the base and the tip of the arm in a file of a bigger robot.
         joints: names of joints 1 to n in ROS bags; () finds them (`logs.joint_names`).
         topic: of ROS bags that have several with joint states.
+        drive: what drives the joints of the logs, torque or position; None for what each one has,
+            torque where it has both.
 
     Raises:
         StictionError: no file, one that is not there, or that is neither table nor log.
     """
     if not files:
         raise StictionError("no file given: expected one or more torque tables or joint logs")
+    if drive is not None and drive not in DRIVES:
+        raise unknown("drive", drive, DRIVES)
     paths = [Path(x) for x in files]
     for path in paths:
         if not is_log(path):
@@ -127,7 +137,11 @@ def check(
     for path in (p for p in kinds if kinds[p] != TABLE):
         with _unreadable(path, findings):
             count = n or count_joints(path, naming)
-            (log,) = read_logs([path], count, limits=limits, naming=naming)
+            log: RobotLog
+            if (drive or drive_of(path, naming)) == POSITION:
+                (log,) = read_servo_logs([path], count, limits=limits, naming=naming)
+            else:
+                (log,) = read_logs([path], count, limits=limits, naming=naming)
             for c in log.corrections:
                 kind = REMARK if c.kind in NOT_WRONG else "corrected"
                 findings.append(Finding(str(path), "", kind, c.text))
@@ -140,6 +154,7 @@ def check(
         **({} if chain is None else {"chain": list(chain)}),
         "joints": list(joints),
         "topic": topic,
+        **({} if drive is None else {"drive": drive}),
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
     return Findings(

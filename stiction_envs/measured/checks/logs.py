@@ -16,7 +16,11 @@ from stiction_envs.measured.settings import MotionThresholds
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
-LARGEST = {"q": (1e3, "rad"), "dq": (1e3, "rad/s"), "tau": (1e5, "N·m"), "tau_cmd": (1e5, "N·m")}
+LARGEST = {
+    **dict.fromkeys(("q", "q_cmd"), (1e3, "rad")),
+    "dq": (1e3, "rad/s"),
+    **dict.fromkeys(("tau", "tau_cmd"), (1e5, "N·m")),
+}
 """Values with their units that no joint of an arm comes near; assumed."""
 FREE_ANGLE = 20.0
 """Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
@@ -27,6 +31,8 @@ SLOWEST_STEP = 0.1
 """Time between rows above which a log does not show friction [s]; assumed."""
 SATURATED_ROWS = 5
 """This many rows in a row at a channel's largest value are a limit; assumed."""
+NEAR_ZERO = 0.02
+"""Values without a sign come down to this share of the largest [-]; assumed."""
 COMPARED_SECONDS = 60.0
 """Length of the stretch in which speed and angle are compared [s]; assumed."""
 COMPARED_ROWS = 64
@@ -88,22 +94,25 @@ def check_time(rows: Rows, place: Place) -> None:
         )
 
 
-def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
-    """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
+def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str = "q") -> list[str]:
+    """Angles are in radians, as far as the joint ``limits`` show.
 
     Returns:
-        Warnings about values beyond the limits that no unit explains.
+        Warnings about angles beyond the limits that no unit explains.
 
     Raises:
-        StictionError: q looks like degrees, or tau like percent or mN·m.
+        StictionError: they look like degrees.
     """
     warnings = []
-    for j, q in enumerate(rows.data["q"].T):
+    why = "another robot, another zero, or another sign?"
+    if channel != "q":
+        why = "the servo may cut it"
+    for j, q in enumerate(rows.data[channel].T):
         low, high = (-FREE_ANGLE, FREE_ANGLE) if limits is None else limits.position[j]
         i = int(np.argmax(np.abs(q)))
         if abs(q[i]) > (1 if limits is None else 2) * max(abs(low), abs(high)):
             raise StictionError(
-                f"{place(i)}: q{j + 1} is {q[i]:g}, which looks like degrees: expected "
+                f"{place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: expected "
                 + ("radians" if limits is None else f"{low:g} to {high:g} rad")
             )
         beyond = (
@@ -114,9 +123,22 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
         end = None if limits is None else next(beyond, None)
         if end is not None:
             warnings.append(
-                f"q{j + 1} reaches {end:.3g} rad, beyond the joint's limits of {low:g} to "
-                f"{high:g} rad: another robot, another zero, or another sign?"
+                f"{channel}{j + 1} reaches {end:.3g} rad, beyond the joint's limits of {low:g} to "
+                f"{high:g} rad: {why}"
             )
+    return warnings
+
+
+def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+    """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
+
+    Returns:
+        Warnings about values beyond the limits that no unit explains.
+
+    Raises:
+        StictionError: q looks like degrees, or tau like percent or mN·m.
+    """
+    warnings = check_angles(rows, place, limits)
     if limits is None:
         return warnings
     for j, tau in enumerate(rows.data["tau"].T):
@@ -161,17 +183,41 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
         for j in np.flatnonzero(still[name] & (span["q"] > motion.stir_span)):
             value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
             warnings.append(f"{value} although the joint moves")
-    for joint, tau in enumerate(rows.data["tau"].T, 1):
-        warnings += _saturation(f"tau{joint}", tau)
+    return warnings + check_torques(rows)
+
+
+def check_torques(rows: Rows) -> list[str]:
+    """Return warnings about torques that stay at a limit, or have no sign."""
+    tau = rows.data["tau"]
+    unsigned = is_unsigned(tau)
+    warnings = []
+    if unsigned:
+        warnings.append(
+            f"tau1..tau{tau.shape[1]} are never negative: sizes without sign (of currents?), not "
+            "torques; a column current_abs1..n beside q_cmd1..n is for them"
+        )
+    for joint, of in enumerate(tau.T, 1):
+        warnings += _saturation(f"tau{joint}", of, least=not unsigned)
     return warnings
 
 
-def _saturation(column: str, x: Array) -> list[str]:
+def is_unsigned(tau: Array) -> bool:
+    """Return whether values (T, n) are sizes: none is negative, and most joints' come near zero."""
+    low, high = tau.min(axis=0), tau.max(axis=0)
+    near = (low <= NEAR_ZERO * high)[high > 0]
+    return bool((low >= 0).all() and len(near) and near.mean() > 0.5)
+
+
+def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
+    """Return warnings about a value's largest and, if ``least``, smallest value."""
     if np.ptp(x) == 0:
         return []
     ends = {"largest": x == x.max(), "smallest": x == x.min()}
+    if not least:
+        del ends["smallest"]
     # A quantised signal stays at its extremes too, but no longer than anywhere else.
-    usual = longest_run(np.r_[False, (np.diff(x) == 0) & ~(ends["largest"] | ends["smallest"])[1:]])
+    between = (x != x.max()) & (x != x.min())
+    usual = longest_run(np.r_[False, (np.diff(x) == 0) & between[1:]])
     return [
         f"{column} stays at its {what} value {x[np.argmax(at)]:.5g} N·m in {at.sum()} rows, "
         f"up to {longest_run(at)} in a row: saturated"
@@ -242,7 +288,7 @@ def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]
             corner = _corner(speeds[:, j], grid["dq"][:, j], abs(scale), rate)
             found.append((scale, -turned / scale, corner))
     warnings = _speed_findings(np.array(found), step) if found else []
-    return warnings + _commanded_angles(grid, rate, movers)
+    return warnings + (_commanded_angles(grid, rate, movers) if "tau" in grid else [])
 
 
 def _corner(v: Array, dq: Array, scale: float, rate: float) -> float:
@@ -307,11 +353,11 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.in
 
 
 def _even(rows: Rows, step: float) -> dict[str, Array]:
-    """q, dq and tau of the first `COMPARED_SECONDS` on even times."""
+    """Measured channels of the first `COMPARED_SECONDS` on even times."""
     t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
     return {
         name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
-        for name in ("q", "dq", "tau")
+        for name in rows.core()
     }
 
 

@@ -17,6 +17,7 @@ those around it. No published source: derived here.
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -95,8 +96,12 @@ def _gap(step: float) -> float:
     return max(GAP_STEPS * step, GAP_SECONDS)
 
 
-def correct_clock(rows: Rows) -> tuple[list[Correction], list[str]]:
+def correct_clock(rows: Rows, slowest: float = math.inf) -> tuple[list[Correction], list[str]]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
+
+    Args:
+        rows: a log.
+        slowest: longest usual step at which the motion is asked for the clock [s].
 
     Returns:
         What was corrected, and warnings.
@@ -113,7 +118,8 @@ def correct_clock(rows: Rows) -> tuple[list[Correction], list[str]]:
         corrections.append(Correction(kind="stamp", rows=count, text=text))
         # The clock may stop for several rows: keep the first of each time.
         rows.keep(~equal)
-    _rebuild(rows, corrections, warnings)
+    if not usual_step(rows) > slowest:
+        _rebuild(rows, corrections, warnings)
     return corrections, warnings
 
 

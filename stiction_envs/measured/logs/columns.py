@@ -8,16 +8,39 @@ from dataclasses import dataclass
 
 from stiction_envs.errors import StictionError
 
-REQUIRED = ("q", "tau")
-"""Channels every log has: angle [rad] and torque [N·m] of each joint."""
+TORQUE, POSITION = DRIVES = ("torque", "position")
+"""What drives the joints of a log: torque (a joint log), or a servo that is told positions."""
 
-OPTIONAL = ("dq", "temperature", "tau_cmd")
-"""Channels used where they are there: speed [rad/s], temperature [°C], commanded torque [N·m]."""
+
+@dataclass(frozen=True)
+class Channels:
+    """What a kind of log has of each joint."""
+
+    required: tuple[str, ...]
+    """Always: angle ``q`` [rad], torque ``tau`` [N·m], commanded angle ``q_cmd`` [rad]."""
+    optional: tuple[str, ...]
+    """Used where they are there: speed ``dq`` [rad/s], ``temperature`` [°C], commanded torque
+    ``tau_cmd`` [N·m], size of the motor's current ``current_abs`` [any unit]."""
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Return both."""
+        return self.required + self.optional
+
+
+CHANNELS = {
+    TORQUE: Channels(("q", "tau"), ("dq", "temperature", "tau_cmd")),
+    POSITION: Channels(("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
+}
+"""By what drives the joints."""
+
+OTHER_NAMES = {"current_torque_abs": "current_abs"}
+"""Names of channels that others use. Source: logs made from those of isaac-sim2real/sage."""
 
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
 
-_CHANNEL = re.compile(r"(q|dq|tau|temperature|tau_cmd)(0|[1-9]\d?)")
+_CHANNEL = re.compile(r"([a-z_]*[a-z])(0|[1-9]\d?)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,10 +49,12 @@ class Columns:
 
     t: int
     channels: dict[str, tuple[int, ...]]
-    """Columns of joints 1..n for ``q``, ``tau`` and whichever of :data:`OPTIONAL` are there."""
+    """Columns of joints 1..n for the required channels, and whichever optional ones are there."""
     run: int | None
     ignored: tuple[str, ...]
     """Names of columns that nothing reads."""
+    renamed: tuple[str, ...] = ()
+    """Channels that have one of `OTHER_NAMES`: that name."""
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -43,14 +68,25 @@ def joints_of(names: Sequence[str]) -> int:
     return max((int(m[2]) for m in found if m and m[1] == "q"), default=0)
 
 
-def expected(n_joints: int, *, time: bool = True) -> str:
+def drives_in(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what may have driven a log with these columns: `TORQUE`, `POSITION`, both, none."""
+    found = [_CHANNEL.fullmatch(name.strip()) for name in names]
+    channels = {m[1] for m in found if m}
+    return tuple(d for d, mark in ((TORQUE, "tau"), (POSITION, "q_cmd")) if mark in channels)
+
+
+def expected(n_joints: int, *, time: bool = True, drive: str = TORQUE) -> str:
     """The columns of a log, for the end of a message."""
-    n = n_joints
-    text = f"{'t,' if time else ''}q1..q{n},tau1..tau{n}"
-    return f"expected {text} with optional {','.join(f'{c}1..{c}{n}' for c in OPTIONAL)},{RUN}"
+    n, channels = n_joints, CHANNELS[drive]
+    must, may = (
+        ",".join(f"{c}1..{c}{n}" for c in group) for group in (channels.required, channels.optional)
+    )
+    return f"expected {'t,' if time else ''}{must} with optional {may},{RUN}"
 
 
-def sort_columns(where: str, header: Sequence[str], n_joints: int, *, time: bool = True) -> Columns:
+def sort_columns(
+    where: str, header: Sequence[str], n_joints: int, *, time: bool = True, drive: str = TORQUE
+) -> Columns:
     """Find the channels of a robot with ``n_joints`` joints in the ``header``.
 
     Args:
@@ -58,30 +94,38 @@ def sort_columns(where: str, header: Sequence[str], n_joints: int, *, time: bool
         header: names of the columns, in any order; spaces around them do not count.
         n_joints: joints of the robot.
         time: whether there must be a column ``t``; without, ``t`` is -1.
+        drive: which channels, of `CHANNELS`.
 
     Raises:
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
     names = [name.strip() for name in header]
-    may = expected(n_joints, time=time)
+    may, kind = expected(n_joints, time=time, drive=drive), CHANNELS[drive]
     found: dict[str, dict[int, int]] = {}
+    renamed: set[str] = set()
     for i, name in enumerate(names):
         match = _CHANNEL.fullmatch(name)
-        known = match is not None or name == RUN or (time and name == "t")
+        channel = OTHER_NAMES.get(match[1], match[1]) if match else ""
+        known = channel in kind.all or name == RUN or (time and name == "t")
         if known and names.index(name) != i:
             raise StictionError(f"{where}: column {name!r} is there twice: {may}")
-        if match:
-            found.setdefault(match[1], {})[int(match[2])] = i
+        if match and channel in kind.all:
+            taken = found.setdefault(channel, {}).setdefault(int(match[2]), i)
+            if taken != i:
+                raise StictionError(
+                    f"{where}: columns {names[taken]!r} and {name!r} are the same channel: {may}"
+                )
+            renamed |= {match[1]} - {channel}
     if time and "t" not in names:
         raise StictionError(f"{where}: missing column 't' (time in s): {may}")
-    _check_joints(where, found, n_joints, may)
+    _check_joints(where, found, n_joints, kind.required, may)
     channels: dict[str, tuple[int, ...]] = {}
-    for channel in (*REQUIRED, *OPTIONAL):
+    for channel in kind.all:
         joints = found.get(channel, {})
         missing = [j for j in range(1, n_joints + 1) if j not in joints]
         if not missing:
             channels[channel] = tuple(joints[j] for j in range(1, n_joints + 1))
-        elif channel in REQUIRED or (channel == "dq" and joints):
+        elif channel in kind.required or (channel == "dq" and joints):
             what = ", ".join(f"'{channel}{j}'" for j in missing)
             plural = "s" if len(missing) > 1 else ""
             raise StictionError(f"{where}: missing column{plural} {what}: {may}")
@@ -92,22 +136,29 @@ def sort_columns(where: str, header: Sequence[str], n_joints: int, *, time: bool
         channels=channels,
         run=names.index(RUN) if RUN in names else None,
         ignored=tuple(name for i, name in enumerate(names) if i not in used and name),
+        renamed=tuple(sorted(x for x in renamed if OTHER_NAMES[x] in channels)),
     )
 
 
-def _check_joints(where: str, found: dict[str, dict[int, int]], n_joints: int, may: str) -> None:
-    for channel in (*REQUIRED, "dq"):
+def _check_joints(
+    where: str,
+    found: dict[str, dict[int, int]],
+    n_joints: int,
+    required: tuple[str, ...],
+    may: str,
+) -> None:
+    for channel in (*required, "dq"):
         joints = found.get(channel, {})
         if 0 in joints:
             raise StictionError(f"{where}: column '{channel}0', but joints count from 1: {may}")
-    counts = {max(found[channel]) for channel in REQUIRED if channel in found}
+    counts = {max(found[channel]) for channel in required if channel in found}
     if len(counts) == 1 and counts != {n_joints}:
         count = counts.pop()
-        if all(len(found[channel]) == count for channel in REQUIRED if channel in found):
+        if all(len(found[channel]) == count for channel in required if channel in found):
             raise StictionError(
                 f"{where}: columns for {count} joints, but the robot has {n_joints}: {may}"
             )
-    for channel in REQUIRED:
+    for channel in required:
         extra = [j for j in found.get(channel, {}) if j > n_joints]
         if extra:
             raise StictionError(

@@ -31,7 +31,10 @@ MOST_MISSING = 0.01
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
 Array = NDArray[np.float64]
-_CORE = ("q", "dq", "tau")
+CORE = ("q", "dq", "tau")
+"""Channels that a joint log measures with every sample; those but dq are needed."""
+SERVO_CORE = ("q_cmd", "q", "dq")
+"""The same of a servo log."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +60,8 @@ class Rows:
     """Channels, (T, n) each."""
     run: NDArray[np.int64]
     """Number of the recording of each row, (T,)."""
+    measured: tuple[str, ...] = CORE
+    """Channels that are measured with every sample, where the log has them."""
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop the rows where ``mask`` is False."""
@@ -65,21 +70,22 @@ class Rows:
 
     def core(self) -> list[str]:
         """Names of the channels that are measured with every sample."""
-        return [name for name in _CORE if name in self.data]
+        return [name for name in self.measured if name in self.data]
 
 
 def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correction], list[str]]:
     """Interpolate isolated missing values (NaN) of ``rows``, in place.
 
-    Rows without any value of q, dq and tau are dropped; so are up to `MOST_MISSING_RUN`
-    incomplete rows at either end. Slow extra channels are interpolated over any length, and left
-    out if they have fewer than two values; dq is left out where too much of it is missing.
+    Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped; so are up to
+    `MOST_MISSING_RUN` incomplete rows at either end. Slow extra channels are interpolated over any
+    length, and left out if they have fewer than two values; dq is left out where too much of it is
+    missing.
 
     Returns:
         What was corrected, and warnings.
 
     Raises:
-        StictionError: too many values of a q or tau are missing.
+        StictionError: too many values of a channel that is needed are missing.
     """
     core = rows.core()
     warnings: list[str] = []
@@ -102,7 +108,7 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
             column = f"{name}{j + 1}"
             longest = longest_run(missing)
             many = longest > MOST_MISSING_RUN or missing.mean() > MOST_MISSING
-            if many and name in ("q", "tau"):
+            if many and name in core and name != "dq":
                 raise StictionError(
                     f"{place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
                     f"{missing.sum()} of {len(alive)} rows, {longest} in a row: expected at "

@@ -10,6 +10,7 @@ import stat
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming
@@ -21,6 +22,7 @@ def read_raw(
     *,
     time: bool = True,
     naming: Naming | None = None,
+    drive: str = TORQUE,
 ) -> RawLog:
     """Read the numbers of a log file of any kind.
 
@@ -29,6 +31,7 @@ def read_raw(
         n_joints: joints of the robot.
         time: whether there must be time.
         naming: names of the joints, for kinds of files that have them.
+        drive: what drives its joints, torque or position, and so which channels it has.
 
     Raises:
         StictionError: the file cannot be read, is too large, or is not a log of such a robot.
@@ -40,7 +43,7 @@ def read_raw(
             raise StictionError(
                 f"{option}: the joints of {where} have numbers: expected ROS bags only"
             )
-    raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names))
+    raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
     return raw
@@ -60,6 +63,19 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     if not found:
         raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
     return found
+
+
+def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
+    """Return what may have driven the joints of a log: torque, position, both, or none is there.
+
+    Args:
+        path: the log.
+        naming: names of the joints, for kinds of files that have them.
+
+    Raises:
+        StictionError: a log that cannot be read.
+    """
+    return _kind(path).drives(os.fspath(path), naming or Naming())
 
 
 def is_log(path: Path) -> bool:

@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import (
@@ -22,10 +19,9 @@ from stiction_envs.measured.checks.logs import (
     check_finite,
     check_pace,
     check_speeds,
-    check_time,
     check_units,
 )
-from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
+from stiction_envs.measured.logs.clock import correct_clock
 from stiction_envs.measured.logs.corrections import (
     Correction,
     Rows,
@@ -36,6 +32,8 @@ from stiction_envs.measured.logs.corrections import (
 from stiction_envs.measured.logs.files import read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.robot_log import JointLog
+from stiction_envs.measured.logs.timing import begin, ignored, split
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
@@ -43,68 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
 
-LEAST_SECONDS = 1.0
-"""Shorter logs are refused [s]; assumed."""
-RUN_PAUSE = 1.0
-"""Time put between recordings whose clocks start anew [s]; assumed."""
-EPOCH = 1e6
-"""Times above this are dates, and counted from the first row instead [s]; assumed."""
-IGNORED = "columns not used"
-"""How the warning of columns that nothing reads begins."""
-
-Array = NDArray[np.float64]
 Path = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointLog:
-    """One measured log after corrections; arrays are float64 and read-only."""
-
-    source: str
-    """File name as given."""
-    t: Array
-    """Time of each row on the robot's clock, strictly rising, (T,), s."""
-    q: Array
-    """Joint angles, (T, n), rad."""
-    dq: Array | None
-    """Joint speeds as logged, (T, n), rad/s; None where the log has none."""
-    tau: Array
-    """Joint torques, (T, n), N·m."""
-    extra: dict[str, Array] = field(default_factory=dict)
-    """Further channels: ``temperature`` [°C], ``tau_cmd`` [N·m], (T, n) each."""
-    breaks: tuple[int, ...] = ()
-    """First row of each segment but the first: where a gap or another recording begins."""
-    corrections: tuple[Correction, ...] = ()
-    """What was corrected."""
-    warnings: tuple[str, ...] = ()
-    """What was found and not corrected, a sentence each."""
-    static: bool = False
-    """Whether the rows are poses at rest without order in time; then ``t`` counts them."""
-    date: float | None = None
-    """Date that was taken off ``t``, s; None where times are no dates."""
-    side: str | None = None
-    """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
-
-    def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.dq, self.tau, *self.extra.values()):
-            if array is not None:
-                array.flags.writeable = False
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.q.shape[1]
-
-    @property
-    def step(self) -> float:
-        """Usual time between rows, s."""
-        return float(np.median(np.diff(self.t)))
-
-    @property
-    def segments(self) -> tuple[slice, ...]:
-        """Rows of each segment."""
-        bounds = (0, *self.breaks, len(self.t))
-        return tuple(slice(a, b) for a, b in pairwise(bounds))
 
 
 def read_logs(
@@ -181,87 +118,23 @@ def _log(
         tau=data.pop("tau"),
         extra=data,
         corrections=(*raw.notes, *corrections),
-        warnings=(*_ignored(raw), *warnings),
+        warnings=(*ignored(raw), *warnings),
         side=raw.side,
         **more,
     )
 
 
 def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> JointLog:
-    rows = Rows(t=raw.t, data=raw.data, run=raw.run)
-    # Arrays live on in rows only, so that those corrected away are freed.
-    raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
-    check_finite(rows, raw.place)
-    check_time(rows, raw.place)
-    start = float(raw.origin + rows.t[0])
-    date = start if abs(start) > EPOCH else None
-    corrections = _join_runs(rows, date)
-    more, warnings = fill_missing(rows, raw.place)
-    corrections += more
+    rows, date, corrections, warnings = begin(raw)
     warnings += check_units(rows, raw.place, limits)
     warnings += check_channels(rows, raw.place, motion)
     corrections += drop_repeats(rows) + correct_stale(rows)
     more, jitter = correct_clock(rows)
     corrections, warnings = corrections + more, warnings + jitter
-    step = usual_step(rows)
-    breaks = _segments(rows, step, corrections)
-    bounds = list(pairwise((0, *breaks, len(rows.t))))
-    seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
-    if not seconds >= LEAST_SECONDS - 1.5 * step:
-        raise StictionError(
-            f"{raw.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
-        )
-    part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
-    data = {k: v[part] for k, v in rows.data.items()}
-    longest = Rows(t=rows.t[part], data=data, run=rows.run[part])
+    breaks, longest, step = split(raw.source, rows, corrections)
     try:
         check_pace(longest, step, limits)
         warnings += check_speeds(longest, step, motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None
     return _log(raw, rows, corrections, warnings, breaks=breaks, date=date)
-
-
-def _ignored(raw: RawLog) -> list[str]:
-    if not raw.ignored:
-        return list(raw.warnings)
-    shown = ", ".join(repr(name) for name in raw.ignored[:8])
-    more = f" and {len(raw.ignored) - 8} more" if len(raw.ignored) > 8 else ""
-    return [*raw.warnings, f"{IGNORED}: {shown}{more}"]
-
-
-def _join_runs(rows: Rows, date: float | None) -> list[Correction]:
-    """One rising time for all recordings of a file, and small numbers for dates."""
-    corrections = []
-    starts = np.flatnonzero(np.diff(rows.run)) + 1
-    if date is not None:
-        text = f"times are dates: counted from the first row, {date:.3f} s"
-        rows.t = rows.t - rows.t[0]
-        corrections.append(Correction(kind="epoch", rows=len(rows.t), text=text))
-    restarts = 0
-    shifted = rows.t.copy()
-    for i in starts:
-        if shifted[i] <= shifted[i - 1]:
-            shifted[i:] += shifted[i - 1] + RUN_PAUSE - shifted[i]
-            restarts += 1
-    if restarts:
-        rows.t = shifted
-        text = (
-            f"{len(starts) + 1} recordings in one file, the clock starts anew in {restarts} of "
-            f"them: put one after another, {RUN_PAUSE:g} s apart"
-        )
-        corrections.append(Correction(kind="run", rows=restarts, text=text))
-    return corrections
-
-
-def _segments(rows: Rows, step: float, corrections: list[Correction]) -> tuple[int, ...]:
-    runs = np.flatnonzero(np.diff(rows.run)) + 1
-    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
-    if len(gaps):
-        longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
-        text = (
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
-            "the log is split there"
-        )
-        corrections.append(Correction(kind="gap", rows=len(gaps), text=text))
-    return tuple(int(i) for i in np.union1d(gaps, runs))

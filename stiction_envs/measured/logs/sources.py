@@ -11,7 +11,7 @@ from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.files import is_log
-from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 
 Log = str | Path | JointLog
 SIDES = ("motor", "link")
@@ -45,11 +45,11 @@ class LogSources:
         )
 
 
-def log_sources(logs: Sequence[Log], word: str = "log") -> LogSources:
+def log_sources(logs: Sequence[str | Path | RobotLog], word: str = "log") -> LogSources:
     """Return what logs are; by ``word`` and their number."""
     named = {f"{word}{k}": log for k, log in enumerate(logs, 1)}
-    in_memory = {k: log for k, log in named.items() if isinstance(log, JointLog)}
-    paths = {k: Path(log.source if isinstance(log, JointLog) else log) for k, log in named.items()}
+    in_memory = {k: log for k, log in named.items() if isinstance(log, RobotLog)}
+    paths = {k: Path(log.source if isinstance(log, RobotLog) else log) for k, log in named.items()}
     return LogSources(
         names={k: path.name for k, path in paths.items()},
         # the reader reports files that are not there
@@ -87,8 +87,8 @@ def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:
     return "link" if "link" in said else "motor"
 
 
-def _sha256(log: JointLog) -> str:
+def _sha256(log: RobotLog) -> str:
     digest = hashlib.sha256()
-    for array in (log.t, log.q, log.dq, log.tau):
+    for array in log.arrays:
         digest.update(b"" if array is None else array.tobytes())
     return digest.hexdigest()

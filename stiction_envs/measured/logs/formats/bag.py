@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError, missing_extra, unknown
+from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.messages import BY_TYPE, Kind, Sample, side_of
@@ -45,6 +46,8 @@ class RosBag(LogFormat):
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
+        if wanted.drive != TORQUE:
+            raise StictionError(f"{where}: no commanded positions: expected columns q_cmd1..n")
         with _open(where) as reader:
             topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
             return _read(where, reader, topic, kind, wanted)

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.columns import joints_of, sort_columns
+from stiction_envs.measured.logs.columns import (
+    OTHER_NAMES,
+    TORQUE,
+    Columns,
+    drives_in,
+    joints_of,
+    sort_columns,
+)
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.joint_names import Naming
 
@@ -38,6 +45,8 @@ class Wanted:
     """Whether the log must have time; without, rows are numbered."""
     naming: Naming
     """Names of the joints, where a log has names."""
+    drive: str = TORQUE
+    """Which channels: those of `CHANNELS` for torque or position."""
 
 
 @dataclass(kw_only=True)
@@ -49,7 +58,7 @@ class RawLog:
     t: NDArray[np.float64]
     """Logged time, (T,), s; row numbers where the log has none."""
     data: dict[str, NDArray[np.float64]]
-    """``q``, ``tau`` and the optional channels, (T, n) each."""
+    """The required channels (`columns.CHANNELS`) and optional ones, (T, n) each."""
     run: NDArray[np.int64]
     """Number of the recording of each row, (T,), from 0."""
     place: Callable[[int], str]
@@ -98,6 +107,14 @@ class LogFormat(ABC):
             StictionError: it cannot be read.
         """
 
+    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+        """Return what may have driven the joints: torque, position, both or none is there.
+
+        Raises:
+            StictionError: it cannot be read.
+        """
+        return (TORQUE,)
+
 
 class ColumnFile(LogFormat):
     """A kind of file that holds named columns."""
@@ -113,6 +130,18 @@ class ColumnFile(LogFormat):
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
         return joints_of(list(_flat(self.columns(where))))
+
+    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+        """See `LogFormat.drives`."""
+        return drives_in(list(_flat(self.columns(where))))
+
+
+def renamed_notes(columns: Columns) -> list[Correction]:
+    """Return a note for each channel that has another's name in the file."""
+    return [
+        Correction(kind="source", rows=0, text=f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
+        for name in columns.renamed
+    ]
 
 
 def check_size(where: str, rows: int, per_row: int) -> None:
@@ -138,7 +167,7 @@ def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -> RawLog:
     flat, time = _flat(arrays), wanted.time
     names = list(flat)
-    columns = sort_columns(where, names, wanted.n_joints, time=time)
+    columns = sort_columns(where, names, wanted.n_joints, time=time, drive=wanted.drive)
     used = [c for c in (*columns.numbers, columns.run) if c is not None and c >= 0]
     length = len(flat[names[used[0]]])
     for c in used:
@@ -167,4 +196,5 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -
         run=run,
         place=lambda i: f"{where}, row {i + 1}",
         ignored=columns.ignored,
+        notes=renamed_notes(columns),
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
-from stiction_envs.measured.logs.columns import joints_of, sort_columns
+from stiction_envs.measured.logs.columns import drives_in, joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
@@ -20,6 +20,7 @@ from stiction_envs.measured.logs.formats.base import (
     RawLog,
     Wanted,
     check_size,
+    renamed_notes,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
@@ -45,15 +46,24 @@ class CsvFile(LogFormat):
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
-        names = header_of(where)
-        if not names:
-            raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
-        return joints_of(known_header(names).ours(names))
+        return joints_of(_our_names(where))
+
+    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+        """See `LogFormat.drives`."""
+        return drives_in(_our_names(where))
 
 
 def known_header(names: Sequence[str]) -> Header:
     """Return the kind of log that has these columns."""
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
+
+
+def _our_names(where: str) -> list[str]:
+    """Return our names of a file's columns."""
+    names = header_of(where)
+    if not names:
+        raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
+    return known_header(names).ours(names)
 
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
@@ -78,7 +88,9 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
                         continue
                     kind = known_header(header)
                     names = kind.ours(header)
-                    columns = sort_columns(where, names, wanted.n_joints, time=time)
+                    columns = sort_columns(
+                        where, names, wanted.n_joints, time=time, drive=wanted.drive
+                    )
                     rows = TextRows(where, header, columns)
                 line = rows.add(block, line)
                 check_size(where, rows.count, len(rows.columns.numbers))
@@ -107,7 +119,10 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
         place=lambda i: f"{where}, line {lines[i]}",
         ignored=columns.ignored if kind is OUR_COLUMNS else (),
         side=kind.side,
-        notes=[Correction(kind="source", rows=0, text=kind.note)] if kind.note else [],
+        notes=[
+            *([Correction(kind="source", rows=0, text=kind.note)] if kind.note else []),
+            *renamed_notes(columns),
+        ],
     )
 
 

@@ -1,0 +1,83 @@
+"""Checks of a servo log by itself: units of its commands, channels that never move or are copies.
+
+A servo's log repeats itself: its angles come in steps of the encoder, and a joint that sticks
+rests while its command moves. Nothing of that is a defect.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.logs import Place, check_angles, check_torques
+from stiction_envs.measured.logs.corrections import Rows
+from stiction_envs.measured.settings import MotionThresholds
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.tables import Limits
+
+OTHER_UNIT = 20.0
+"""Commands that move by this many times what the joint moves are in another unit [-]; assumed."""
+ALIKE = 0.9
+"""Least correlation of a command and the angle that follows it, to compare units [-]; assumed."""
+
+
+def check_servo_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+    """Commanded and measured angles are in radians, as far as limits and each other show.
+
+    Returns:
+        Warnings about angles beyond the limits that no unit explains.
+
+    Raises:
+        StictionError: they look like degrees, or are in different units.
+    """
+    warnings = [w for name in ("q", "q_cmd") for w in check_angles(rows, place, limits, name)]
+    ratios = []
+    for q, command in zip(rows.data["q"].T, rows.data["q_cmd"].T, strict=True):
+        moves = q.std() > 0 and command.std() > 0
+        if moves and np.corrcoef(q, command)[0, 1] > ALIKE:
+            ratios.append(command.std() / q.std())
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        raise StictionError(
+            f"{place(0)}: q_cmd moves by {ratio:.3g} times what q does, which looks like degrees "
+            "beside radians: expected both in rad"
+        )
+    return warnings
+
+
+def check_servo_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
+    """Check that something moves; warn of commands and angles that never do, and of copies.
+
+    Raises:
+        StictionError: neither command nor angle ever changes.
+    """
+    q, command = rows.data["q"], rows.data["q_cmd"]
+    n, moved, told = q.shape[1], np.ptp(q, axis=0), np.ptp(command, axis=0)
+    if not (moved.any() or told.any()):
+        raise StictionError(
+            f"{place(0)}: q_cmd1..q_cmd{n} and q1..q{n} never change: expected a measurement"
+        )
+    warnings = []
+    if not told.any():
+        warnings.append(
+            f"q_cmd1..q_cmd{n} never change although a joint moves: was the command logged?"
+        )
+    for j in np.flatnonzero((told > motion.hold_span) & (moved == 0)):
+        warnings.append(
+            f"q{j + 1} is always {q[0, j]:.4g} although its command moves by {told[j]:.3g} rad: "
+            "was its position measured?"
+        )
+    copies = [f"q{j + 1}" for j in range(n) if told[j] and np.array_equal(q[:, j], command[:, j])]
+    if copies:
+        warnings.append(
+            f"{', '.join(copies)} equal{'s' * (len(copies) == 1)} the command in every row: "
+            "not measured, or a perfect servo"
+        )
+    current = rows.data.get("current_abs")
+    if current is not None and (current < 0).any():
+        first = int(np.argmax((current < 0).any(axis=0)))
+        warnings.append(f"current_abs{first + 1} is negative in places: its size is used")
+    return warnings + (check_torques(rows) if "tau" in rows.data else [])

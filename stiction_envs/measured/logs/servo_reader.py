@@ -1,0 +1,122 @@
+"""Read, check and correct servo logs: positions that were commanded, and those that were measured.
+
+A log is a table ``t,q_cmd1..n,q1..n[,dq1..n][,tau1..n][,current_abs1..n][,run]`` [s, rad, rad/s,
+N·m, any unit]. Rows that repeat the one before are kept: encoders have steps, and joints that
+stick rest.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.logs import check_pace, check_speeds
+from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
+from stiction_envs.measured.logs.clock import correct_clock
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
+from stiction_envs.measured.logs.corrections import SERVO_CORE
+from stiction_envs.measured.logs.files import drives, read_raw
+from stiction_envs.measured.logs.formats.base import RawLog
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.robot_log import RobotLog, ServoLog
+from stiction_envs.measured.logs.timing import begin, ignored, split
+from stiction_envs.measured.settings import MotionThresholds, measured_settings
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.tables import Limits
+
+Path = str | os.PathLike[str]
+
+SLOWEST_CLOCK = 5e-3
+"""Rows further apart keep their stamps [s]: a servo that sticks and slips moves too fast for the
+slopes over ±25 ms, five rows, that show a clock (`logs.clock`). Source: of 21 logs of an SO-101
+at 50 Hz two seemed to jitter by 2 and 7 ms, their stamps by 0.7 ms."""
+
+
+def read_servo_logs(
+    paths: Sequence[Path],
+    n_joints: int,
+    *,
+    limits: Limits | None = None,
+    naming: Naming | None = None,
+    motion: MotionThresholds | None = None,
+) -> list[ServoLog]:
+    """Read, check and correct the servo logs of one robot.
+
+    Args:
+        paths: one or more of the files of `formats.registry`.
+        n_joints: joints of the robot.
+        limits: its limits; without them fewer wrong units are seen.
+        naming: names of its joints, for kinds of files that have them.
+        motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
+
+    Raises:
+        StictionError: a file cannot be read, is no servo log of this robot, or cannot be a
+            measurement. The message names file, row and column.
+    """
+    if not paths:
+        raise StictionError("no log given: expected one or more files")
+    motion = motion or measured_settings().motion
+    logs: list[ServoLog] = []
+    for path in paths:
+        log = _corrected(read_raw(path, n_joints, naming=naming, drive=POSITION), limits, motion)
+        for other in logs:
+            if np.array_equal(other.q, log.q) and np.array_equal(other.q_cmd, log.q_cmd):
+                raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
+        logs.append(log)
+    return logs
+
+
+def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
+    """Return what drives the joints of a log: torque, or position where it has no torque.
+
+    Args:
+        log: a file of `formats.registry`, or a log in memory.
+        naming: names of its joints, for kinds of files that have them.
+
+    Raises:
+        StictionError: it has neither torques nor commanded positions, or cannot be read.
+    """
+    if isinstance(log, RobotLog):
+        return log.drive
+    found = drives(log, naming)
+    if not found:
+        raise StictionError(
+            f"{os.fspath(log)}: neither torques nor commanded positions: expected t,q1..qn with "
+            "tau1..taun or q_cmd1..q_cmdn"
+        )
+    return TORQUE if TORQUE in found else POSITION
+
+
+def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> ServoLog:
+    rows, date, corrections, warnings = begin(raw, SERVO_CORE)
+    warnings += check_servo_units(rows, raw.place, limits)
+    warnings += check_servo_channels(rows, raw.place, motion)
+    more, jitter = correct_clock(rows, SLOWEST_CLOCK)
+    corrections, warnings = corrections + more, warnings + jitter
+    breaks, longest, step = split(raw.source, rows, corrections)
+    try:
+        check_pace(longest, step, limits)
+        warnings += check_speeds(longest, step, motion)
+    except StictionError as error:
+        raise StictionError(f"{raw.source}: {error}") from None
+    data = dict(rows.data)
+    current = data.pop("current_abs", None)
+    return ServoLog(
+        source=raw.source,
+        t=rows.t,
+        q=data.pop("q"),
+        dq=data.pop("dq", None),
+        q_cmd=data.pop("q_cmd"),
+        tau=data.pop("tau", None),
+        current=None if current is None else np.abs(current),
+        extra=data,
+        corrections=(*raw.notes, *corrections),
+        warnings=(*ignored(raw), *warnings),
+        breaks=breaks,
+        date=date,
+    )

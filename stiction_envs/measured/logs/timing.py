@@ -1,0 +1,121 @@
+"""What all logs go through: one rising time for all recordings of a file, and segments of it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.logs import check_finite, check_time
+from stiction_envs.measured.logs.clock import find_gaps, usual_step
+from stiction_envs.measured.logs.corrections import CORE, Correction, Rows, fill_missing
+from stiction_envs.measured.logs.formats.base import RawLog
+
+LEAST_SECONDS = 1.0
+"""Shorter logs are refused [s]; assumed."""
+RUN_PAUSE = 1.0
+"""Time put between recordings whose clocks start anew [s]; assumed."""
+EPOCH = 1e6
+"""Times above this are dates, and counted from the first row instead [s]; assumed."""
+IGNORED = "columns not used"
+"""How the warning of columns that nothing reads begins."""
+
+
+def begin(
+    raw: RawLog, measured: tuple[str, ...] = CORE
+) -> tuple[Rows, float | None, list[Correction], list[str]]:
+    """Return the rows of a log with one rising time and without missing values.
+
+    Args:
+        raw: the log; its arrays become those of the rows.
+        measured: channels that are measured with every sample.
+
+    Returns:
+        Rows, the date that was taken off their time, what was corrected, and warnings.
+
+    Raises:
+        StictionError: what cannot be a measurement.
+    """
+    rows = Rows(t=raw.t, data=raw.data, run=raw.run, measured=measured)
+    # Arrays live on in rows only, so that those corrected away are freed.
+    raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
+    check_finite(rows, raw.place)
+    check_time(rows, raw.place)
+    start = float(raw.origin + rows.t[0])
+    date = start if abs(start) > EPOCH else None
+    corrections = _join_runs(rows, date)
+    more, warnings = fill_missing(rows, raw.place)
+    return rows, date, corrections + more, warnings
+
+
+def split(
+    source: str, rows: Rows, corrections: list[Correction]
+) -> tuple[tuple[int, ...], Rows, float]:
+    """Find the segments of a log whose clock has been corrected; gaps join the corrections.
+
+    Returns:
+        First row of each segment but the first, rows of the longest one, usual time between rows
+        [s].
+
+    Raises:
+        StictionError: less than `LEAST_SECONDS` in all.
+    """
+    step = usual_step(rows)
+    breaks = _segments(rows, step, corrections)
+    bounds = list(pairwise((0, *breaks, len(rows.t))))
+    seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
+    if not seconds >= LEAST_SECONDS - 1.5 * step:
+        raise StictionError(
+            f"{source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
+        )
+    part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
+    data = {k: v[part] for k, v in rows.data.items()}
+    longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=rows.measured)
+    return breaks, longest, step
+
+
+def ignored(raw: RawLog) -> list[str]:
+    """Return the warnings that its reader has, and one about columns that nothing reads."""
+    if not raw.ignored:
+        return list(raw.warnings)
+    shown = ", ".join(repr(name) for name in raw.ignored[:8])
+    more = f" and {len(raw.ignored) - 8} more" if len(raw.ignored) > 8 else ""
+    return [*raw.warnings, f"{IGNORED}: {shown}{more}"]
+
+
+def _join_runs(rows: Rows, date: float | None) -> list[Correction]:
+    """One rising time for all recordings of a file, and small numbers for dates."""
+    corrections = []
+    starts = np.flatnonzero(np.diff(rows.run)) + 1
+    if date is not None:
+        text = f"times are dates: counted from the first row, {date:.3f} s"
+        rows.t = rows.t - rows.t[0]
+        corrections.append(Correction(kind="epoch", rows=len(rows.t), text=text))
+    restarts = 0
+    shifted = rows.t.copy()
+    for i in starts:
+        if shifted[i] <= shifted[i - 1]:
+            shifted[i:] += shifted[i - 1] + RUN_PAUSE - shifted[i]
+            restarts += 1
+    if restarts:
+        rows.t = shifted
+        text = (
+            f"{len(starts) + 1} recordings in one file, the clock starts anew in {restarts} of "
+            f"them: put one after another, {RUN_PAUSE:g} s apart"
+        )
+        corrections.append(Correction(kind="run", rows=restarts, text=text))
+    return corrections
+
+
+def _segments(rows: Rows, step: float, corrections: list[Correction]) -> tuple[int, ...]:
+    runs = np.flatnonzero(np.diff(rows.run)) + 1
+    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
+    if len(gaps):
+        longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
+        text = (
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
+            "the log is split there"
+        )
+        corrections.append(Correction(kind="gap", rows=len(gaps), text=text))
+    return tuple(int(i) for i in np.union1d(gaps, runs))

@@ -1,0 +1,381 @@
+"""Servo logs: commanded and measured positions, in every kind of file, good and damaged."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import re
+import string
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from stiction_envs.measured.logs.sources import log_sources
+from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import GOOD
+from tests.measured.logs.test_reader import CELLS, fuzz, put
+from tests.measured.logs.test_robot_logs import real
+
+N = 7
+LIMITS = load_arm("panda").limits
+STEP = 2 * np.pi / 4096
+
+
+def header_of(*channels: str, n: int = N) -> list[str]:
+    return ["t", *(f"{c}{j}" for c in channels for j in range(1, n + 1))]
+
+
+HEADER = header_of("q_cmd", "q")
+
+
+def servo_values(rows: int = 250, rate: float = 50.0) -> np.ndarray:
+    """t, q_cmd, q (rows, 15) of servos in steps of an encoder that stand still until told far."""
+    t = np.arange(rows) / rate
+    middle = np.array([0, 0, 0, -1.5, 0, 1.5, 0])
+    command = middle + 0.3 * np.sin(np.outer(t, 1.5 + 0.1 * np.arange(N)))
+    q, stands = np.empty_like(command), command[0]
+    for k, told in enumerate(command):
+        stands = np.clip(stands, told - 0.03, told + 0.03)
+        q[k] = STEP * np.round(stands / STEP)
+    return np.column_stack([t, command, q])
+
+
+def text_of(values: np.ndarray, names: list[str] | None = None) -> str:
+    out = io.StringIO()
+    header = ",".join(names or HEADER)
+    np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
+    return out.getvalue()
+
+
+def read(path: Path) -> ServoLog:
+    return read_servo_logs([path], N, limits=LIMITS)[0]
+
+
+def same(a: ServoLog, b: ServoLog) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(a.arrays, b.arrays, strict=True) if x is not y)
+
+
+# ---- good input ----
+
+
+def test_steps_of_the_encoder_and_rest_are_kept_to_the_bit(tmp_path: Path) -> None:
+    """Most rows hold some joint that has not moved: no repeat, no old channel."""
+    path = put(tmp_path / "log.csv", text_of(servo_values()))
+    shown = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert (np.diff(shown[:, 8:], axis=0) == 0).mean() > 0.1
+    log = read(path)
+    assert np.array_equal(log.t, shown[:, 0])
+    assert np.array_equal(log.q_cmd, shown[:, 1:8])
+    assert np.array_equal(log.q, shown[:, 8:])
+    assert (log.dq, log.tau, log.current, log.extra) == (None, None, None, {})
+    assert (log.corrections, log.warnings, log.breaks) == ((), (), ())
+    assert (log.n, log.drive, log.source) == (N, "position", str(path))
+    assert log.step == pytest.approx(0.02)
+    assert not log.q_cmd.flags.writeable
+
+
+def test_a_minute_at_rest_is_kept(tmp_path: Path) -> None:
+    values = servo_values(600)
+    values[300:, 1:] = values[300, 1:]
+    log = read(put(tmp_path / "log.csv", text_of(values)))
+    assert len(log.t) == 600
+    assert (log.corrections, log.warnings) == ((), ())
+
+
+def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
+    text = text_of(servo_values())
+    v = np.loadtxt(text.splitlines()[1:], delimiter=",")
+    log = read(put(tmp_path / "log.csv", text))
+    np.savez(tmp_path / "matrices.npz", t=v[:, 0], q_cmd=v[:, 1:8], q=v[:, 8:])
+    parquet.write_table(pa.table(dict(zip(HEADER, v.T, strict=True))), tmp_path / "log.parquet")
+    put(tmp_path / "log.csv.gz", gzip.compress(text.encode()))
+    for name in ("matrices.npz", "log.parquet", "log.csv.gz"):
+        assert same(read(tmp_path / name), log), name
+        assert drive_of(tmp_path / name) == "position"
+
+
+def test_channels_that_may_be_there(tmp_path: Path) -> None:
+    v = servo_values()
+    rest = np.arange(v.shape[0] * N * 3, dtype=float).reshape(-1, 3 * N) / 1e4
+    dq = np.gradient(v[:, 8:], v[:, 0], axis=0)
+    values = np.column_stack([v, dq, rest])
+    names = header_of("q_cmd", "q", "dq", "tau", "current_abs", "temperature")
+    log = read(put(tmp_path / "log.csv", text_of(values, names)))
+    assert log.dq is not None
+    assert log.dq == pytest.approx(dq, abs=1e-6)
+    assert log.tau == pytest.approx(rest[:, :N])
+    assert log.current == pytest.approx(rest[:, N : 2 * N])
+    assert log.extra["temperature"] == pytest.approx(rest[:, 2 * N :])
+
+
+def test_currents_have_no_sign_and_no_limit(tmp_path: Path) -> None:
+    """They stay at 0 for long: of a torque that would be called saturated."""
+    v = servo_values()
+    current = np.maximum(np.sin(3 * v[:, :1] + np.arange(N)), 0)
+    names = header_of("q_cmd", "q", "current_torque_abs")
+    log = read(put(tmp_path / "log.csv", text_of(np.column_stack([v, current]), names)))
+    assert log.warnings == ()
+    (note,) = log.corrections
+    assert (note.kind, note.text) == (
+        "source",
+        "current_torque_abs1..n are taken as current_abs1..n",
+    )
+    assert log.current == pytest.approx(current, abs=1e-8)
+    names = header_of("q_cmd", "q", "current_abs")
+    log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -current]), names)))
+    assert log.current == pytest.approx(current, abs=1e-8)
+    assert log.warnings == ("current_abs1 is negative in places: its size is used",)
+
+
+def test_runs_and_gaps_split(tmp_path: Path) -> None:
+    v = servo_values()
+    late = v.copy()
+    late[125:, 0] += 2.0
+    assert read(put(tmp_path / "gap.csv", text_of(late))).breaks == (125,)
+    lines = text_of(np.vstack([v, v])).splitlines()
+    runs = ["run", *["a"] * len(v), *["b"] * len(v)]
+    text = "\n".join(f"{a},{b}" for a, b in zip(runs, lines, strict=True))
+    log = read(put(tmp_path / "runs.csv", text))
+    assert log.breaks == (250,)
+    assert [c.kind for c in log.corrections] == ["run"]
+
+
+def test_jitter_and_dates(tmp_path: Path) -> None:
+    """Stamps of a PC stay as they are; equal ones are made to rise."""
+    v = servo_values()
+    v[:, 0] += 1.7e9 + 0.003 * np.random.default_rng(0).random(len(v))
+    v[100, 0] = v[99, 0]
+    np.savez(tmp_path / "log.npz", t=v[:, 0], q_cmd=v[:, 1:8], q=v[:, 8:])
+    log = read(tmp_path / "log.npz")
+    assert log.date == v[0, 0]
+    assert [c.kind for c in log.corrections] == ["epoch", "stamp"]
+    assert log.t == pytest.approx(np.delete(v[:, 0], 100) - v[0, 0], abs=1e-6)
+
+
+def test_hash_of_a_log_in_memory_tells_commands_apart(tmp_path: Path) -> None:
+    v = servo_values()
+    a = read(put(tmp_path / "log.csv", text_of(v)))
+    v[5, 1] += 1e-3
+    b = read(put(tmp_path / "log.csv", text_of(v)))
+    one, other = (log_sources([log]).in_memory["log1"] for log in (a, b))
+    assert len(one) == 64
+    assert one != other
+
+
+# ---- which drive ----
+
+
+def test_drive(tmp_path: Path) -> None:
+    v = servo_values()
+    both = text_of(np.column_stack([v, v[:, 1:8]]), header_of("q_cmd", "q", "tau"))
+    neither = text_of(v[:, [0, *range(8, 15)]], header_of("q"))
+    assert drive_of(put(tmp_path / "servo.csv", text_of(v))) == "position"
+    assert drive_of(put(tmp_path / "joint.csv", GOOD)) == "torque"
+    assert drive_of(put(tmp_path / "both.csv", both)) == "torque"
+    assert drive_of(read(tmp_path / "servo.csv")) == "position"
+    t, q = v[:, 0], v[:, 8:]
+    assert drive_of(JointLog(source="x", t=t, q=q, dq=None, tau=q.copy())) == "torque"
+    path = put(tmp_path / "neither.csv", neither)
+    with pytest.raises(StictionError, match="neither torques nor commanded positions: expected"):
+        drive_of(path)
+    assert len(check(path).findings) == 1
+    (found,) = [x for x in check(tmp_path / "both.csv").findings if x.kind == "remark"]
+    assert "columns not used: 'q_cmd1'" in found.message
+    assert not check(tmp_path / "both.csv", drive="position").findings
+    with pytest.raises(StictionError, match="drive"):
+        check(tmp_path / "both.csv", drive="hydraulic")
+
+
+# ---- what is wrong ----
+
+
+def changed(change: Callable[[np.ndarray], object]) -> str:
+    values = servo_values()
+    change(values)
+    return text_of(values)
+
+
+def scaled(columns: slice, factor: float) -> str:
+    return changed(lambda v: v.__setitem__((slice(None), columns), factor * v[:, columns]))
+
+
+COMMANDS, ANGLES = slice(1, 8), slice(8, 15)
+DEGREE = 180 / np.pi
+BAD = {
+    "degrees": (scaled(slice(1, 15), DEGREE), r"q\d is .* looks like degrees"),
+    "commanded degrees": (scaled(COMMANDS, DEGREE), r"q_cmd\d is .* looks like degrees"),
+    "ticks": (scaled(slice(1, 15), 4096), r"q_cmd\d is .* expected up to 1000 rad"),
+    "no command": (text_of(servo_values()[:, [0, *range(8, 15)]], header_of("q")), "q_cmd1"),
+    "no angles": (text_of(servo_values()[:, :8], header_of("q_cmd")), "missing columns 'q1'"),
+    "six joints": (
+        text_of(servo_values()[:, :13], header_of("q_cmd", "q", n=6)),
+        "columns for 6 joints, but the robot has 7",
+    ),
+    "joint missing": (text_of(servo_values()).replace("q_cmd4", "goal4"), "column 'q_cmd4'"),
+    "nothing moves": (
+        changed(lambda v: v.__setitem__((slice(None), slice(1, 15)), 0.5)),
+        r"q_cmd1..q_cmd7 and q1..q7 never change",
+    ),
+    "one name twice": (text_of(servo_values()).replace("q_cmd4", "q_cmd3"), "there twice"),
+    "holes": (
+        changed(lambda v: v.__setitem__((slice(20, 40), 3), np.nan)),
+        r"line 22: q_cmd3 has no value, in 20 of 250 rows",
+    ),
+    "too short": (text_of(servo_values(30)), "0.58 s of samples"),
+    "milliseconds": (scaled(slice(0, 1), 1e3), "looks like milliseconds"),
+    "infinity": (changed(lambda v: v.__setitem__((9, 2), np.inf)), "line 11: q_cmd2 is inf"),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_bad_servo_log_is_one_clear_line(tmp_path: Path, bad: str) -> None:
+    text, says = BAD[bad]
+    path = put(tmp_path / "log.csv", text)
+    with pytest.raises(StictionError) as error:
+        read(path)
+    message = str(error.value)
+    assert re.search(says, message), message
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert "expected" in message
+    assert len(message.replace(str(tmp_path), "")) < 300
+
+
+def test_units_of_small_motions_show_beside_each_other(tmp_path: Path) -> None:
+    """Commands in degrees within the range of radians, without a robot."""
+    v = servo_values()
+    v[:, COMMANDS] = DEGREE * 0.05 * np.sin(v[:, :1] + np.arange(N))
+    v[:, ANGLES] = v[:, COMMANDS] / DEGREE
+    with pytest.raises(StictionError, match=r"q_cmd moves by 57\.3 times what q does"):
+        read_servo_logs([put(tmp_path / "log.csv", text_of(v))], N)
+
+
+def test_check_names_defects_and_calls_nothing_else_wrong(tmp_path: Path) -> None:
+    v = servo_values()
+    path = put(tmp_path / "good.csv", text_of(v))
+    assert check(path, robot="panda").findings == ()
+    v[:, 9] = 0.25  # joint 2 stands
+    v[:, 12] = v[:, 5]  # joint 5 is copied
+    v[:, 3] = np.clip(12 * v[:, 3], -3.2, 3.2)  # joint 3 is told beyond its limit, 2.9 rad
+    found = check(put(tmp_path / "log.csv", text_of(v)), robot="panda").findings
+    assert {x.kind for x in found} == {"warning"}
+    limits, still, copy = (x.message for x in found)
+    assert limits.startswith("q_cmd3 reaches")
+    assert "the servo may cut it" in limits
+    assert still.startswith("q2 is always 0.25 although its command moves by 0.6 rad")
+    assert copy.startswith("q5 equals the command in every row")
+    v = servo_values()
+    v[:, COMMANDS] = v[0, COMMANDS]
+    (finding,) = check(put(tmp_path / "told.csv", text_of(v)), robot="panda").findings
+    assert finding.message.startswith("q_cmd1..q_cmd7 never change although a joint moves")
+
+
+def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
+    v = servo_values()
+    size = np.maximum(np.sin(3 * v[:, :1] + np.arange(N)), 0)
+    path = put(
+        tmp_path / "log.csv",
+        text_of(np.column_stack([v[:, :1], v[:, 8:], size]), header_of("q", "tau")),
+    )
+    said = [x.message for x in check(path, robot="panda").findings]
+    assert any(x.startswith("tau1..tau7 are never negative: sizes without sign") for x in said)
+    assert not any("saturated" in x for x in said)
+
+
+def test_what_is_not_one_log(tmp_path: Path) -> None:
+    with pytest.raises(StictionError, match="one or more"):
+        read_servo_logs([], N)
+    a, b = (put(tmp_path / name, text_of(servo_values())) for name in ("a.csv", "b.csv"))
+    with pytest.raises(StictionError, match=r"b\.csv: the same log as"):
+        read_servo_logs([a, b], N)
+
+
+# ---- fuzz ----
+
+
+def reads_or_complains(path: Path, n: int = 2) -> None:
+    try:
+        log = read_servo_logs([path], n)[0]
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+        assert np.all(np.diff(log.t) > 0)
+        assert all(np.isfinite(x).all() for x in log.arrays if x is not None)
+    assert "\n" not in message
+
+
+@fuzz(100)
+@given(
+    st.permutations(["t", "q1", "q2", "q_cmd1", "q_cmd2", "current_abs1", "current_abs2", "run"]),
+    st.integers(5, 8),
+    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
+)
+def test_fuzz_cells(tmp_path: Path, names: list[str], width: int, rows: list[list[str]]) -> None:
+    text = "\n".join(",".join(row[:width]) for row in [names, *rows])
+    reads_or_complains(put(tmp_path / "log.csv", text))
+
+
+@fuzz(80)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 400),
+    st.floats(0, 2),
+    st.floats(0, 0.3),
+    st.sampled_from([0.0, 1e-6, 1e-2, 1.0]),
+    st.sampled_from([0.001, 0.005, 0.02]),
+)
+def test_fuzz_numbers(
+    tmp_path: Path, seed: int, rows: int, jitter: float, holes: float, size: float, step: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    t = step * np.maximum.accumulate(np.arange(rows) + jitter * rng.normal(size=rows))
+    v = size * rng.normal(size=(rows, 8)).cumsum(axis=0)
+    v[rng.random(rows) < holes / 20] = np.nan
+    v[rng.random(v.shape) < holes / 20] = np.nan
+    names = header_of("q_cmd", "q", "tau", "current_abs", n=2)
+    reads_or_complains(put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), names)))
+
+
+@fuzz(60)
+@given(st.data())
+def test_fuzz_a_damaged_good_log(tmp_path: Path, data: st.DataObject) -> None:
+    packed = data.draw(st.booleans())
+    raw = text_of(servo_values(120)).encode()
+    raw = bytearray(gzip.compress(raw, mtime=0) if packed else raw)
+    for _ in range(data.draw(st.integers(1, 5))):
+        place = data.draw(st.integers(0, len(raw) - 1))
+        raw[place] = data.draw(st.sampled_from(string.printable.encode() + b"\0\xff"))
+    reads_or_complains(put(tmp_path / ("log.csv.gz" if packed else "log.csv"), bytes(raw)), N)
+
+
+# ---- real robots ----
+
+
+@pytest.mark.parametrize(
+    ("robot", "joints", "count", "step"), [("so101", 6, 21, 0.02006), ("go2", 3, 2, 0.005001)]
+)
+def test_real_servo_logs_are_read_whole(robot: str, joints: int, count: int, step: float) -> None:
+    paths = sorted(real("servo_logs").glob(f"{robot}_*.csv.gz"))
+    assert len(paths) == count
+    for path in paths:
+        with gzip.open(path, "rt") as file:
+            rows = sum(1 for _ in file) - 1
+        assert drive_of(path) == "position"
+        (log,) = read_servo_logs([path], joints)
+        assert log.q.shape == log.q_cmd.shape == (rows, joints)
+        assert log.step == pytest.approx(step, rel=1e-3)
+        assert (log.current is not None) == (robot == "so101")
+        assert log.warnings == ()
+        assert {c.kind for c in log.corrections} <= {"source"}
+        assert log.breaks == ()
