@@ -42,6 +42,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_chain_option(parser)
     common.add_bag_options(parser)
     common.add_drive_option(parser)
+    common.add_units_options(parser)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 
@@ -60,6 +61,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         joints=args.joints,
         topic=args.topic,
         drive=args.drive,
+        units=args.units,
+        calibration=args.calibration,
     )
     if folder is not None:
         with common.working(), folder:

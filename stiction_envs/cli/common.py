@@ -175,6 +175,22 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_units_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what the angles of logs are measured in."""
+    parser.add_argument(
+        "--units",
+        choices=("rad", "deg", "percent", "ticks"),
+        help="what angles are measured in; percent is of the calibrated range, ticks are encoder "
+        "steps (default: rad, or what a log itself shows)",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="lerobot's JSON with the ranges of the motors, for percent and ticks",
+    )
+
+
 def add_drive_option(parser: argparse.ArgumentParser) -> None:
     """Add the option that says what drives the joints of logs."""
     parser.add_argument(

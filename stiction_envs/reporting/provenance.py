@@ -70,10 +70,13 @@ def git_commit() -> str | None:
 
 
 def sha256(path: Path) -> str:
-    """Return the hash of a file's bytes; of a folder, that of its files' names and hashes."""
+    """Return the hash of a file's bytes; of a folder, that of its files' names and hashes.
+
+    Videos, which lerobot records beside the numbers, do not count.
+    """
     if path.is_dir():
-        files = sorted(x for x in path.iterdir() if x.is_file())
-        text = "\n".join(f"{x.name} {sha256(x)}" for x in files)
+        files = sorted(x for x in path.rglob("*") if x.is_file() and x.suffix != ".mp4")
+        text = "\n".join(f"{x.relative_to(path).as_posix()} {sha256(x)}" for x in files)
         return hashlib.sha256(text.encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -94,6 +94,8 @@ def check(
     joints: Sequence[str] = (),
     topic: str | None = None,
     drive: str | None = None,
+    units: str | None = None,
+    calibration: str | Path | None = None,
 ) -> Findings:
     """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
 
@@ -110,6 +112,9 @@ def check(
         topic: of ROS bags that have several with joint states.
         drive: what drives the joints of the logs, torque or position; None for what each one has,
             torque where it has both.
+        units: what angles are measured in: rad, deg, percent (of calibrated ranges) or ticks
+            (encoder steps); None for rad, or what the log shows (`logs.units`).
+        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
 
     Raises:
         StictionError: no file, one that is not there, or that is neither table nor log.
@@ -124,7 +129,9 @@ def check(
             raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
     arm = None if robot is None else load_arm(robot, chain=chain)
     n, limits, names = (0, None, ()) if arm is None else (arm.n, arm.limits, arm.joint_names)
-    naming = Naming(robot=names, joints=tuple(joints), topic=topic)
+    naming = Naming(
+        robot=names, joints=tuple(joints), topic=topic, units=units, calibration=calibration
+    )
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
     tables: dict[str, list[dict[str, str]]] = {}
@@ -154,9 +161,11 @@ def check(
         **({} if chain is None else {"chain": list(chain)}),
         "joints": list(joints),
         "topic": topic,
-        **({} if drive is None else {"drive": drive}),
+        **{k: v for k, v in (("drive", drive), ("units", units)) if v is not None},
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
+    if calibration is not None and Path(calibration).is_file():
+        inputs["calibration"] = Path(calibration)
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),

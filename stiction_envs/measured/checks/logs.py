@@ -63,6 +63,8 @@ def check_finite(rows: Rows, place: Place) -> None:
             i, j = (int(k) for k in np.argwhere(bad)[0])
             value = array[i, j]
             may = f"up to {most:g} {unit}" if np.isfinite(value) and unit else "finite numbers"
+            if name in ("q", "q_cmd") and np.isfinite(value):
+                may += ", or units ticks (encoder steps)"
             raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: expected {may}")
 
 
@@ -114,6 +116,7 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
             raise StictionError(
                 f"{place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: expected "
                 + ("radians" if limits is None else f"{low:g} to {high:g} rad")
+                + ", or units deg (percent, ticks)"
             )
         beyond = (
             x

@@ -9,11 +9,13 @@ import os
 import stat
 from pathlib import Path
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import TORQUE
+from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.units import RADIANS, UNITS, read_calibration, to_radians
 
 
 def read_raw(
@@ -38,14 +40,21 @@ def read_raw(
     """
     where, names = os.fspath(path), naming or Naming()
     kind = _kind(path)
-    for option, given in (("joints", names.joints), ("topic", names.topic)):
-        if given and not kind.has_names:
-            raise StictionError(
-                f"{option}: the joints of {where} have numbers: expected ROS bags only"
-            )
+    if names.joints and not kind.has_names:
+        raise StictionError(
+            f"joints: the joints of {where} have numbers: expected a log with names"
+        )
+    if names.topic is not None and not kind.has_topics:
+        raise StictionError(f"topic: {where} has no topics: expected ROS bags only")
+    if names.units is not None and names.units not in UNITS:
+        raise unknown("units", names.units, UNITS)
     raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
+    if not kind.has_units and names.units not in (None, RADIANS):
+        ranges = None if names.calibration is None else read_calibration(names.calibration)
+        for text in to_radians(where, raw.data, [names.units] * n_joints, (), ranges):
+            raw.notes.append(Correction(kind="source", rows=0, text=f"joints {text}"))
     return raw
 
 

@@ -8,6 +8,7 @@ used: with ``joint_state_broadcaster`` of ROS 2 it is random.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from stiction_envs.errors import StictionError, unknown
 
 @dataclass(frozen=True, kw_only=True)
 class Naming:
-    """What is known about the names in a log."""
+    """What is known about the joints of a log: names, and units of their angles."""
 
     robot: tuple[str, ...] = ()
     """Of the robot's joints, base to flange."""
@@ -25,6 +26,10 @@ class Naming:
     """Names in the log of joints 1 to n; () to find them."""
     topic: str | None = None
     """Of a ROS bag, where it has several; None for the only one."""
+    units: str | None = None
+    """What its angles are measured in, of `units.UNITS`; None for rad, or what the log shows."""
+    calibration: str | os.PathLike[str] | None = None
+    """File of lerobot with the ranges of the motors, for percent and encoder steps."""
 
 
 def find_joints(

@@ -81,7 +81,11 @@ class LogFormat(ABC):
     ends: ClassVar[tuple[str, ...]]
     """Of the names of such files, with the dot."""
     has_names: ClassVar[bool] = False
-    """Whether its joints have names, so that `Naming` applies."""
+    """Whether its joints have names, so that those of `Naming` apply."""
+    has_topics: ClassVar[bool] = False
+    """Whether it has topics, of which `Naming` may select one."""
+    has_units: ClassVar[bool] = False
+    """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
 
     def matches_file(self, path: Path) -> bool:
         """Return whether a file is of this kind, by its name."""

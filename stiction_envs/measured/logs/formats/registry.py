@@ -11,12 +11,13 @@ from stiction_envs.measured.logs.formats.bag import RosBag
 from stiction_envs.measured.logs.formats.base import LogFormat
 from stiction_envs.measured.logs.formats.csv_file import HEADERS, CsvFile
 from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.lerobot import LeRobotDataset
 from stiction_envs.measured.logs.formats.npz import NumpyArchive
 from stiction_envs.measured.logs.formats.parquet import Parquet
 
 GROUP = "stiction_envs.log_formats"
 """Entry points of other packages: each names a `LogFormat` or `Header`, which is registered."""
-_formats: list[LogFormat] = [CsvFile(), NumpyArchive(), Parquet(), RosBag()]
+_formats: list[LogFormat] = [CsvFile(), NumpyArchive(), Parquet(), RosBag(), LeRobotDataset()]
 
 
 def register(new: LogFormat | Header) -> None:

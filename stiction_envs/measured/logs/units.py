@@ -1,0 +1,213 @@
+"""Angles in other units than radians: degrees, percent of a calibrated range, encoder steps.
+
+A log does not say its unit, so a person does (`Naming.units`), or the encoder's step shows it: the
+angles of a servo with 4096 steps a turn are whole multiples of 360/4096 degrees, or of 100 % over
+the steps of its range. lerobot writes -100 to 100 over the range of a joint, 0 to 100 over that of
+a gripper, and degrees as 360/4095 of a step; zero is the middle of the range, of a gripper its end.
+Source: lerobot, motors/motors_bus.py (`_normalize`) and its calibration files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+
+RADIANS, DEGREES, PERCENT, TICKS = UNITS = ("rad", "deg", "percent", "ticks")
+"""Units of angles."""
+TURN = 4096
+"""Encoder steps of a turn. Source: Feetech STS3215 and Dynamixel X series, their control tables."""
+DEGREE_STEPS = (360 / (TURN - 1), 360 / TURN)
+"""Step of an encoder in degrees, as lerobot writes it and as it is."""
+ALIKE = 2e-3
+"""Steps that differ by less are the same [-]; assumed."""
+LEAST_LEVELS = 20
+"""Fewer different values do not show a step; assumed."""
+OFF_STEP = 0.1
+"""Values are whole steps if they are this near to them [steps]; assumed."""
+RANGE = (100, TURN)
+"""Steps of a joint's range [-]; assumed: less than 9 degrees is no joint."""
+MOST_BYTES = 2**20
+"""Most bytes of a calibration file; assumed."""
+
+Array = NDArray[np.float64]
+_KEYS = ("id", "range_min", "range_max")
+_GRIPPER = re.compile(r"gripper|jaw", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class MotorRange:
+    """Calibrated range of a motor, in encoder steps."""
+
+    number: int
+    """Of the motor on its bus."""
+    low: int
+    high: int
+
+
+def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
+    """Read a calibration file of lerobot: the ranges of motors by their names.
+
+    Raises:
+        StictionError: it cannot be read, or is none.
+    """
+    where = os.fspath(path)
+    wanted = "expected lerobot's JSON: a motor's name, then id, range_min and range_max"
+    try:
+        if Path(path).stat().st_size > MOST_BYTES:
+            raise StictionError(f"{where}: over {MOST_BYTES >> 20} MiB: {wanted}")
+        motors = json.loads(Path(path).read_text("utf-8"))
+    except OSError as error:
+        raise StictionError(
+            f"{where}: {(error.strerror or 'unreadable').lower()}: {wanted}"
+        ) from None
+    except (ValueError, RecursionError):
+        raise StictionError(f"{where}: no JSON in UTF-8: {wanted}") from None
+    if not isinstance(motors, dict) or not motors:
+        raise StictionError(f"{where}: no motors: {wanted}")
+    return {str(k): _range(f"{where}, {str(k)[:40]!r}", v, wanted) for k, v in motors.items()}
+
+
+def _range(where: str, motor: Any, wanted: str) -> MotorRange:
+    values = [motor.get(k) for k in _KEYS] if isinstance(motor, dict) else []
+    whole = [v for v in values if type(v) is int and abs(v) < 10**6]
+    if len(whole) < len(_KEYS) or whole[1] >= whole[2]:
+        raise StictionError(f"{where}: no range of a motor: {wanted}")
+    return MotorRange(*whole)
+
+
+def is_gripper(name: str) -> bool:
+    """Return whether a motor's name says that it closes a gripper."""
+    return _GRIPPER.search(name) is not None
+
+
+def encoder_step(x: Array) -> float | None:
+    """Return the step that all values (T,) are whole multiples of but for an offset, or None."""
+    levels = np.unique(x[np.isfinite(x)])
+    if len(levels) < LEAST_LEVELS:
+        return None
+    between = np.diff(levels)
+    # a step that single precision rounds apart counts once
+    between = between[between > 1e-3 * np.median(between)]
+    step = float(np.median(between[between < 1.5 * between.min()]))
+    for _ in range(2):
+        count = np.round((levels - levels[0]) / step)
+        step = float(np.polyfit(count, levels, 1)[0])
+    count = np.round((levels - levels[0]) / step)
+    off = levels - np.polyval(np.polyfit(count, levels, 1), count)
+    return step if np.abs(off).max() < OFF_STEP * step else None
+
+
+def recognised(q: Array, names: Sequence[str]) -> tuple[str | None, str]:
+    """Return the unit that encoders' steps in angles (T, n) show, or None; and why."""
+    body = [j for j, name in enumerate(names) if not is_gripper(name)]
+    steps = [s for j in body if (s := encoder_step(q[:, j])) is not None]
+    largest = max((float(np.nanmax(np.abs(q[:, j]))) for j in body), default=0.0)
+    if 2 * len(steps) >= len(body) > 0:
+        for unit, known in ((DEGREES, DEGREE_STEPS), (RADIANS, (2 * np.pi / TURN,))):
+            if all(any(abs(s / k - 1) < ALIKE for k in known) for s in steps):
+                return unit, f"they come in steps of {known[0]:.4g}, of {TURN} in a turn"
+        ranges = [200 / s for s in steps]
+        if largest <= 100.5 and all(RANGE[0] <= r <= RANGE[1] for r in ranges):
+            return PERCENT, "they come in other steps for each joint, and end at 100"
+    if 100.5 < largest <= 360:
+        return DEGREES, f"they reach {largest:.4g}"
+    return None, ""
+
+
+def to_radians(
+    where: str,
+    data: Mapping[str, Array],
+    units: Sequence[str],
+    names: Sequence[str],
+    calibration: Mapping[str, MotorRange] | None,
+) -> list[str]:
+    """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place.
+
+    Args:
+        where: the log, the beginning of every message.
+        data: its channels.
+        units: of `UNITS`, one for each joint.
+        names: of its joints or motors; () where they have none, then joint j is motor j.
+        calibration: ranges of its motors; None where they are not known.
+
+    Returns:
+        How each joint in another unit than radians was read, a sentence each.
+
+    Raises:
+        StictionError: percent of a range that neither calibration nor steps show.
+    """
+    said: dict[str, list[str]] = {}
+    for j, unit in enumerate(units):
+        name = names[j] if names else f"{j + 1}"
+        if unit == RADIANS:
+            continue
+        scale, zero, text = _scale(where, unit, data["q"][:, j], name, j, calibration)
+        said.setdefault(text, []).append(name)
+        for channel in ("q", "q_cmd"):
+            if channel in data:
+                data[channel][:, j] = (data[channel][:, j] - zero) * scale
+        if "dq" in data:
+            data["dq"][:, j] *= scale
+    return [f"{', '.join(joints)}: {text}" for text, joints in said.items()]
+
+
+def _scale(
+    where: str,
+    unit: str,
+    q: Array,
+    name: str,
+    j: int,
+    calibration: Mapping[str, MotorRange] | None,
+) -> tuple[float, float, str]:
+    """Return radians of one unit, where zero is in that unit, and a sentence about both."""
+    step = 2 * np.pi / TURN
+    if unit == DEGREES:
+        return np.pi / 180, 0.0, "degrees"
+    motor = None if calibration is None else _motor(where, calibration, name, j)
+    if unit == TICKS:
+        if motor is None:
+            return step, TURN / 2, f"encoder steps, {TURN} a turn, zero at {TURN // 2} (assumed)"
+        zero = motor.low if is_gripper(name) else (motor.low + motor.high) / 2
+        end = "lower end" if is_gripper(name) else "middle"
+        return step, zero, f"encoder steps, {TURN} a turn, zero at the {end} of the range"
+    full = _full_range(q, name)
+    if motor is not None:
+        count, how = motor.high - motor.low, "from the calibration"
+    else:
+        found = encoder_step(q)
+        count, how = round(full / found) if found else 0, "from the smallest step"
+        if not RANGE[0] <= count <= RANGE[1]:
+            raise StictionError(
+                f"{where}: {name} is in percent of its calibrated range, whose size the log does "
+                "not show: expected a calibration file (lerobot's JSON)"
+            )
+    return step * count / full, 0.0, f"{full:g} are a range of {count} encoder steps, {how}"
+
+
+def _full_range(q: Array, name: str) -> float:
+    """Return what a whole range is: 200 of a joint (-100 to 100), 100 or 1 of a gripper."""
+    if not is_gripper(name):
+        return 200.0
+    return 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
+
+
+def _motor(where: str, calibration: Mapping[str, MotorRange], name: str, j: int) -> MotorRange:
+    found = calibration.get(name) or next(
+        (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}"), None
+    )
+    if found is None:
+        raise StictionError(
+            f"{where}: the calibration has no motor {name!r}: expected one of "
+            f"{', '.join(str(k)[:40] for k in list(calibration)[:12])}"
+        )
+    return found

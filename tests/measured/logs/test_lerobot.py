@@ -1,0 +1,287 @@
+"""Datasets of lerobot: what is read, and in which unit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from stiction_envs.measured.logs.units import encoder_step, read_calibration
+from stiction_envs.reporting.provenance import sha256
+from tests.measured.logs.lerobot_datasets import (
+    SO101,
+    TICK,
+    in_ticks,
+    normalised,
+    write_calibration,
+    write_dataset,
+    zero,
+)
+from tests.measured.logs.test_reader import fuzz
+
+N, FPS = 6, 30
+ROWS = 600
+
+
+def motion() -> tuple[np.ndarray, np.ndarray]:
+    """Commanded angles, and angles in whole encoder steps that stay behind them, (T, 6) rad."""
+    t = np.arange(ROWS) / FPS
+    middle = np.array([0, 0.2, -0.1, 0.3, 0, 1.0])
+    command = middle + 0.6 * np.sin(np.outer(t, 1 + 0.3 * np.arange(N)))
+    q = np.roll(command, 2, axis=0)
+    q[:2] = command[0]
+    ticks = in_ticks(q)
+    return command, (ticks - [zero(name) for name in SO101]) * TICK
+
+
+COMMAND, ANGLES = motion()
+
+
+def dataset(folder: Path, degrees: bool, **options) -> Path:
+    ticks = in_ticks(ANGLES)
+    exact = COMMAND / TICK + [zero(name) for name in SO101]
+    state, action = (normalised(x, degrees) for x in (ticks, exact))
+    return write_dataset(folder, state, action, fps=FPS, **options)
+
+
+def read(path: Path, **naming) -> ServoLog:
+    return read_servo_logs([path], N, naming=Naming(**naming))[0]
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_percent_becomes_radians_by_the_encoders_steps(tmp_path: Path, version: str) -> None:
+    path = dataset(tmp_path / "set", False, version=version, episodes=(200, 400))
+    assert drive_of(path) == "position"
+    assert count_joints(path) == N
+    log = read(path)
+    # the range is known to a step
+    assert log.q == pytest.approx(ANGLES, abs=0.6 * TICK)
+    assert log.q_cmd == pytest.approx(COMMAND, abs=0.6 * TICK)
+    assert log.breaks == (200,)
+    assert log.step == pytest.approx(1 / FPS)
+    assert (log.tau, log.dq, log.current, log.warnings) == (None, None, None, ())
+    how, unit, runs = (c.text for c in log.corrections)
+    assert "joints 1 to 6 are shoulder_pan" in how
+    assert "times are frames at 30 Hz, not measured" in how
+    assert unit.startswith("angles are in percent (they come in other steps for each joint")
+    assert "shoulder_pan: 200 are a range of 2640 encoder steps, from the smallest step" in unit
+    assert "gripper: 100 are a range of 1523 encoder steps" in unit
+    assert runs.startswith("2 recordings in one file")
+
+
+def test_percent_by_the_calibration_file(tmp_path: Path) -> None:
+    """Joints that hardly move show no step; the file tells."""
+    ticks = in_ticks(ANGLES)
+    ticks[:, 2] = ticks[0, 2]
+    path = write_dataset(tmp_path / "set", normalised(ticks, False), normalised(ticks, False))
+    with pytest.raises(StictionError, match="elbow_flex is in percent of its calibrated range"):
+        read(path, units="percent")
+    log = read(path, units="percent", calibration=write_calibration(tmp_path / "arm.json"))
+    at = (ticks[0, 2] - zero("elbow_flex")) * TICK
+    assert log.q[:, 2] == pytest.approx(at, abs=1e-6)
+    assert log.q[:, :2] == pytest.approx(ANGLES[:, :2], abs=1e-6)
+    assert "2640 encoder steps, from the calibration" in log.corrections[1].text
+
+
+def test_degrees_are_recognised_and_the_gripper_is_not_in_degrees(tmp_path: Path) -> None:
+    log = read(dataset(tmp_path / "set", True))
+    assert log.q == pytest.approx(ANGLES, abs=0.6 * TICK)
+    assert log.q_cmd == pytest.approx(COMMAND, abs=0.6 * TICK)
+    unit = log.corrections[1].text
+    assert unit.startswith("angles are in deg (they come in steps of 0.08791")
+    assert "gripper: 100 are a range of 1523" in unit
+    assert read(tmp_path / "set", units="deg").q == pytest.approx(log.q)
+
+
+def test_units_that_nothing_shows_are_asked_for(tmp_path: Path) -> None:
+    """Small angles without steps: degrees, percent or radians."""
+    path = write_dataset(tmp_path / "set", COMMAND, COMMAND + 0.01)
+    with pytest.raises(StictionError, match=r"may be degrees, .*: expected units deg, percent"):
+        read(path)
+    (found,) = check(path).findings
+    assert found.kind == "unreadable"
+    assert check(path, units="rad").defects == ()
+    assert read(path, units="rad").q == pytest.approx(COMMAND, abs=1e-6)
+    assert "angles are in rad (as asked)" in read(path, units="rad").corrections[1].text
+    with pytest.raises(StictionError, match="units"):
+        read(path, units="turns")
+    big = write_dataset(tmp_path / "big", 300 * COMMAND, 300 * COMMAND, robot=None)
+    (log,) = read_servo_logs([big], 5, naming=Naming(joints=SO101[:5]))
+    assert "angles are in deg (they reach" in log.corrections[1].text
+    assert log.q == pytest.approx(np.radians(300 * COMMAND[:, :5]), rel=1e-4, abs=1e-4)
+
+
+def test_torques_of_an_openarm(tmp_path: Path) -> None:
+    """Degrees whatever the numbers; state and action have speeds and torques between the angles."""
+    motors = ("joint_1", "joint_2", "gripper")
+    names = tuple(f"{m}.{c}" for m in motors for c in ("pos", "vel", "torque"))
+    t = np.arange(ROWS) / FPS
+    q = 0.5 * np.sin(np.outer(t, [1.0, 1.3, 0.7]))
+    dq = np.gradient(q, t, axis=0)
+    tau = q + 0.1 * np.sign(dq)
+    state = np.stack([np.degrees(q), np.degrees(dq), tau], axis=2).reshape(len(t), -1)
+    path = write_dataset(tmp_path / "set", state, state, names=names, robot="openarm_follower")
+    assert drive_of(path) == "torque"
+    (log,) = read_logs([path], 2)
+    assert log.q == pytest.approx(q[:, :2], abs=1e-5)
+    assert log.dq == pytest.approx(dq[:, :2], abs=1e-5)
+    assert log.tau == pytest.approx(tau[:, :2], abs=1e-5)
+    (servo,) = read_servo_logs([path], 3)
+    assert servo.q_cmd == pytest.approx(q, abs=1e-5)
+    assert servo.tau == pytest.approx(tau, abs=1e-5)
+    assert "(robot_type is 'openarm_follower')" in servo.corrections[1].text
+
+
+def test_joints_by_the_names_of_the_robot(tmp_path: Path) -> None:
+    path = dataset(tmp_path / "set", False)
+    (log,) = read_servo_logs([path], 2, naming=Naming(robot=("wrist_flex", "elbow_flex")))
+    assert log.q == pytest.approx(ANGLES[:, [3, 2]], abs=0.6 * TICK)
+    with pytest.raises(StictionError, match=r"its joints are .*name the joints"):
+        read_servo_logs([path], 5)
+    with pytest.raises(StictionError, match="elbow"):
+        read_servo_logs([path], 2, naming=Naming(joints=("elbow", "wrist_flex")))
+    with pytest.raises(StictionError, match="topic"):
+        read(path, topic="/a")
+
+
+def test_without_actions_or_torques(tmp_path: Path) -> None:
+    path = write_dataset(tmp_path / "set", COMMAND, None)
+    with pytest.raises(StictionError, match="neither torques nor commanded positions"):
+        drive_of(path)
+    with pytest.raises(StictionError, match="no action: expected it for drive position"):
+        read(path)
+    with pytest.raises(StictionError, match=r"no NAME\.torque in observation.state"):
+        read_logs([dataset(tmp_path / "other", True)], N)
+
+
+def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
+    path = dataset(tmp_path / "set", False)
+    before = sha256(path)
+    (path / "videos" / "file-000.mp4").write_bytes(b"another film")
+    assert sha256(path) == before
+    data = path / "data" / "chunk-000" / "file-000.parquet"
+    data.write_bytes(data.read_bytes() + b" ")
+    assert sha256(path) != before
+
+
+def test_the_step_of_an_encoder() -> None:
+    rng = np.random.default_rng(0)
+    ticks = rng.integers(0, 1500, 400).astype(float)
+    assert encoder_step(0.0879 * ticks - 7) == pytest.approx(0.0879, rel=1e-6)
+    single = (ticks * (200 / 1523) - 100).astype(np.float32).astype(float)
+    assert encoder_step(single) == pytest.approx(200 / 1523, rel=1e-5)
+    assert encoder_step(rng.random(400)) is None
+    assert encoder_step(np.zeros(400)) is None
+    assert encoder_step(ticks[:5]) is None
+
+
+# ---- damaged ----
+
+
+def info(change):
+    """Return what changes info.json."""
+
+    def damage(path: Path) -> None:
+        file = path / "meta" / "info.json"
+        values = json.loads(file.read_text())
+        change(values)
+        file.write_text(json.dumps(values))
+
+    return damage
+
+
+def _text(name: str, text: str):
+    return lambda path: (path / name).write_text(text)
+
+
+STATE = "observation.state"
+DAMAGES = {
+    "no json": (_text("meta/info.json", "{"), "damaged or no info.json"),
+    "a list": (_text("meta/info.json", "[]"), "damaged or no info.json"),
+    "deep": (_text("meta/info.json", "[" * 100_000), "damaged or no info.json"),
+    "no features": (info(lambda v: v.pop("features")), "damaged or no info.json"),
+    "no state": (info(lambda v: v["features"].pop(STATE)), "damaged or no info.json"),
+    "fps 0": (info(lambda v: v.update(fps=0)), "fps is 0: expected"),
+    "other shape": (info(lambda v: v["features"][STATE].update(shape=[7])), "damaged or no info"),
+    "twice": (
+        info(lambda v: v["features"][STATE].update(names=["a.pos"] * 6)),
+        "'a.pos' is there twice",
+    ),
+    "too narrow": (
+        info(lambda v: v["features"][STATE].update(shape=[2], names=["a", "b"])),
+        "damaged, or not as info.json says",
+    ),
+    "no data": (lambda path: shutil.rmtree(path / "data"), r"no \.parquet in data/"),
+    "no table": (_text("data/chunk-000/file-000.parquet", "PAR1"), "damaged, or not as"),
+    "other columns": (
+        info(lambda v: v["features"].update(action=v["features"].pop("action") | {"names": None})),
+        "action has no 'shoulder_pan'",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_dataset_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+    path = dataset(tmp_path / "set", False)
+    change, says = DAMAGES[damage]
+    change(path)
+    with pytest.raises(StictionError, match=says) as error:
+        read_servo_logs([path], 2 if damage == "too narrow" else N)
+    assert "\n" not in str(error.value)
+    assert "expected" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"a": 1}', '{"a": {"id": 1, "range_min": 5, "range_max": 5}}', "\0"]
+)
+def test_a_damaged_calibration_is_one_clear_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "arm.json"
+    path.write_text(text)
+    with pytest.raises(StictionError, match=r"arm\.json.*expected lerobot's JSON"):
+        read_calibration(path)
+    with pytest.raises(StictionError, match="no such file"):
+        read_calibration(tmp_path / "gone.json")
+
+
+def test_a_motor_that_the_calibration_lacks(tmp_path: Path) -> None:
+    path = dataset(tmp_path / "set", False)
+    other = write_calibration(tmp_path / "arm.json", {"a": (0, 4095)})
+    with pytest.raises(StictionError, match="has no motor 'shoulder_pan': expected one of a"):
+        read(path, calibration=other)
+
+
+@fuzz(60)
+@given(st.data())
+def test_fuzz_a_dataset(tmp_path: Path, data: st.DataObject) -> None:
+    """Some bytes of info.json or of the table are changed."""
+    path = tmp_path / "set"
+    if not path.exists():
+        dataset(path, False)
+        for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
+            shutil.copy(path / name, tmp_path / Path(name).name)
+    for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
+        raw = bytearray((tmp_path / Path(name).name).read_bytes())
+        for _ in range(data.draw(st.integers(0, 4))):
+            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+        (path / name).write_bytes(raw)
+    try:
+        log = read(path)
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+        assert np.isfinite(log.q).all()
+        assert np.all(np.diff(log.t) > 0)
+    assert "\n" not in message
