@@ -11,6 +11,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.tables import form_of
 from stiction_envs.measured.csv_text import header_of
 from stiction_envs.measured.logs.formats.csv_file import CsvFile, known_header
+from stiction_envs.measured.logs.formats.header import OUR_COLUMNS
 from stiction_envs.measured.logs.formats.registry import format_of
 from stiction_envs.measured.tables import SJE_COLUMNS
 
@@ -32,8 +33,8 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     header = header_of(path)
     if form_of(header) is not None:
         return TABLE
-    ours = known_header(header).ours(header)
-    if not header or any(_LOG_COLUMN.fullmatch(c) for c in ours):
+    mark = known_header(header).mark
+    if not header or mark != OUR_COLUMNS.mark or any(_LOG_COLUMN.fullmatch(c) for c in header):
         return LOG
     known = set(SJE_COLUMNS) & set(header)
     if len(known) > len(SJE_COLUMNS) / 2:

@@ -80,6 +80,8 @@ class LogFormat(ABC):
 
     ends: ClassVar[tuple[str, ...]]
     """Of the names of such files, with the dot."""
+    is_read: ClassVar[bool] = True
+    """Whether such files are read; else the error says how to make one that is."""
     has_names: ClassVar[bool] = False
     """Whether its joints have names, so that those of `Naming` apply."""
     has_topics: ClassVar[bool] = False

@@ -24,10 +24,11 @@ from stiction_envs.measured.logs.formats.base import (
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
+from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.text import TextRows, decode_header
 
-HEADERS = [LIBFRANKA, FRANKA_ROS]
+HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 """Columns of robots' own logs; any other CSV has ours. `registry.register` adds more."""
 
 _BLOCK = 2**22
@@ -39,6 +40,8 @@ class CsvFile(LogFormat):
     """Comma-separated numbers below a header."""
 
     ends: ClassVar = (".csv", ".csv.gz")
+    has_names: ClassVar = True
+    has_topics: ClassVar = True
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
@@ -46,11 +49,11 @@ class CsvFile(LogFormat):
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
-        return joints_of(_our_names(where))
+        return joints_of(_our_names(where, naming))
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """See `LogFormat.drives`."""
-        return drives_in(_our_names(where))
+        return drives_in(_our_names(where, naming))
 
 
 def known_header(names: Sequence[str]) -> Header:
@@ -58,12 +61,12 @@ def known_header(names: Sequence[str]) -> Header:
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
 
 
-def _our_names(where: str) -> list[str]:
+def _our_names(where: str, naming: Naming) -> list[str]:
     """Return our names of a file's columns."""
     names = header_of(where)
     if not names:
         raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
-    return known_header(names).ours(names)
+    return known_header(names).ours(names, where, None, naming)
 
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
@@ -87,7 +90,9 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
                     if header is None:
                         continue
                     kind = known_header(header)
-                    names = kind.ours(header)
+                    if not kind.has_names:
+                        _check_unnamed(where, wanted.naming)
+                    names = kind.ours(header, where, wanted.n_joints, wanted.naming)
                     columns = sort_columns(
                         where, names, wanted.n_joints, time=time, drive=wanted.drive
                     )
@@ -111,9 +116,14 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
     for channel, group in columns.channels.items():
         data[channel] = np.ascontiguousarray(values[:, start_column : start_column + len(group)])
         start_column += len(group)
+    t = values[:, 0] / kind.per_second if time else np.arange(float(len(values)))
+    if kind.sparse:
+        keep = measured_rows(data)
+        t, run, lines = t[keep], run[keep], lines[keep]
+        data = {k: np.ascontiguousarray(x[keep]) for k, x in data.items()}
     return RawLog(
         source=where,
-        t=values[:, 0] / kind.per_second if time else np.arange(float(len(values))),
+        t=t,
         data=data,
         run=run,
         place=lambda i: f"{where}, line {lines[i]}",
@@ -124,6 +134,15 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
             *renamed_notes(columns),
         ],
     )
+
+
+def _check_unnamed(where: str, naming: Naming) -> None:
+    """Refuse names for a log whose joints have numbers."""
+    for option, given in (("joints", naming.joints), ("topic", naming.topic)):
+        if given:
+            raise StictionError(
+                f"{option}: the joints of {where} have numbers: expected a log with names"
+            )
 
 
 def _blocks(where: str, stream: Any) -> Iterator[bytes]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from stiction_envs.measured.logs.joint_names import Naming
+
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
@@ -20,9 +22,29 @@ class Header:
     """Side of the gear on which its torque is measured, where that is known: motor or link."""
     note: str
     """Note for a person about such a log; empty for ours."""
+    has_names: bool = False
+    """Whether its joints have names, so that `Naming` applies."""
+    sparse: bool = False
+    """Whether a row has only what changed."""
 
-    def ours(self, names: Sequence[str]) -> list[str]:
-        """Return our names of its columns."""
+    def ours(
+        self,
+        names: Sequence[str],
+        where: str = "",
+        n_joints: int | None = None,
+        naming: Naming | None = None,
+    ) -> list[str]:
+        """Return our names of its columns.
+
+        Args:
+            names: those of the file.
+            where: the file, the beginning of every message.
+            n_joints: joints of the robot; None where none is known.
+            naming: names of its joints.
+
+        Raises:
+            StictionError: joints that have names cannot be found.
+        """
         return [self.column(name.strip()) for name in names]
 
 

@@ -14,10 +14,20 @@ from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.formats.lerobot import LeRobotDataset
 from stiction_envs.measured.logs.formats.npz import NumpyArchive
 from stiction_envs.measured.logs.formats.parquet import Parquet
+from stiction_envs.measured.logs.formats.pytorch import PyTorchFile
+from stiction_envs.measured.logs.formats.sage import SageFolder
 
 GROUP = "stiction_envs.log_formats"
 """Entry points of other packages: each names a `LogFormat` or `Header`, which is registered."""
-_formats: list[LogFormat] = [CsvFile(), NumpyArchive(), Parquet(), RosBag(), LeRobotDataset()]
+_formats: list[LogFormat] = [
+    CsvFile(),
+    NumpyArchive(),
+    Parquet(),
+    RosBag(),
+    LeRobotDataset(),
+    SageFolder(),
+    PyTorchFile(),
+]
 
 
 def register(new: LogFormat | Header) -> None:
@@ -49,7 +59,7 @@ def _load_entry_points() -> None:
 def log_ends() -> tuple[str, ...]:
     """Return the ends of the names of files that are read."""
     _load_entry_points()
-    return tuple(end for f in _formats for end in f.ends)
+    return tuple(end for f in _formats if f.is_read for end in f.ends)
 
 
 def format_of(path: Path) -> LogFormat | None:

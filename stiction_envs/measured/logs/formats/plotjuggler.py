@@ -1,0 +1,148 @@
+"""CSV that PlotJuggler exports: a column for each curve, ``__time`` [s] beside them.
+
+| curve | becomes |
+|---|---|
+| ``TOPIC/JOINT/position``, ``velocity``, ``effort`` of a ``JointState`` | ``q``, ``dq``, ``tau`` |
+| the same of a topic named command, cmd, target, goal, reference or desired | ``q_cmd`` |
+| ``TOPIC/reference/positions[0]`` … (``desired``) of a trajectory controller | ``q_cmd`` |
+| ``TOPIC/feedback/positions[0]`` … (``actual``), where no ``JointState`` is there | ``q`` |
+
+A row has the curves that changed at its time; commands hold until the next one. A controller's
+joints are in its own order, which is that of its parameter ``joints``.
+Source: PlotJuggler, its parser of ``JointState`` and its CSV exporter; control_msgs,
+JointTrajectoryControllerState.msg.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.joint_names import Naming, find_joints
+
+TIME = "__time"
+_STATE = re.compile(r"(?P<topic>.+)/(?P<joint>[^/]+)/(?P<field>position|velocity|effort)")
+_CONTROLLER = re.compile(
+    r"(?P<topic>.+)/(?P<side>reference|desired|feedback|actual)/positions[\[.](?P<number>\d+)\]?"
+)
+_COMMANDS = re.compile(r"command|cmd|target|goal|reference|desired")
+_CHANNELS = {"position": "q", "velocity": "dq", "effort": "tau"}
+_Curves = dict[str, dict[str, dict[str, str]]]
+"""Columns by topic, joint and channel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlotJuggler(Header):
+    """Its columns, which name topics and joints."""
+
+    has_names: bool = True
+    sparse: bool = True
+
+    def ours(
+        self,
+        names: Sequence[str],
+        where: str = "",
+        n_joints: int | None = None,
+        naming: Naming | None = None,
+    ) -> list[str]:
+        """See `Header.ours`."""
+        naming = naming or Naming()
+        states, commands = _curves([n.strip() for n in names])
+        found = {TIME: "t"}
+        topic = _topic(where, states, n_joints, naming)
+        if topic is not None:
+            motors = [j for j, channels in states[topic].items() if "q" in channels]
+            joints = _joints(where, motors, n_joints, naming)
+            for number, joint in enumerate(joints, 1):
+                found |= {
+                    name: f"{channel}{number}" for channel, name in states[topic][joint].items()
+                }
+            found |= _commands(commands, joints)
+        return [found.get(name.strip(), name.strip()) for name in names]
+
+
+def _curves(names: Sequence[str]) -> tuple[_Curves, _Curves]:
+    """Return the columns of measured and of commanded joints."""
+    states: _Curves = {}
+    commands: _Curves = {}
+    for name in names:
+        if match := _STATE.fullmatch(name):
+            side = commands if _COMMANDS.search(match["topic"]) else states
+            channel = _CHANNELS[match["field"]]
+            side.setdefault(match["topic"], {}).setdefault(match["joint"], {})[channel] = name
+        elif match := _CONTROLLER.fullmatch(name):
+            side = commands if match["side"] in ("reference", "desired") else states
+            joint = f"joint{int(match['number']) + 1}"
+            side.setdefault(match["topic"], {}).setdefault(joint, {})["q"] = name
+    return states, commands
+
+
+def _topic(where: str, states: _Curves, n_joints: int | None, naming: Naming) -> str | None:
+    """Return the topic with the arm's states, named joints first; None where there is none."""
+    if naming.topic is not None:
+        if naming.topic not in states:
+            raise StictionError(f"{where}: {unknown('topic', naming.topic, states)}")
+        return naming.topic
+    least = n_joints or max((len(x) for x in states.values()), default=0)
+    full = {k: v for k, v in states.items() if len(v) >= least}
+    # a controller's feedback repeats the joint states, under numbers
+    named = [k for k, v in full.items() if not all(re.fullmatch(r"joint\d+", x) for x in v)]
+    topics = named or list(full)
+    if len(topics) > 1:
+        raise StictionError(
+            f"{where}: several topics with states of joints: {', '.join(topics)}: expected one; "
+            "name the topic"
+        )
+    return topics[0] if topics else None
+
+
+def _joints(
+    where: str, motors: Sequence[str], n_joints: int | None, naming: Naming
+) -> tuple[str, ...]:
+    try:
+        return find_joints(where, motors, n_joints, naming)
+    except StictionError:
+        if n_joints is not None or naming.joints:
+            raise
+        return tuple(motors)  # without a robot they are only counted
+
+
+def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:
+    """Return our names of commands: those of the same joints, else of as many by number."""
+    numbers = tuple(f"joint{k + 1}" for k in range(len(joints)))
+    for wanted in (joints, numbers):
+        for topic in commands.values():
+            if all("q" in topic.get(x, {}) for x in wanted):
+                return {topic[x]["q"]: f"q_cmd{k}" for k, x in enumerate(wanted, 1)}
+    return {}
+
+
+def measured_rows(data: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Hold the commands of sparse rows until the next one, in place; return rows with angles.
+
+    Args:
+        data: channels (T, n), NaN where a row has no new value.
+    """
+    keep: NDArray[np.bool_] = np.asarray((~np.isnan(data["q"])).any(axis=1))
+    if "q_cmd" in data:
+        index = np.arange(len(data["q"]))
+        for x in data["q_cmd"].T:
+            last = np.maximum.accumulate(np.where(np.isnan(x), -1, index))
+            x[:] = np.where(last < 0, np.nan, x[last])
+        keep &= ~np.isnan(data["q_cmd"]).any(axis=1)
+    return keep
+
+
+PLOTJUGGLER = PlotJuggler(
+    mark=TIME,
+    column=str,
+    per_second=1.0,
+    side=None,
+    note="CSV of PlotJuggler: curves by their topics and joints",
+)

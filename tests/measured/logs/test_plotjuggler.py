@@ -1,0 +1,165 @@
+"""CSV as PlotJuggler exports it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from tests.measured.logs.bad_logs import good_values
+from tests.measured.logs.test_reader import CELLS, fuzz
+
+VALUES = good_values()
+PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
+FIELDS = ("position", "velocity", "effort")
+START = 1_700_000_000.0
+
+
+def write(path: Path, rows: dict[float, dict[str, float]]) -> Path:
+    """Write a row per time, curves in the order of their names, cells empty that did not change."""
+    curves = sorted({name for row in rows.values() for name in row})
+    lines = [",".join(["__time", *curves])]
+    for t in sorted(rows):
+        cells = [f"{rows[t][c]:.9g}" if c in rows[t] else "" for c in curves]
+        lines.append(",".join([f"{t:.6f}", *cells]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def joint_states(topic: str = "/joint_states", names=PANDA) -> dict[float, dict[str, float]]:
+    """Return q, dq and tau of `VALUES` as curves."""
+    columns = [f"{topic}/{name}/{field}" for field in FIELDS for name in names]
+    return {START + row[0]: dict(zip(columns, row[1:], strict=True)) for row in VALUES}
+
+
+def commands(early: float, prefix: str) -> dict[float, dict[str, float]]:
+    """Return every second row's angles as commands some time before."""
+    return {
+        START + row[0] - early: {f"{prefix}[{j}]": row[1 + j] for j in range(7)}
+        for row in VALUES[::2]
+    }
+
+
+def torque(path: Path, **naming) -> JointLog:
+    return read_logs([path], 7, naming=Naming(**naming))[0]
+
+
+def servo(path: Path, **naming) -> ServoLog:
+    return read_servo_logs([path], 7, naming=Naming(**naming))[0]
+
+
+def test_joint_states(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", joint_states())
+    assert drive_of(path) == "torque"
+    assert count_joints(path) == 7
+    log = torque(path)
+    assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    assert log.dq == pytest.approx(VALUES[:, 8:15], abs=1e-7)
+    assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
+    assert log.date == START
+    assert log.corrections[0].text.startswith("CSV of PlotJuggler")
+    assert not check(path).defects
+
+
+def test_joints_by_name_whatever_their_order(tmp_path: Path) -> None:
+    names = ("wrist", "elbow", "base", "lift", "a", "b", "c")
+    path = write(tmp_path / "log.csv", joint_states(names=names))
+    assert torque(path, robot=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    assert torque(path, joints=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    with pytest.raises(StictionError, match="name the joints"):
+        torque(path)
+    with pytest.raises(StictionError, match="joint"):
+        torque(path, joints=(*names[:6], "d"))
+    assert count_joints(path) == 7
+
+
+@pytest.mark.parametrize("side", ["/arm_controller/controller_state/reference", "/arm/desired"])
+def test_commands_of_a_controller_hold_until_the_next(tmp_path: Path, side: str) -> None:
+    rows = joint_states() | commands(0.002, f"{side}/positions")
+    path = write(tmp_path / "log.csv", rows)
+    log = servo(path)
+    assert len(log.t) == len(VALUES)
+    assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    held = VALUES[np.arange(len(VALUES)) // 2 * 2, 1:8]
+    assert log.q_cmd == pytest.approx(held, abs=1e-7)
+    assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
+    # before the first command nothing is known
+    late = write(tmp_path / "late.csv", joint_states() | commands(-0.002, f"{side}/positions"))
+    assert len(servo(late).t) == len(VALUES) - 1
+
+
+def test_commands_as_joint_states(tmp_path: Path) -> None:
+    rows = joint_states()
+    for row, told in zip(rows.values(), joint_states("/joint_commands").values(), strict=True):
+        row |= {k: v + 0.01 for k, v in told.items() if k.endswith("position")}
+        for name in [k for k in row if k.endswith("effort")]:
+            del row[name]
+    path = write(tmp_path / "log.csv", rows)
+    assert drive_of(path) == "position"
+    log = servo(path)
+    assert log.q_cmd - log.q == pytest.approx(np.full(log.q.shape, 0.01), abs=1e-7)
+    assert log.tau is None
+
+
+def test_a_controller_alone(tmp_path: Path) -> None:
+    rows = commands(0.0, "/c/state/desired/positions")
+    for t, row in commands(0.0, "/c/state/actual/positions").items():
+        rows[t] |= {k: v - 0.01 for k, v in row.items()}
+    path = write(tmp_path / "log.csv", rows)
+    assert drive_of(path) == "position"
+    assert servo(path).q == pytest.approx(VALUES[::2, 1:8] - 0.01, abs=1e-7)
+
+
+def test_several_topics(tmp_path: Path) -> None:
+    rows = joint_states()
+    for row, other in zip(rows.values(), joint_states("/other").values(), strict=True):
+        row |= other
+    path = write(tmp_path / "log.csv", rows)
+    with pytest.raises(StictionError, match="/joint_states, /other: expected one; name the topic"):
+        torque(path)
+    assert torque(path, topic="/other").q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    with pytest.raises(StictionError, match="/else"):
+        torque(path, topic="/else")
+
+
+def test_other_curves(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", {START + k: {"/depth/z": float(k)} for k in range(9)})
+    with pytest.raises(StictionError, match="missing columns 'q1'"):
+        torque(path)
+    (found,) = check(path).findings
+    assert found.kind == "unreadable"
+
+
+NAMES = ["__time", "/j/a1/position", "/j/a2/position", "/j/a1/effort", "/j/a2/effort"]
+NAMES += ["/j/desired/positions[0]", "/j/desired/positions[1]", "/j/a1/position/position"]
+
+
+@fuzz(100)
+@given(
+    st.permutations(NAMES),
+    st.integers(4, 8),
+    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
+    st.sampled_from(["torque", "position"]),
+)
+def test_fuzz_cells(
+    tmp_path: Path, names: list[str], width: int, rows: list[list[str]], drive: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(",".join(row[:width]) for row in [names, *rows]))
+    try:
+        (read_logs if drive == "torque" else read_servo_logs)([path], 2)
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+    assert "\n" not in message

@@ -1,0 +1,208 @@
+"""SAGE's folders, and what of PyTorch is said."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
+from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS
+from tests.measured.logs.test_reader import fuzz
+from tests.measured.logs.test_robot_logs import real
+
+TIME = np.arange(ROWS) * 0.02006
+JAW = 1523
+
+
+def lines(kind: str, t: np.ndarray, *lists: np.ndarray) -> str:
+    """Return rows as Python's csv module writes lists."""
+    rows = []
+    for k, at in enumerate(t):
+        cells = ",".join(f'"{x[k].tolist()}"' for x in lists)
+        rows.append(f"{kind},{1e6 * at},{cells}")
+    return "\r\n".join(rows) + "\r\n"
+
+
+def write_sage(
+    folder: Path,
+    t: np.ndarray,
+    command: np.ndarray,
+    q: np.ndarray,
+    torque: np.ndarray,
+    *,
+    early: float = 0.0,
+    names: tuple[str, ...] = SO101,
+) -> Path:
+    """Write a folder; commands come ``early`` [s]."""
+    folder.mkdir(parents=True)
+    head = "type,timestamp,positions"
+    (folder / "control.csv").write_text(head + "\r\n" + lines("CONTROL", t - early, command))
+    text = lines("STATE_MOTOR", t, q, 1000 * q, torque)
+    (folder / "state_motor.csv").write_text(f"{head},velocities,torques\r\n{text}")
+    (folder / "event.csv").write_text("type,timestamp,event\r\nEVENT,0,MOTION_START\r\n")
+    (folder / "joint_list.txt").write_text("\n".join(names) + "\n")
+    return folder
+
+
+def shares(q: np.ndarray) -> np.ndarray:
+    """Return angles with the jaw as a share of its range."""
+    return np.column_stack([q[:, :5], np.clip(q[:, 5] / (JAW * TICK), 0, 1)])
+
+
+def current() -> np.ndarray:
+    return 0.022814 * np.round(np.maximum(20 * np.sin(3 * TIME)[:, None] + np.arange(6), 0))
+
+
+def so101(folder: Path, **options) -> Path:
+    return write_sage(folder, TIME, shares(COMMAND), shares(ANGLES), current(), **options)
+
+
+def read(path: Path, **naming) -> ServoLog:
+    return read_servo_logs([path], 6, naming=Naming(**naming))[0]
+
+
+def test_two_files_become_one_log(tmp_path: Path) -> None:
+    path = so101(tmp_path / "motion")
+    assert drive_of(path) == "position"
+    log = read(path)
+    assert log.t == pytest.approx(TIME, abs=1e-9)
+    assert log.q == pytest.approx(ANGLES, abs=1e-9)
+    assert log.q_cmd == pytest.approx(COMMAND, abs=1e-9)
+    assert log.current == pytest.approx(current())
+    assert (log.tau, log.dq) == (None, None)
+    assert log.warnings == ("columns not used: 'velocities'",)
+    what, jaw = (c.text for c in log.corrections)
+    assert what.endswith("gripper; torques have no sign: sizes of currents")
+    assert jaw == "gripper: 1 are a range of 1523 encoder steps, from the smallest step"
+    assert check(path).defects == ()
+    told = write_calibration(tmp_path / "arm.json")
+    assert read(path, calibration=told).q == pytest.approx(log.q)
+
+
+def test_commands_hold_until_the_next(tmp_path: Path) -> None:
+    log = read(so101(tmp_path / "motion", early=-0.005))
+    assert len(log.t) == ROWS - 1
+    assert log.q_cmd == pytest.approx(COMMAND[:-1], abs=1e-9)
+    assert log.q == pytest.approx(ANGLES[1:], abs=1e-9)
+
+
+def test_signed_torques_are_torques(tmp_path: Path) -> None:
+    names = tuple(f"left_{x}_joint" for x in ("hip", "knee", "ankle", "waist", "arm", "hand"))
+    torque = np.sin(ANGLES) + 0.01 * np.random.default_rng(0).normal(size=ANGLES.shape)
+    path = write_sage(tmp_path / "motion", TIME, COMMAND, ANGLES, torque, names=names)
+    assert drive_of(path) == "torque"
+    (log,) = read_logs([path], 6)
+    # it rests at first, which the reader of joint logs takes for angles that are late
+    assert log.tau[1:] == pytest.approx(torque[3:])
+    assert len(log.t) == ROWS - 2
+    assert read(path).tau == pytest.approx(torque)
+    (some,) = read_servo_logs([path], 2, naming=Naming(joints=(names[3], names[0])))
+    assert some.q == pytest.approx(ANGLES[:, [3, 0]])
+    with pytest.raises(StictionError, match="no torques with a sign: expected drive position"):
+        read_logs([so101(tmp_path / "other")], 6)
+
+
+DAMAGES = {
+    "no rows": ("state_motor.csv", "type,timestamp,positions\n", "no rows"),
+    "no lists": ("control.csv", "type,timestamp,positions\nC,0,0.5\nC,1,0.6\n", "line 2: no time"),
+    "no time": ("control.csv", 'type,timestamp,positions\nC,x,"[1]"\n', "line 2: no time"),
+    "no positions": ("control.csv", "type,timestamp\nC,1\n", "missing column 'positions'"),
+    "other joints": ("control.csv", 'type,timestamp,positions\nC,0,"[1]"\n', "commands of 1 joint"),
+    "ragged": (
+        "control.csv",
+        'type,timestamp,positions\nC,0,"[1]"\nC,1,"[1, 2]"\n',
+        "line 3: positions of other joints",
+    ),
+    "deep": ("control.csv", f'type,timestamp,positions\nC,0,"{"[" * 50_000}"\n', "line 2: no time"),
+    "bytes": ("state_motor.csv", "type,timestamp,positions\n\0\0", "no rows|no text|no time"),
+    "a name too few": ("joint_list.txt", "a\nb\n", "2 names: expected those of 6"),
+    "a pointer": (
+        "control.csv",
+        "version https://git-lfs.github.com/spec/v1\noid sha256:48de\nsize 1\n",
+        "line 2: no time",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_folder_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+    path = so101(tmp_path / "motion")
+    name, text, says = DAMAGES[damage]
+    (path / name).write_text(text)
+    with pytest.raises(StictionError) as error:
+        read(path)
+    assert re.search(says, str(error.value)), error.value
+    assert "expected" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@fuzz(60)
+@given(st.data())
+def test_fuzz_a_folder(tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "motion"
+    files = ("control.csv", "state_motor.csv", "joint_list.txt")
+    if not path.exists():
+        small = (TIME[:80], COMMAND[:80], ANGLES[:80], current()[:80])
+        write_sage(path, *small)
+        for name in files:
+            shutil.copy(path / name, tmp_path / name)
+    for name in files:
+        raw = bytearray((tmp_path / name).read_bytes())
+        for _ in range(data.draw(st.integers(0, 3))):
+            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+        (path / name).write_bytes(raw)
+    try:
+        log = read(path)
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+        assert np.isfinite(log.q).all()
+        assert np.isfinite(log.q_cmd).all()
+    assert "\n" not in message
+
+
+def test_the_real_log_put_back_into_its_two_files(tmp_path: Path) -> None:
+    """The jaw's range comes from its steps, as the log's README found it."""
+    given = real("servo_logs/so101_multisine.csv.gz")
+    with gzip.open(given, "rt") as file:
+        v = np.loadtxt(file, delimiter=",", skiprows=1)
+    (log,) = read_servo_logs([given], 6)
+    parts = (v[:, 0], shares(v[:, 1:7]), shares(v[:, 7:13]), v[:, 13:])
+    again = read(write_sage(tmp_path / "multisine", *parts))
+    for a, b in zip(log.arrays, again.arrays, strict=True):
+        assert (a is None) == (b is None)
+        if a is not None:
+            assert b == pytest.approx(a, abs=2e-6)
+
+
+def test_pickles_are_refused_and_not_opened(tmp_path: Path) -> None:
+    path = tmp_path / "chirp_data.pt"
+    path.write_bytes(b"\x80\x02cos\nsystem\n(S'touch opened'\ntR.")
+    for of in (drive_of, check):
+        if of is check:
+            (found,) = check(path).findings
+            text = found.message
+        else:
+            with pytest.raises(StictionError) as error:
+                of(path)
+            text = str(error.value)
+        assert "a pickle, which can run code: expected .npz" in text
+        assert "numpy.savez('log.npz', t=d['time'], q=d['dof_pos'], q_cmd=d['des_dof_pos'])" in text
+        assert "\n" not in text
+    with pytest.raises(StictionError, match="unknown kind of file: expected one of") as error:
+        drive_of(Path(__file__))
+    assert ".pt" not in str(error.value)
