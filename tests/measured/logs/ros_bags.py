@@ -47,8 +47,17 @@ float64[] measured_joint_position
 float64[] torque
 float64[] external_torque
 """
+IIWA_AXES = "".join(f"float32 a{j}\n" for j in range(1, 8))
+"""Of iiwa_msgs: one number a joint."""
 OWN_TYPES = {
-    "ros1": {"franka_msgs/msg/FrankaState": FRANKA_STATE_1},
+    "ros1": {
+        "franka_msgs/msg/FrankaState": FRANKA_STATE_1,
+        "iiwa_msgs/msg/JointQuantity": IIWA_AXES,
+        **{
+            f"iiwa_msgs/msg/Joint{x}": f"Header header\nJointQuantity {x.lower()}\n"
+            for x in ("Position", "Torque", "Velocity")
+        },
+    },
     "ros2": {
         "franka_msgs/msg/FrankaState": FRANKA_STATE_2,
         "franka_msgs/msg/FrankaRobotState": FRANKA_ROBOT_STATE,

@@ -3,7 +3,7 @@
 Read with `rosbags`, which needs no ROS. One topic is read: the only one with states of so many
 joints and torques, or the one asked for. Messages with none of the arm's joints (a gripper that
 publishes to the same topic) are left out. A message with only some of them is an error: the
-others are then unknown.
+others are then unknown. Bags of iiwa_stack have a topic for each quantity (`iiwa_stack`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.corrections import Correction
+from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.messages import BY_TYPE, Kind, Sample, side_of
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
@@ -47,18 +48,40 @@ class RosBag(LogFormat):
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
-        if wanted.drive != TORQUE:
-            raise StictionError(f"{where}: no commanded positions: expected columns q_cmd1..n")
         with _open(where) as reader:
+            topics = _iiwa_stack(where, reader, wanted.naming)
+            if topics:
+                return iiwa_stack.read_arm(where, reader, topics, wanted)
+            if wanted.drive != TORQUE:
+                raise StictionError(f"{where}: no commanded positions: expected columns q_cmd1..n")
             topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
             return _read(where, reader, topic, kind, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
         with _open(where) as reader:
+            if _iiwa_stack(where, reader, naming):
+                return len(iiwa_stack.JOINTS)
             topic, kind = _topic(where, reader, None, naming)
             names, most = _peek(reader, topic, kind)
         return len(find_joints(where, names, None, naming)) if names else most
+
+    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+        """See `LogFormat.drives`."""
+        with _open(where) as reader:
+            topics = _iiwa_stack(where, reader, naming)
+        return iiwa_stack.drives_of(topics) if topics else (TORQUE,)
+
+
+def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:
+    """Return the topics of iiwa_stack's arm, by channel; none where other states are there."""
+    types = {c.topic: str(c.msgtype) for c in reader.connections}
+    found = iiwa_stack.arms(types)
+    if not found or any(c.msgtype in BY_TYPE and c.msgcount for c in reader.connections):
+        asked = {t for topics in found.values() for t in topics.values()}
+        if naming.topic not in asked:
+            return {}
+    return iiwa_stack.arm_of(where, found, naming.topic)
 
 
 @contextmanager

@@ -1,0 +1,166 @@
+"""Bags of iiwa_stack: an arm in several topics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from tests.measured.logs.bad_logs import good_values
+from tests.measured.logs.ros_bags import (
+    START,
+    Message,
+    header,
+    joint_states,
+    merged,
+    store,
+    write_bag,
+)
+from tests.measured.logs.test_reader import fuzz
+
+VALUES = good_values()
+T, Q, DQ, TAU = VALUES[:, 0], VALUES[:, 1:8], VALUES[:, 8:15], VALUES[:, 15:]
+AXES = store("ros1").types["iiwa_msgs/msg/JointQuantity"]
+
+
+def stream(
+    quantity: str,
+    values: np.ndarray,
+    *,
+    part: str = "state",
+    arm: str = "/iiwa",
+    early: float = 0.0,
+    name: str | None = None,
+) -> list[Message]:
+    """Return messages of one topic, which come ``early`` [s]."""
+    topic = f"{arm}/{part}/{name or quantity}"
+    field = quantity.removeprefix("Joint").lower()
+    return [
+        Message(
+            topic,
+            f"iiwa_msgs/msg/{quantity}",
+            START + round(1e9 * (t - early)),
+            {"header": header, field: AXES(*(float(np.float32(x)) for x in row))},
+        )
+        for t, row in zip(T, values, strict=True)
+    ]
+
+
+def arm(**where: str) -> list[Message]:
+    external = stream("JointTorque", 0 * TAU + 9, name="ExternalJointTorque", **where)
+    return merged(
+        stream("JointPosition", Q, **where),
+        stream("JointVelocity", DQ, **where),
+        stream("JointTorque", TAU, **where),
+        external,
+    )
+
+
+def read(path: Path, **naming) -> JointLog:
+    return read_logs([path], 7, naming=Naming(**naming))[0]
+
+
+def test_topics_become_one_log(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "log", "bag", arm())
+    assert drive_of(path) == "torque"
+    assert count_joints(path) == 7
+    log = read(path)
+    assert log.t == pytest.approx(T, abs=1e-9)
+    assert log.q == pytest.approx(Q, abs=1e-6)
+    assert log.dq == pytest.approx(DQ, abs=1e-6)
+    assert log.tau == pytest.approx(TAU, abs=1e-6)
+    assert log.side == "link"
+    assert log.date == pytest.approx(START / 1e9)
+    text = log.corrections[0].text
+    assert "/iiwa/state/JointTorque; tau is measured behind the gear" in text
+    assert "External" not in text
+    assert not [x for x in check(path).findings if x.kind == "unreadable"]
+
+
+def test_torques_with_other_stamps_are_interpolated_but_not_over_gaps(tmp_path: Path) -> None:
+    torque = stream("JointTorque", TAU, early=0.005)
+    del torque[100:120]
+    path = write_bag(tmp_path / "log", "bag", merged(stream("JointPosition", Q), torque))
+    log = read(path)
+    # 21 rows have the gap around them, the last no torque after it
+    assert len(log.t) == len(T) - 22
+    assert log.breaks == (99,)
+    middle = 0.5 * (TAU[:-1] + TAU[1:])
+    assert log.tau[:99] == pytest.approx(middle[:99], abs=1e-6)
+    assert log.tau[99:] == pytest.approx(middle[120:], abs=1e-6)
+    assert log.q[99:] == pytest.approx(Q[120:-1], abs=1e-6)
+
+
+def test_commands_make_a_servo_log(tmp_path: Path) -> None:
+    told = stream("JointPosition", Q + 0.01, part="command", early=0.003)[::2]
+    path = write_bag(tmp_path / "log", "bag", merged(stream("JointPosition", Q), told))
+    assert drive_of(path) == "position"
+    (log,) = read_servo_logs([path], 7)
+    held = Q[np.arange(len(T)) // 2 * 2] + 0.01
+    assert log.q_cmd == pytest.approx(held, abs=1e-6)
+    assert log.tau is None
+    with pytest.raises(StictionError, match="no topic state/JointTorque: expected it beside"):
+        read(path)
+
+
+def test_two_arms(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "log", "bag", merged(arm(arm="/left"), arm(arm="/right")))
+    with pytest.raises(StictionError, match="several arms: /left/state/JointPosition, /right"):
+        read(path)
+    assert read(path, topic="/right/state/JointTorque").q == pytest.approx(Q, abs=1e-6)
+    with pytest.raises(StictionError, match="/up"):
+        read(path, topic="/up")
+
+
+def test_joint_states_beside_them_are_preferred(tmp_path: Path) -> None:
+    states = joint_states(VALUES, topic="/iiwa/joint_states")
+    path = write_bag(tmp_path / "log", "bag", merged(arm(), states))
+    assert "/iiwa/joint_states" in read(path).corrections[0].text
+    chosen = read(path, topic="/iiwa/state/JointPosition")
+    assert "/iiwa/state/JointPosition" in chosen.corrections[0].text
+
+
+def test_what_is_no_such_log(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "log", "bag", arm())
+    with pytest.raises(StictionError, match="7 joints, but the robot has 6"):
+        read_logs([path], 6)
+    with pytest.raises(StictionError, match="no topic command/JointPosition"):
+        read_servo_logs([path], 7)
+    silent = {"/iiwa/state/JointTorque": "iiwa_msgs/msg/JointTorque"}
+    path = write_bag(tmp_path / "silent", "bag", stream("JointPosition", Q), silent=silent)
+    with pytest.raises(StictionError, match="/iiwa/state/JointTorque: no messages"):
+        read(path)
+    states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
+    with pytest.raises(StictionError, match="no commanded positions"):
+        read_servo_logs([states], 7)
+
+
+@fuzz(40)
+@given(st.data())
+def test_fuzz_a_damaged_bag(tmp_path: Path, data: st.DataObject) -> None:
+    """Bytes of a good bag are changed."""
+    good = tmp_path / "good.bag"
+    if not good.exists():
+        write_bag(tmp_path / "good", "bag", arm()[::7])
+    raw = bytearray(good.read_bytes())
+    for _ in range(data.draw(st.integers(1, 8))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path / "log.bag"
+    path.write_bytes(raw)
+    try:
+        log = read(path)
+    except StictionError as error:
+        message = str(error)
+    else:
+        message = ""
+        assert np.isfinite(log.tau).all()
+    assert "\n" not in message
