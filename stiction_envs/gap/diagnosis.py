@@ -232,13 +232,12 @@ def diagnose_logs(
     say("refitting", 0.0)
     if (given := given_arm_causes(library, terms)) is not None:
         known, tried = (library.inflation, library.scale), library.candidates
-        del library  # two at once take too much memory
-        library = RegressorLibrary(*given).given(*known)
+        library = RegressorLibrary(*given, instead_of=library).given(*known)
         refitted = choose(library)
         if same_arm_causes(terms, refitted):
             terms = refitted
         else:
-            library = RegressorLibrary(data, causes).given(*known)
+            library = RegressorLibrary(data, causes, instead_of=library).given(*known)
             library.refine(tried)  # with the nonlinear parameters that were tried since
     if library.scale > 0:
         # the noise, and the size of the links' errors, are known only now; a search is greedy

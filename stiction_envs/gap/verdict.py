@@ -120,13 +120,17 @@ def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Arra
     have = {(t.cause, t.joint) for t in terms if not t.small}
     out = np.zeros(len(left), dtype=bool)
     for j in np.flatnonzero(left > STRUCTURE_FROM):
-        for term in library.candidates:
-            cause = library.causes[term.cause]
-            if term.joint != j or cause.coupled or (term.cause, term.joint) in have:
-                continue
-            taken = near.reduction(library.model_columns([term])) * library.inflation[j]
-            if taken > STRUCTURE * squares[j]:
-                out[j] |= not is_implausible(library, library.beside([*terms, term]), [term])
+        others = [
+            t
+            for t in library.candidates
+            if t.joint == j and not library.causes[t.cause].coupled and (t.cause, j) not in have
+        ]
+        taken = near.reductions([library.model_columns([t]) for t in others])
+        out[j] = any(
+            size * library.inflation[j] > STRUCTURE * squares[j]
+            and not is_implausible(library, library.beside([*terms, term]), [term])
+            for term, size in zip(others, taken, strict=True)
+        )
     return out
 
 

@@ -117,6 +117,9 @@ class Cause(ABC):
     of another cause."""
     resembles_delay: ClassVar[bool] = False
     """Whether a large delay that is not known yet may look like it."""
+    depends_on_load: ClassVar[bool] = True
+    """Whether anything before `what was found` depends on the torque that gears carry (`rigid`,
+    `carried`) or on gravity. If not, a refit given a payload or a tilt keeps its columns."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
     changes_arm: ClassVar[bool] = False

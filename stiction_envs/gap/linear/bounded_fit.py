@@ -18,7 +18,10 @@ def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
 
 
 def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
-    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as of `solve`."""
+    """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as of `solve`.
+
+    Bounds are (P,), or (B, P) where systems have their own.
+    """
     if not xr.shape[1]:
         return np.zeros_like(xr)
     scale = np.sqrt(np.maximum(np.diagonal(xx, axis1=1, axis2=2), 1e-300))

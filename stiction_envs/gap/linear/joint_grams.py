@@ -114,6 +114,7 @@ class JointGrams:
         """(joints,) number of rows, by their weights."""
         self._results: dict[tuple[str, ModelColumns], Array] = {}
         self._eliminated: dict[tuple[float, ...], Eliminated] = {}
+        self._around: tuple[ModelColumns, Surroundings] | None = None
         self.gains: dict[Any, Any] = {}
         """What `selection.gain` found of these sums: a search asks again and again."""
 
@@ -290,8 +291,10 @@ class JointGrams:
         return -0.5 * (misfit + float(volume) + float(np.log(np.square(size) / prior).sum()))
 
     def around(self, model: ModelColumns) -> Surroundings:
-        """Return by how much further columns would reduce the error of a model."""
-        return Surroundings(self, model)
+        """Return by how much further columns would reduce a model's error; the last is kept."""
+        if self._around is None or self._around[0] != model:
+            self._around = model, Surroundings(self, model)
+        return self._around[1]
 
     def gained(self, model: ModelColumns, rest: ModelColumns) -> Array:
         """Return (joints,) torque of a model that a smaller one lacks, over the noise.
@@ -338,32 +341,52 @@ class Surroundings:
     """
 
     def __init__(self, grams: JointGrams, model: ModelColumns) -> None:
-        c = grams.fit(model)
-        free = (c > np.array(model.low)) & (c < np.array(model.high))
-        place = np.cumsum(free) - 1
-        xx = grams.system(model)[0][free][:, free]
+        self._grams, self._model, self._c = grams, model, grams.fit(model)
+        self._free = (self._c > np.array(model.low)) & (self._c < np.array(model.high))
+        xx = grams.system(model)[0][self._free][:, self._free]
         size = np.sqrt(np.maximum(np.diag(xx), 1e-300))
         normal = xx / np.outer(size, size) + RIDGE * np.eye(len(xx))
-        root = np.linalg.inv(np.linalg.cholesky(normal)) / size
-        self._gradient = [g.whole[1].copy() for g in grams.joints]
-        self._mixed = [np.zeros((len(xx), g.xr.shape[1])) for g in grams.joints]
-        self._grams = grams
-        for j, gram, cols, at in grams._each(model):
-            whole = gram.whole[0]
-            self._gradient[j] -= whole[:, cols] @ c[at]
-            some = free[at]
-            self._mixed[j][place[at[some]]] = whole[cols[some]] / grams.inflation[j]
-        self._mixed = [root @ x for x in self._mixed]
+        self._root = np.linalg.inv(np.linalg.cholesky(normal)) / size
+        self._known: dict[int, tuple[Array, Array]] = {}
 
-    def reduction(self, more: ModelColumns) -> float:
-        """Return the reduction of squared error, in independent observations of the noise."""
+    def _joint(self, joint: int) -> tuple[Array, Array]:
+        """Return of all columns of a joint the gradient (P,) and what the model shares (p, P)."""
+        if joint not in self._known:
+            whole, along, _ = self._grams.joints[joint].whole
+            gradient, mixed = along.copy(), np.zeros((len(self._root), len(along)))
+            if columns := self._model.columns[joint]:
+                cols, at = np.array(columns), np.array(self._model.coefficients[joint])
+                gradient -= whole[:, cols] @ self._c[at]
+                some, place = self._free[at], np.cumsum(self._free) - 1
+                mixed[place[at[some]]] = whole[cols[some]] / self._grams.inflation[joint]
+            self._known[joint] = gradient, self._root @ mixed
+        return self._known[joint]
+
+    def _system(self, more: ModelColumns) -> tuple[Array, Array]:
+        """Return (xx, xr) of further columns beside the model."""
         p, grams = len(more.low), self._grams
         xx, xr = np.diag(more.prior), np.zeros(p)
-        mixed = np.zeros((len(self._mixed[0]), p))
+        across = np.zeros((len(self._root), p))
         for j, gram, cols, at in grams._each(more):
+            gradient, mixed = self._joint(j)
             xx[at[:, None], at] += gram.whole[0][cols[:, None], cols] / grams.inflation[j]
-            xr[at] += self._gradient[j][cols] / grams.inflation[j]
-            mixed[:, at] += self._mixed[j][:, cols]
-        xx -= mixed.T @ mixed
-        c = solve(xx, xr, np.array(more.low), np.array(more.high))
-        return float(2 * xr @ c - c @ xx @ c)
+            xr[at] += gradient[cols] / grams.inflation[j]
+            across[:, at] += mixed[:, cols]
+        return xx - across.T @ across, xr
+
+    def reductions(self, some: Sequence[ModelColumns]) -> list[float]:
+        """Return by how much each of some columns would reduce the squared error.
+
+        In independent observations of the noise. All of one size are solved at once.
+        """
+        out = [0.0] * len(some)
+        sizes = [len(more.low) for more in some]
+        for p in set(sizes):
+            which = [k for k, size in enumerate(sizes) if size == p]
+            xx, xr = (
+                np.array(x) for x in zip(*(self._system(some[k]) for k in which), strict=True)
+            )
+            low, high = (np.array([getattr(some[k], x) for k in which]) for x in ("low", "high"))
+            for k, *system, c in zip(which, xx, xr, solve_all(xx, xr, low, high), strict=True):
+                out[k] = float(2 * system[1] @ c - c @ system[0] @ c)
+        return out

@@ -64,9 +64,21 @@ class Candidate:
 class RegressorLibrary:
     """Columns of every candidate that these data can show, with their sums per block."""
 
-    def __init__(self, data: Data, causes: Sequence[Cause]) -> None:
-        """Compute all columns; nonlinear causes choose the parameters to try."""
+    grams: JointGrams
+    """Those sums."""
+
+    def __init__(
+        self, data: Data, causes: Sequence[Cause], instead_of: RegressorLibrary | None = None
+    ) -> None:
+        """Compute all columns; nonlinear causes choose the parameters to try.
+
+        Columns that do not depend on what the gears carry are taken from ``instead_of``, a library
+        of the same recording, which cannot be used afterwards.
+        """
         self.data, self.causes = data, {c.name: c for c in causes}
+        self._before = instead_of
+        if instead_of is not None:
+            del instead_of.grams  # two at once take too much memory
         self.not_identifiable: dict[tuple[str, int], str] = {}
         """Why these data cannot show a cause on a joint."""
         self.candidates: list[Candidate] = []
@@ -100,14 +112,22 @@ class RegressorLibrary:
             self._add(term, self._rows(term))
         first = self._made(0, each)  # also computes what all joints need from the recording
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
-            for offered in chain(
-                [first], pool.map(lambda j: self._made(j, each), range(1, data.n))
-            ):
+            made = pool.map(lambda j: self._made(j, each), range(1, data.n))
+            for j, offered in enumerate(chain([first], made)):
                 for term, columns in offered:
                     self._add(term, columns)
+                if instead_of is not None:
+                    instead_of._rows_of[j] = np.empty((0, len(data.t)))
         for cause in arm_wide:
             for term, columns in self._offered(cause, ARM, self.residual[:, 0]):
                 self._add(term, columns)
+        order = [
+            *((c.name, j) for j in range(data.n) for c in each),
+            *((c.name, ARM) for c in causes),
+        ]
+        reasons = self.not_identifiable  # in whatever order threads came to them
+        self.not_identifiable = {x: reasons[x] for x in order if x in reasons}
+        self._begun, self._before = len(self.candidates), None
         self.certain = np.stack([certain(data, j) for j in range(data.n)], axis=1)
         """(T, n) weight of rows by how well friction is known there."""
         self.weight = self.certain.copy()
@@ -135,12 +155,29 @@ class RegressorLibrary:
     def _offered(
         self, cause: Cause, joint: int, left: Array
     ) -> list[tuple[Candidate, list[Array]]]:
+        if (before := self._before) is not None and before._holds(cause, self.data):
+            if reason := before.not_identifiable.get((cause.name, joint)):
+                self.not_identifiable[cause.name, joint] = reason
+            same = before.candidates[: before._begun]
+            mine = [t for t in same if (t.cause, t.joint) == (cause.name, joint)]
+            return [(t, [before.columns(t, joint).T]) for t in mine]
         if reason := cause.why_not_identifiable(self.data, max(joint, 0)):
             self.not_identifiable[cause.name, joint] = reason
             return []
         shapes = cause.shapes(self.data, max(joint, 0), left)
         terms = (Candidate(cause.name, joint, x) for x in shapes)
         return [(t, self._rows(t)) for t in terms]
+
+    def _holds(self, cause: Cause, data: Data) -> bool:
+        """Whether the columns of a cause of single joints are the same for other data."""
+        mine = self.data
+        same = mine.recording is data.recording and mine.nominal is data.nominal
+        return (
+            same
+            and mine.friction.is_same(data.friction)
+            and self.causes.get(cause.name) is cause
+            and not (cause.depends_on_load or cause.coupled or cause.arm_wide)
+        )
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""

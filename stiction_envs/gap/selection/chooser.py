@@ -152,11 +152,13 @@ class Chooser:
         if errors < self._settings.pair_error**2 * lib.grams.counts[joint]:
             return []
         near, least = lib.grams.around(lib.model_columns(self.terms)), self._least_reduction(joint)
-        out = []
-        for one, two in combinations(self._offers(joint), 2):
-            added = list(dict.fromkeys([*one, *two]))
-            if one[-1].cause == two[-1].cause or near.reduction(lib.model_columns(added)) <= least:
-                continue
+        pairs = [
+            list(dict.fromkeys([*one, *two]))
+            for one, two in combinations(self._offers(joint), 2)
+            if one[-1].cause != two[-1].cause
+        ]
+        out, reductions = [], near.reductions([lib.model_columns(x) for x in pairs])
+        for added in (x for x, size in zip(pairs, reductions, strict=True) if size > least):
             terms = [*self.terms, *added]
             found = gain(lib, terms, added)
             separately = (found.significant and gain(lib, terms, [x]).significant for x in added)
@@ -176,18 +178,15 @@ class Chooser:
         have = {(t.cause, t.joint) for t in self.terms}
         barred = have | self._without
         near = lib.grams.around(lib.model_columns(self.terms))
+        own = [t for t in lib.candidates if t.joint == joint]
+        offered: list[list[Candidate]] = []
+        for term in (t for t in own if (t.cause, joint) not in barred):
+            needs = [x for x in lib.needs(term.cause) if (x, joint) not in have]
+            offered.append([*(t for name in needs for t in own if t.cause == name), term])
         best: dict[tuple[str, Shape], tuple[float, list[Candidate]]] = {}
-        for term in lib.candidates:
-            if term.joint != joint or (term.cause, joint) in barred:
-                continue
-            parents = [
-                t
-                for name in lib.needs(term.cause)
-                for t in lib.candidates
-                if (t.cause, t.joint) == (name, joint) and (name, joint) not in have
-            ]
-            added = [*parents, term]
-            value = near.reduction(lib.model_columns(added))
+        values = near.reductions([lib.model_columns(added) for added in offered])
+        for added, value in zip(offered, values, strict=True):
+            term = added[-1]
             key = (term.cause, term.shape if lib.causes[term.cause].multimodal else ())
             wide = lib.causes[term.cause].changes_arm
             if value > best.get(key, (0.0 if wide else least, []))[0]:

@@ -236,7 +236,9 @@ def test_a_reduction_is_that_of_the_larger_fit() -> None:
         (xx, xr), c = sums.system(m), sums.fit(m)
         return float(2 * xr @ c - c @ xx @ c)
 
-    assert np.isclose(sums.around(model).reduction(more), gained(whole) - gained(model), atol=1e-6)
+    found = sums.around(model).reductions([more, replace(more, firm=(0.0, 1e12)), more])
+    assert np.isclose(found[0], gained(whole) - gained(model), atol=1e-6)
+    assert found[0] == found[2] > found[1]
 
 
 def test_standard_errors_are_those_of_least_squares() -> None:

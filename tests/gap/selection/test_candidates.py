@@ -167,3 +167,51 @@ def test_columns_that_come_later_sum_up_as_if_they_had_been_there(data: Data) ->
         whole = Gram.of(x, data.residual[:, j], data.block, weight, data.blocks)
         assert np.allclose(gram.xx, whole.xx, rtol=1e-9, atol=1e-9 * np.abs(whole.xx).max())
         assert np.allclose(gram.xr, whole.xr, rtol=1e-9, atol=1e-9 * np.abs(whole.xr).max())
+
+
+# ---- a refit given a payload or a tilt -----------------------------------------------------------
+
+
+def carrying(data: Data) -> Data:
+    """The same logs, given a load of a tenth of the arm's own and a tilt."""
+    return data.carrying(0.1 * data.rigid, (0.3, 0.1, -9.8))
+
+
+@pytest.mark.parametrize("name", [c.name for c in CAUSES if not c.depends_on_load])
+def test_what_does_not_depend_on_the_load_is_the_same_given_one(data: Data, name: str) -> None:
+    (cause,), given = causes(name), carrying(data)
+    reasons = [cause.why_not_identifiable(x, 3) for x in (data, given)]
+    shapes = [cause.shapes(x, 3, x.residual[:, 3]) for x in (data, given)]
+    assert reasons[0] == reasons[1]
+    assert shapes[0] == shapes[1]
+    for shape in shapes[0]:
+        one, two = (cause.columns(x, 3, shape) for x in (data, given))
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("change", [carrying, lambda data: data.with_presliding(np.full(7, 1e-3))])
+def test_a_library_that_takes_columns_of_another_is_that_made_anew(data: Data, change) -> None:
+    names = (*LINEAR, "payload", "load_dependent_friction", "stribeck_friction", "warm_up_drift")
+    mine, given = causes(*names), change(data)
+    before = RegressorLibrary(data, mine)
+    before.refine([Candidate("stribeck_friction", 3, (0.123,))])
+    taken = RegressorLibrary(given, mine, instead_of=before)
+    anew = RegressorLibrary(given, mine)
+    assert taken.candidates == anew.candidates
+    assert taken.not_identifiable == anew.not_identifiable
+    assert list(taken.not_identifiable) == list(anew.not_identifiable)
+    for one, two in zip(taken.grams.joints, anew.grams.joints, strict=True):
+        np.testing.assert_array_equal(one.xx, two.xx)
+        np.testing.assert_array_equal(one.xr, two.xr)
+    for term in anew.candidates:
+        joint = anew.affected_joints(term)[0]
+        np.testing.assert_array_equal(taken.columns(term, joint), anew.columns(term, joint))
+
+
+def test_columns_are_taken_and_not_computed_again(data: Data) -> None:
+    asked = Asked()
+    asked.depends_on_load = False
+    before = RegressorLibrary(data, [*causes(*LINEAR), asked])
+    asked.residuals.clear()
+    RegressorLibrary(carrying(data), [*causes(*LINEAR), asked], instead_of=before)
+    assert asked.residuals == {}

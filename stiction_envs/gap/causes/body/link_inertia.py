@@ -17,6 +17,7 @@ class LinkInertia(Cause):
 
     name: ClassVar[str] = "link_inertia"
     what: ClassVar[str] = "a link's or rotor's inertia wrong"
+    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)

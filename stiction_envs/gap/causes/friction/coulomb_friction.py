@@ -15,6 +15,7 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
+    depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
     approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"

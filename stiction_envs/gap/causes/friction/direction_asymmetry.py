@@ -18,6 +18,7 @@ class DirectionAsymmetry(Cause):
 
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
+    depends_on_load: ClassVar[bool] = False
     approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow motion in both directions with long rests, against an offset"

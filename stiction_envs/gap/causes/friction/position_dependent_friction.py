@@ -23,6 +23,8 @@ ROWS = 3000
 """Number of rows from which the periods are found; assumed."""
 BEST = 3
 """Number of periods of each kind that go on to the selection; assumed."""
+AT_ONCE = 256
+"""Number of rows of which waves are computed at once: they stay in the processor's cache."""
 
 
 def phase(data: Data, joint: int, shape: Shape) -> Array:
@@ -35,6 +37,7 @@ class PositionDependentFriction(Cause):
 
     name: ClassVar[str] = "position_dependent_friction"
     what: ClassVar[str] = "ripple with joint angle"
+    depends_on_load: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "slow constant speed over a quarter turn or more, there and back"
@@ -80,11 +83,9 @@ class PositionDependentFriction(Cause):
         base = np.stack([np.ones_like(q), q, data.direction(joint)], axis=1)[thin]
         base, r = base * weight[:, None], residual[thin] * weight
         turning = weight * data.direction(joint)[thin]
-        angle = q[thin, None] * count
-        waves = np.stack([np.sin(angle), np.cos(angle)])
         found: list[Shape] = []
         for side, tail in ((weight, ()), (turning, (1.0,))):
-            power = _shown(waves * side[:, None], base, r)
+            power = _shown(q[thin], len(count), side, base, r)
             around = np.concatenate([[-np.inf], power, [-np.inf]])
             peak = (power >= around[:-2]) & (power > around[2:]) & (count >= low)
             best = np.argsort(np.where(peak, -power, np.inf), kind="stable")[:BEST]
@@ -119,21 +120,33 @@ class PositionDependentFriction(Cause):
         return turns_too_little(data, joint, data.settings.motion.travel_span)
 
 
-def _shown(waves: Array, base: Array, r: Array) -> Array:
-    """Return (K,) squared error that each of K waves explains, fitted with other columns.
+def _shown(q: Array, count: int, side: Array, base: Array, r: Array) -> Array:
+    """Return (K,) squared error that waves of 1 to K periods per turn explain, each with others.
 
     Args:
-        waves: (2, T, K) weighted sines and cosines.
+        q: (T,) angle [rad].
+        count: K.
+        side: (T,) weight of the waves, with the sign of the motion where they are friction's.
         base: (T, 3) weighted other columns.
         r: (T,) weighted residual.
     """
-    count = waves.shape[2]
+    columns = np.column_stack([base, r])
+    once, twice = np.zeros((count, 4), dtype=complex), np.zeros(count, dtype=complex)
+    for start in range(0, len(q), AT_ONCE):
+        rows = slice(start, start + AT_ONCE)
+        # e^(ikq) for all k by multiplication: sines of all waves would take most of the time
+        waves = np.exp(1j * q[None, rows])
+        while len(waves) < count:
+            waves = np.concatenate([waves, waves * waves[-1]])[:count]
+        once += waves @ (columns[rows] * side[rows, None])
+        twice += np.square(waves) @ np.square(side[rows])
     xx, xr = np.empty((count, 5, 5)), np.empty((count, 5))
-    for i in range(2):
-        for j in range(2):
-            xx[:, i, j] = np.einsum("tk,tk->k", waves[i], waves[j])
-        xx[:, i, 2:] = xx[:, 2:, i] = waves[i].T @ base
-        xr[:, i] = waves[i].T @ r
+    size = float(side @ side)
+    xx[:, 0, 0], xx[:, 1, 1] = (size - twice.real) / 2, (size + twice.real) / 2
+    xx[:, 0, 1] = xx[:, 1, 0] = twice.imag / 2
+    for i, part in enumerate((once.imag, once.real)):
+        xx[:, i, 2:] = xx[:, 2:, i] = part[:, :3]
+        xr[:, i] = part[:, 3]
     xx[:, 2:, 2:], xr[:, 2:] = base.T @ base, base.T @ r
     solved = np.linalg.solve(xx + RIDGE, xr[..., None])[..., 0]
     return np.asarray(np.einsum("kp,kp->k", xr, solved))

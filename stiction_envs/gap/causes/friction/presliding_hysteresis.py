@@ -48,6 +48,7 @@ class PreslidingHysteresis(Cause):
 
     name: ClassVar[str] = "presliding_hysteresis"
     what: ClassVar[str] = "friction lags reversals (bristle)"
+    depends_on_load: ClassVar[bool] = False
     approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False

@@ -28,6 +28,7 @@ class StribeckFriction(Cause):
 
     name: ClassVar[str] = "stribeck_friction"
     what: ClassVar[str] = "extra friction near zero speed"
+    depends_on_load: ClassVar[bool] = False
     approximate: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"

@@ -20,6 +20,7 @@ class ViscousFriction(Cause):
 
     name: ClassVar[str] = "viscous_friction"
     what: ClassVar[str] = "slope of friction with speed"
+    depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, slow to fast"
     removed_first: ClassVar[bool] = True

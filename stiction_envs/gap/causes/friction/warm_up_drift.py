@@ -33,6 +33,7 @@ class WarmUpDrift(Cause):
 
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
+    depends_on_load: ClassVar[bool] = False
     approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "the same motion repeated for tens of minutes, from cold, on one clock"

@@ -21,6 +21,7 @@ class TorqueOffset(Cause):
 
     name: ClassVar[str] = "torque_offset"
     what: ClassVar[str] = "constant torque bias (sensor, calibration)"
+    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "static poses on both sides of the joint's range, and rests in motion"
     )

@@ -17,6 +17,7 @@ class ExternalSpring(Cause):
 
     name: ClassVar[str] = "external_spring"
     what: ClassVar[str] = "cable, hose or contact that pulls with position"
+    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "static poses over the joint's whole range, other joints elsewhere"
     )

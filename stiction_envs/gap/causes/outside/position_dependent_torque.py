@@ -50,6 +50,7 @@ class PositionDependentTorque(Cause):
 
     name: ClassVar[str] = "position_dependent_torque"
     what: ClassVar[str] = "smooth torque over the joint angle (cable, hose, sensor)"
+    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "slow sweeps over the joint's whole range, there and back, with the other joints in "
         "several poses that turn it against gravity"
