@@ -120,7 +120,10 @@ def robot_help() -> str:
     """Return the help of an argument that names a robot."""
     from stiction_envs.robots.registry import ARMS
 
-    return f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf)"
+    return (
+        f"{', '.join(ARMS)}, or a path to an MJCF or URDF (.xml, .mjcf, .urdf) or to a folder of "
+        "MuJoCo Menagerie, or a name in robot_descriptions' cache (ur5e_mj_description)"
+    )
 
 
 def add_chain_option(parser: Any) -> None:

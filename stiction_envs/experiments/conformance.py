@@ -36,6 +36,7 @@ from stiction_envs.plant import rollout
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
+from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.registry import robot_files
 from stiction_envs.robots.user_arm import compile_file
 
@@ -262,6 +263,7 @@ def _compiled(
     if text in ARMS:
         return build(load_arm(text)).model
     if "<" not in text:
+        text = str(find_model(text))
         if not Path(text).is_file():
             raise StictionError(
                 f"{text}: no such file, and no robot of that name: expected one of "

@@ -19,6 +19,7 @@ from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
+from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
@@ -169,7 +170,8 @@ def load_arm(
     """Load an arm by its name, or a user's MJCF or URDF.
 
     Args:
-        robot: a name in `registry.ARMS`, or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
+        robot: a name in `registry.ARMS`, a folder of MuJoCo Menagerie, a name of
+            robot_descriptions (extra), or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
             with one serial chain of 2 to 9 hinges. A TOML of the same stem may give
             limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
             is assumed (``generic.toml``). A copy of an arm of the package is that arm.
@@ -272,7 +274,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
 
 def _user_arm(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
     """Fields of an arm that is not registered, as of `read_user_arm`."""
-    path = Path(robot).expanduser()
+    path = Path(find_model(robot)).expanduser()
     if path.suffix.lower() not in MODEL_FILES:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():

@@ -17,10 +17,11 @@ from types import MappingProxyType
 from typing import Any
 
 from stiction_envs.errors import StictionError
+from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.tables import read_toml
 
 PACKAGE = Path(__file__).resolve().parents[1]
-MODEL_FILES = (".xml", ".mjcf", ".urdf")
+MODEL_FILES = ENDS
 """Endings of files that describe an arm."""
 
 
@@ -122,9 +123,11 @@ def known_arm(robot: str | Path) -> ArmFiles | None:
     A file is identified by its content, not by its name. A copy of an arm of the package is that
     arm, unless another TOML is beside it; another robot's ``panda.xml`` is not the Panda.
     """
-    path = Path(robot).expanduser()
-    if str(robot) in ARMS or not path.is_file():
-        return ARMS.get(str(robot))
+    if str(robot) in ARMS:
+        return ARMS[str(robot)]
+    path = Path(find_model(robot)).expanduser()
+    if not path.is_file():
+        return None
     return next((arm for arm in ARMS.values() if _same_files(path, arm)), None)
 
 
@@ -143,7 +146,7 @@ def robot_files(robot: str | Path) -> dict[str, Path]:
         ``robot``: MJCF or URDF; ``robot_table``: the TOML of the same stem.
     """
     known = ARMS.get(str(robot))
-    path = Path(robot).expanduser() if known is None else known.model
+    path = Path(find_model(robot)).expanduser() if known is None else known.model
     if not path.name:  # "." or "/"
         return {}
     found = {"robot": path, "robot_table": path.with_suffix(".toml")}
