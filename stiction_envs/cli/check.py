@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     folder = None
     if args.out is not None:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
+        inputs |= common.calibration_input(args)
         folder = common.output_folder(args, "", inputs)
     result = check(
         *args.files,

@@ -194,6 +194,19 @@ def add_units_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
+    """Return the file of `add_units_options` by the name of its argument, where one is given.
+
+    Raises:
+        StictionError: it is not there.
+    """
+    if args.calibration is None:
+        return {}
+    if not args.calibration.is_file():
+        raise StictionError(f"{args.calibration}: no such file: expected lerobot's calibration")
+    return {"calibration": args.calibration}
+
+
 def add_drive_option(parser: argparse.ArgumentParser) -> None:
     """Add the option that says what drives the joints of logs."""
     parser.add_argument(
@@ -391,8 +404,9 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
     from stiction_envs.reporting.provenance import provenance
 
     recorded = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}
-    if recorded.get("chain", ()) is None:
-        del recorded["chain"]  # so that digests are those of versions without chains
+    for later in ("chain", "drive", "units", "calibration"):
+        if recorded.get(later, ()) is None:
+            del recorded[later]  # so that digests are those of versions without it
     return provenance(
         args.command,
         recorded,

@@ -21,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
         show=show,
     )
     common.add_log_options(parser, logs="+")
+    common.add_units_options(parser)
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.robots.registry import robot_files
 
     arm = load_arm(args.robot, chain=args.chain)
-    inputs = common.log_inputs("log", args.logs)
+    inputs = common.log_inputs("log", args.logs) | common.calibration_input(args)
     folder = common.output_folder(args, arm.name, {**inputs, **robot_files(args.robot)})
 
     from stiction_envs.identification.identify import identify
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             torque=args.torque,
             joints=args.joints,
             topic=args.topic,
+            units=args.units,
+            calibration=args.calibration,
             cutoff_hz=args.cutoff,
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )

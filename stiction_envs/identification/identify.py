@@ -253,6 +253,8 @@ def identify(
     torque: str | None = None,
     joints: Sequence[str] = (),
     topic: str | None = None,
+    units: str | None = None,
+    calibration: str | Path | None = None,
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: IdentificationSettings | Changes | None = None,
@@ -266,6 +268,9 @@ def identify(
             rotors are not seen. None for what the logs say, else motor.
         joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
         topic: of ROS bags that have several with joint states.
+        units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
+            log shows (`measured.logs.units`).
+        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
@@ -284,7 +289,13 @@ def identify(
     if not given:
         raise StictionError("no logs: expected one or more")
     sources = log_sources(given)
-    naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
+    naming = Naming(
+        robot=arm.joint_names,
+        joints=tuple(joints),
+        topic=topic,
+        units=units,
+        calibration=calibration,
+    )
     read: list[JointLog] = []
     for log in given:
         if isinstance(log, JointLog):
@@ -301,12 +312,13 @@ def identify(
             "torque": side,
             "joints": list(joints),
             "topic": topic,
+            **({} if units is None else {"units": units}),
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
             "settings": fingerprint(chosen),
         },
         seed=0,
-        inputs=sources.files,
+        inputs=sources.files | ({} if calibration is None else {"calibration": Path(calibration)}),
     )
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)

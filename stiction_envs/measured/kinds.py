@@ -41,7 +41,7 @@ def file_kind(path: str | os.PathLike[str]) -> str:
         return TABLE  # with a column missing, which its reader reports
     raise StictionError(
         f"{path}: neither a torque table nor a joint log, its columns are {_short(header)}: "
-        f"expected {','.join(SJE_COLUMNS)} or t,q1..qn,tau1..taun"
+        f"expected {','.join(SJE_COLUMNS)} or t,q1..qn with tau1..taun or q_cmd1..q_cmdn"
     )
 
 

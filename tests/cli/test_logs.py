@@ -254,3 +254,38 @@ def test_what_another_kind_has_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.none").touch()
     with pytest.raises(StictionError, match=r"unknown kind of file: expected one of .*\.semi"):
         read_logs([tmp_path / "a.none"], 2)
+
+
+# ---- servo logs, and angles in other units -------------------------------------------------------
+
+
+def test_check_a_servo_log_and_its_drive(cli, inputs, values):
+    t, q, _, tau = np.split(values, [1, 3, 5], axis=1)
+    header = "t,q_cmd1,q_cmd2,q1,q2,tau1,tau2"
+    path = inputs / "both.csv"
+    table = np.column_stack([t, q + 0.01, q, tau])
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    assert "columns not used: 'q_cmd1', 'q_cmd2'" in cli("check", path).out
+    assert cli("check", path, "--drive", "position").out == "nothing wrong\n"
+    assert cli("check", path, "--drive", "pneumatic").code == 2
+
+
+def test_units_reach_the_reader(cli, inputs, values, two, work):
+    t, q, _, tau = np.split(values, [1, 3, 5], axis=1)
+    path = inputs / "degrees.csv"
+    table = np.column_stack([t, np.degrees(q), tau])
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    ran = cli("check", path, "--robot", two)
+    assert ran.code == 1
+    assert "looks like degrees" in ran.out
+    assert "or units deg (percent, ticks)" in ran.out
+    ran = cli("check", path, "--robot", two, "--units", "deg", "--out", "found")
+    assert ran.code == 0, ran.out
+    assert "remark: joints 1, 2: degrees" in ran.out
+    made = json.loads((work / "found" / "provenance.json").read_text())
+    assert made["arguments"]["units"] == "deg"
+    assert "drive" not in made["arguments"]
+    for command in (("check", path), ("identify", path, "--robot", two)):
+        ran = cli(*command, "--units", "ticks", "--calibration", "gone.json", "--out", "none")
+        assert ran.code == 2
+        assert "gone.json: no such file" in ran.out + ran.err

@@ -50,4 +50,4 @@ def test_neither(tmp_path):
     with pytest.raises(StictionError, match="neither a torque table nor a joint log") as caught:
         file_kind(tmp_path / "a.csv")
     assert "expected robot,joint,load" in str(caught.value)
-    assert "t,q1..qn,tau1..taun" in str(caught.value)
+    assert "t,q1..qn with tau1..taun or q_cmd1..q_cmdn" in str(caught.value)
