@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate
         for term, mine in zip(out, c, strict=True):
             level[term.joint] += library.causes[term.cause].dry_friction(mine)
         larger = [
-            replace(t, shape=library.causes[t.cause].resized(t.shape, x, float(level[t.joint])))
+            t._replace(shape=library.causes[t.cause].resized(t.shape, x, float(level[t.joint])))
             for t, x in zip(out, c, strict=True)
         ]
         if larger == out:

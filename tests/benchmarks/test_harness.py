@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import harness
 from benchmarks.harness import Benchmark, Rows, code_digest
-from tests.test_architecture import FACADE, IMPORTS, SOURCES
+from tests.test_architecture import FACADE, SOURCES, imports
 
 
 @pytest.fixture
@@ -158,5 +158,5 @@ def imported(name: str) -> set[str]:
         aside = shown or x == FACADE or x.startswith(DECIDES_NOTHING)
         if x not in out and not aside and x != "benchmarks.harness":
             out.add(x)
-            waiting += IMPORTS[x]
+            waiting += imports()[x]
     return out

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,9 @@ from stiction_envs.gap.linear.grams import Gram
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Method = TypeVar("Method", bound=Callable[..., Array])
+Method = TypeVar("Method", bound=Callable[..., Any])
+MOST_SUMS = 512
+"""Number of sums of a joint's columns that are kept [-]; assumed: tens of kB each."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,17 @@ class Eliminated:
         return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
 
 
+class Gathered(NamedTuple):
+    """Sums of p columns of a joint beside r random effects, over each block."""
+
+    xx: Array
+    """(B, p, p)."""
+    cross: Array
+    """(B, r, p) with the random effects."""
+    xr: Array
+    """(B, p)."""
+
+
 class JointGrams:
     """The Grams of all joints.
 
@@ -112,8 +125,9 @@ class JointGrams:
         self.blocks = len(grams[0].rr)
         self.counts = np.array([g.count.sum() for g in grams])
         """(joints,) number of rows, by their weights."""
-        self._results: dict[tuple[str, ModelColumns], Array] = {}
+        self._results: dict[tuple[str, ModelColumns], Any] = {}
         self._eliminated: dict[tuple[float, ...], Eliminated] = {}
+        self._sums: dict[tuple[int, tuple[int, ...], int], Gathered] = {}
         self._around: tuple[ModelColumns, Surroundings] | None = None
         self.gains: dict[Any, Any] = {}
         """What `selection.gain` found of these sums: a search asks again and again."""
@@ -159,9 +173,10 @@ class JointGrams:
             own, to = cols[r:], at[r:] - r
             whole, along, _ = gram.whole
             part, side = whole[own[:, None], own], along[own]
-            each = np.concatenate([part[None], part - gram.xx[:, own[:, None], own]])
+            sums = self._gathered(j, model.columns[j], r)
+            each = np.concatenate([part[None], part - sums.xx])
             xx[:, to[:, None], to] += each / self.inflation[j]
-            each = np.concatenate([side[None], side - gram.xr[:, own]])
+            each = np.concatenate([side[None], side - sums.xr])
             xr[:, to] += each / self.inflation[j]
             if gone is not None:
                 mixed[:, :, to] += gone.mixed[j][:, :, own]
@@ -191,17 +206,31 @@ class JointGrams:
         """
         r = model.random
         for j, gram, cols, at in self._each(model):
-            own, mine = cols[r:], c[:, at]
-            cross = gram.xx[:, :r, own]
+            mine, sums = c[:, at], self._gathered(j, model.columns[j], r)
             u, a = mine[:, :r, None], mine[:, r:, None]
             force = np.concatenate(
                 [
-                    gram.xx[:, :r, :r] @ u + cross @ a,
-                    np.swapaxes(cross, 1, 2) @ u + gram.xx[:, own[:, None], own] @ a,
+                    gram.xx[:, :r, :r] @ u + sums.cross @ a,
+                    np.swapaxes(sums.cross, 1, 2) @ u + sums.xx @ a,
                 ],
                 axis=1,
             )[..., 0]
             yield j, gram, cols, at, force
+
+    def _gathered(self, joint: int, columns: tuple[int, ...], r: int) -> Gathered:
+        """Return the sums of a joint's columns, the first r of which are random effects.
+
+        Models of a search differ in a joint or two.
+        """
+        key = joint, columns, r
+        if key not in self._sums:
+            if len(self._sums) >= MOST_SUMS:
+                self._sums.clear()
+            gram, own = self.joints[joint], np.array(columns[r:], dtype=np.int64)
+            self._sums[key] = Gathered(
+                gram.xx[:, own[:, None], own], gram.xx[:, :r, own], gram.xr[:, own]
+            )
+        return self._sums[key]
 
     @_kept
     def errors(self, model: ModelColumns) -> Array:
@@ -271,6 +300,7 @@ class JointGrams:
         across = np.outer(size, size)
         return np.asarray(np.linalg.inv(xx / across + RIDGE * np.eye(len(size))) / across)
 
+    @_kept
     def log_evidence(self, model: ModelColumns) -> float:
         """Return the log marginal likelihood of the residual, up to a constant [nats].
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,7 @@ def certain(data: Data, joint: int) -> Array:
     return np.where(off, s.uncertain, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
 
 
-@dataclass(frozen=True, order=True)
-class Candidate:
+class Candidate(NamedTuple):
     """One cause on one joint (from 0), or on all of them, with its nonlinear parameters.
 
     The candidates in a model are its terms.
@@ -84,6 +84,7 @@ class RegressorLibrary:
         self.candidates: list[Candidate] = []
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
+        self._sizes: dict[Candidate, int] = {}
         self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
         self._width = [0] * data.n
         self._limits: dict[tuple[Candidate, float], tuple[Numbers, Numbers, Numbers]] = {}
@@ -218,6 +219,7 @@ class RegressorLibrary:
         )
 
     def _add(self, term: Candidate, rows: list[Array]) -> None:
+        self._sizes[term] = len(rows[0])
         for joint, columns in zip(self.affected_joints(term), rows, strict=True):
             start = self._width[joint]
             self._at[term, joint] = tuple(range(start, start + len(columns)))
@@ -306,7 +308,8 @@ class RegressorLibrary:
             usual = self.causes[term.cause].tolerance(self.data, term.joint)
             if (term.cause, term.joint) in have or any(term.shape) or not usual:
                 continue
-            small.append(replace(term, small=True))
+            small.append(term._replace(small=True))
+            self._sizes[small[-1]] = self._sizes[term]
             for joint in self.affected_joints(term):
                 self._at[small[-1], joint] = self._at[term, joint]
         return [*small, *named]
@@ -412,7 +415,7 @@ class RegressorLibrary:
 
     def size(self, term: Candidate) -> int:
         """Return the number of coefficients."""
-        return len(self._at[term, self.affected_joints(term)[0]])
+        return self._sizes[term]
 
     def own(self, terms: Sequence[Candidate], some: Sequence[Candidate]) -> NDArray[np.bool_]:
         """Return (P,) which coefficients of a model belong to some of its terms."""

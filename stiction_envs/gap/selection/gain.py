@@ -77,17 +77,6 @@ def _gain(
             return found
     if less.sum() <= 0:  # it is not real then, whatever else may be
         return Gain(less, np.zeros(len(less), dtype=bool), False)
-    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
-    strict, single = (
-        _quantile(1 - s.chance / tried, grams.blocks - 1)
-        for tried in (max(len(library.candidates), 1), 1)
-    )
-    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
-    limit = np.where(part > s.clear, single, strict)
-    whole = t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
-    each = np.array(
-        [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
-    )
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     rough = grams.sizes(model, library.own(terms, approximate))
     size = grams.gained(model, rest)
@@ -99,10 +88,24 @@ def _gain(
     # columns contain acceleration noise as residuals do, so that it would explain itself
     count = grams.counts
     large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
+    large &= less.sum(axis=1) > 0
+    if not large.any():
+        return Gain(less, large, False)
+    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
+    strict, single = (
+        _quantile(1 - s.chance / tried, grams.blocks - 1)
+        for tried in (max(len(library.candidates), 1), 1)
+    )
+    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
+    limit = np.where(part > s.clear, single, strict)
+    whole = t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
+    each = np.array(
+        [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
+    )
     # log-likelihood of joints with separate noise, at least the floor
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
     whole = whole and float(better.sum()) > 0
-    joints = each & large & (less.sum(axis=1) > 0)
+    joints = each & large
     if library.scale > 0 and whole and joints.any():
         # beside random effects a held-out gain may be theirs: the likelihood must agree
         more = grams.log_evidence(model) - grams.log_evidence(rest)

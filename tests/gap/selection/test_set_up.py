@@ -50,7 +50,7 @@ def test_what_is_named_has_no_small_error_beside_it(library) -> None:
     named = Candidate("torque_offset", 0, ())
     terms = library.add_set_up(library.beside([named]))
     assert named in terms
-    assert replace(named, small=True) not in terms
+    assert named._replace(small=True) not in terms
     assert Candidate("torque_offset", 1, (), small=True) in terms
 
 
@@ -73,4 +73,4 @@ def test_their_prior_is_the_tolerance(library) -> None:
     library.add_set_up([])
     usual = cause_named("torque_offset").tolerance(library.data, 2)
     assert library.prior(small) == pytest.approx(usual * library.scale)
-    assert library.prior(replace(small, small=False)) == pytest.approx(np.inf)
+    assert library.prior(small._replace(small=False)) == pytest.approx(np.inf)
