@@ -109,7 +109,7 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
     if kind is None:
-        what = "a directory: expected a log file:"
+        what = "a directory: expected a log file, or a folder of ROS 2, lerobot or SAGE:"
         what = what if stat.S_ISDIR(mode) else "unknown kind of file: expected one of"
         raise StictionError(f"{where}: {what} {ends}")
     return kind
