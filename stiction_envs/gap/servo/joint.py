@@ -1,0 +1,195 @@
+"""Compiled simulation of one joint under a position servo, along the measured motion of the others.
+
+It has the friction law and the integration of the plant (LuGre, semi-implicit Euler,
+bristle torque from the old deflection). It is used for *searches* only: every reported error is
+simulated again by the plant with the whole arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+STEP = 2e-3
+"""Longest step [s]; twice the plant's, for speed: rows are 5 to 33 ms apart."""
+BRISTLE_DAMPING_RATIO = 0.4
+"""ζ of the bristle [-], the plant's default."""
+STIFFEST = 0.1
+"""Largest bristle stiffness over inertia/step² [-]; a twentieth of the chattering limit."""
+SLOWEST = 25.0
+"""Least inertia over servo stiffness·step² [-]: oscillations of under 30 ms are not resolved, and
+no position log shows them; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointMotion:
+    """One joint in S segments of T rows in all; what acts on it besides its own servo."""
+
+    t: Array
+    """(T,) time [s], rising within a segment."""
+    q: Array
+    """(T,) measured angle [rad]."""
+    bounds: Index
+    """(S + 1,) first row of each segment, and T."""
+    command: Array
+    """(T,) commanded angle, held until the next row [rad]."""
+    command_integral: Array
+    """(T + 2 S,) integral of the command over time at `command_times` [rad·s]."""
+    command_times: Array
+    """(T + 2 S,) a time before, the rows', and a time after, segment by segment [s]."""
+    gravity: Array
+    """(T,) gravity torque at the measured pose [N·m]."""
+    slope: Array
+    """(T,) its derivative by the joint's own angle [N·m/rad]."""
+    inertia: Array
+    """(T,) diagonal of the mass matrix [kg·m²]."""
+    coupling: Array
+    """(T,) torque of Coriolis, centrifugal and the other joints' accelerations [N·m]."""
+
+    @property
+    def substeps(self) -> int:
+        """Steps of integration between two rows."""
+        return max(1, int(np.ceil(np.median(np.diff(self.t)) / STEP - 1e-6)))
+
+    def simulate(self, parameters: Array) -> Array:
+        """Return (C, T) simulated angles of C sets of parameters (C, P) [rad].
+
+        Each segment starts at rest at its first measured angle. NaN or inf where a joint diverges.
+        """
+        out = np.empty((len(parameters), len(self.t)))
+        _simulate(
+            np.ascontiguousarray(parameters, dtype=np.float64),
+            self.bounds,
+            self.t,
+            self.q,
+            self.command_times,
+            self.command_integral,
+            self.gravity,
+            self.slope,
+            self.inertia,
+            self.coupling,
+            self.substeps,
+            out,
+        )
+        return out
+
+    def only(self, keep: NDArray[np.bool_]) -> JointMotion:
+        """Return the segments that ``keep`` (S,) names."""
+        parts = [slice(a, b) for a, b in pairwise(self.bounds)]
+        rows = np.concatenate([np.arange(p.start, p.stop) for p, k in zip(parts, keep, strict=True) if k])
+        nodes = np.concatenate(
+            [
+                np.arange(p.start + 2 * s, p.stop + 2 * s + 2)
+                for s, (p, k) in enumerate(zip(parts, keep, strict=True))
+                if k
+            ]
+        )
+        lengths = np.diff(self.bounds)[keep]
+        return JointMotion(
+            bounds=np.concatenate([[0], np.cumsum(lengths)]),
+            command_integral=self.command_integral[nodes],
+            command_times=self.command_times[nodes],
+            **{
+                name: getattr(self, name)[rows]
+                for name in ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
+            },
+        )
+
+
+@compiled
+def _simulate(  # type: ignore[no-untyped-def]
+    parameters, bounds, t, q, times, integral, gravity, slope, inertia, coupling, substeps, out
+):
+    segments = len(bounds) - 1
+    for i in range(len(parameters) * segments):
+        c, s = i // segments, i % segments
+        a, b = bounds[s], bounds[s + 1]
+        x, y = a + 2 * s, b + 2 * s + 2
+        _segment(
+            parameters[c],
+            t[a:b],
+            q[a:b],
+            times[x:y],
+            integral[x:y],
+            gravity[a:b],
+            slope[a:b],
+            inertia[a:b],
+            coupling[a:b],
+            substeps,
+            out[c, a:b],
+        )
+
+
+@compiled
+def _segment(  # type: ignore[no-untyped-def]
+    p, t, measured, times, integral, gravity, slope, inertia, coupling, substeps, out
+):
+    """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`."""
+    stiffness, viscous, armature, delay, stiction, drop, stribeck, load = p[:8]
+    presliding, limit, fastest, dead, offset, compensated = p[8:]
+    last = len(times) - 2
+    i = 0
+    late = t[0] - delay
+    while i < last and times[i + 1] <= late:
+        i += 1
+    rate = (integral[i + 1] - integral[i]) / (times[i + 1] - times[i])
+    passed = integral[i] + rate * (late - times[i])
+    reference = rate
+    angle, speed = measured[0] - offset, 0.0
+    pull = (1.0 - compensated) * gravity[0] + coupling[0]
+    level = max(stiction + load * abs(gravity[0]), 1e-6)
+    push = _servo(reference - angle - offset, stiffness, dead, limit) - pull
+    # at rest the bristle carries what it can
+    deflection = presliding * max(-1.0, min(1.0, push / level))
+    n = len(out)
+    for k in range(n - 1):
+        out[k] = angle + offset
+        h = (t[k + 1] - t[k]) / substeps
+        mass = max(inertia[k] + armature, SLOWEST * h * h * stiffness)
+        for j in range(substeps):
+            part = j / substeps
+            # mean of the held command over the step, so that a delay acts smoothly
+            late += h
+            while i < last and times[i + 1] <= late:
+                i += 1
+            rate = (integral[i + 1] - integral[i]) / (times[i + 1] - times[i])
+            now = integral[i] + rate * (late - times[i])
+            change = (now - passed) / h - reference
+            passed = now
+            reference += max(-fastest * h, min(fastest * h, change))
+            u = _servo(reference - angle - offset, stiffness, dead, limit)
+            where = measured[k] + part * (measured[k + 1] - measured[k]) - offset
+            weight = gravity[k] + part * (gravity[k + 1] - gravity[k]) + slope[k] * (angle - where)
+            pull = (1.0 - compensated) * weight + coupling[k]
+            level = max(stiction + load * abs(weight), 1e-6)
+            bristle = min(level / presliding, STIFFEST * mass / (h * h))
+            damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
+            g = level * (1.0 - drop + drop * np.exp(-((speed / stribeck) ** 2)))
+            a = max(abs(speed) * bristle * h / g, 1e-15)
+            force = u - pull - bristle * deflection + damping * (a / h * deflection - speed)
+            # exact solution of the bristle equation at constant speed, as in MuJoCo
+            e = np.expm1(-a)
+            deflection += e * deflection - e / a * h * speed
+            # joint damping is implicit, as in MuJoCo's Euler
+            speed = (speed + h / mass * force) / (1.0 + h / mass * viscous)
+            angle += h * speed
+    out[n - 1] = angle + offset
+
+
+@compiled
+def _servo(error, stiffness, dead, limit):  # type: ignore[no-untyped-def]
+    """Return the servo's torque [N·m]: proportional outside the dead zone, limited."""
+    if error > dead:
+        error -= dead
+    elif error < -dead:
+        error += dead
+    else:
+        error = 0.0
+    return max(-limit, min(limit, stiffness * error))

@@ -1,0 +1,101 @@
+"""What acts on each joint of an arm along logs of its motion, from the rigid arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.measured.logs.reader import ServoLog
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+CUTOFF_HZ = 5.0
+"""Bandwidth of the accelerations that couple the joints [Hz]: angles come in steps of about a
+milliradian; assumed."""
+TILT = 1e-3
+"""Angle over which the slope of gravity is taken [rad]; assumed."""
+OUTSIDE = 1.0
+"""Time for which a command counts as held before and after a segment [s]; assumed."""
+
+
+def joint_motions(arm: Arm, logs: Sequence[ServoLog]) -> list[JointMotion]:
+    """Return the motion of each joint along all segments of the logs.
+
+    Args:
+        arm: the rigid arm; gravity acts on it.
+        logs: of it.
+    """
+    parts = [(log, s) for log in logs for s in log.segments if s.stop - s.start > 1]
+    of = [_torques(arm, log.t[s], log.q[s]) for log, s in parts]
+    bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
+    out = []
+    for j in range(arm.n):
+        times, integral = [], []
+        for log, s in parts:
+            t, command = log.t[s], log.q_cmd[s, j]
+            nodes = np.concatenate([[t[0] - OUTSIDE], t, [t[-1] + OUTSIDE]])
+            held = np.concatenate([[command[0]], command])
+            times.append(nodes)
+            integral.append(np.concatenate([[0.0], np.cumsum(held * np.diff(nodes))]))
+        gravity, slope, inertia, coupling = (
+            np.concatenate([torques[i][:, j] for torques in of]) for i in range(4)
+        )
+        out.append(
+            JointMotion(
+                t=np.concatenate([log.t[s] for log, s in parts]),
+                q=np.concatenate([log.q[s, j] for log, s in parts]),
+                command=np.concatenate([log.q_cmd[s, j] for log, s in parts]),
+                bounds=bounds,
+                command_times=np.concatenate(times),
+                command_integral=np.concatenate(integral),
+                gravity=gravity,
+                slope=slope,
+                inertia=inertia,
+                coupling=coupling,
+            )
+        )
+    return out
+
+
+def _torques(arm: Arm, t: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Return gravity, its slope, diagonal inertia, coupling torque along one segment, (T, n)."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    n = arm.n
+    rate = 1.0 / np.median(np.diff(t))
+    smooth = q
+    if len(t) > 3 * 5 and rate > 2.2 * CUTOFF_HZ:
+        sos = butter(2, CUTOFF_HZ / (rate / 2), output="sos")
+        smooth = sosfiltfilt(sos, q, axis=0)
+    speed = np.gradient(smooth, t, axis=0)
+    acceleration = np.gradient(speed, t, axis=0)
+    gravity, slope, inertia, coupling = (np.empty((len(t), n)) for _ in range(4))
+    mass = np.empty((n, n))
+    for k in range(len(t)):
+        data.qpos[:], data.qvel[:] = q[k], speed[k]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        bias = data.qfrc_bias.copy()
+        data.qvel[:] = 0.0
+        gravity[k] = _gravity(model, data)
+        inertia[k] = np.diag(mass)
+        coupling[k] = bias - gravity[k] + mass @ acceleration[k] - inertia[k] * acceleration[k]
+        for j in range(n):
+            data.qpos[j] += TILT
+            slope[k, j] = (_gravity(model, data)[j] - gravity[k, j]) / TILT
+            data.qpos[j] = q[k, j]
+    return gravity, slope, inertia, coupling
+
+
+def _gravity(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Return the (n,) gravity torque at rest at ``data.qpos`` [N·m]."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    out = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 0, out)
+    return out
