@@ -16,8 +16,8 @@ def add_parser(subparsers: Any) -> None:
     parser = common.add_command(
         subparsers,
         "diagnose",
-        summary="Name what a simulation gets wrong about measured joint logs or torque tables, and "
-        "correct it.",
+        summary="Name what a simulation gets wrong about measured joint logs, servo logs or torque "
+        "tables, and correct it.",
         example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
         interrupted="run the same command again",
         run=run,
@@ -39,6 +39,27 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         metavar="LOG",
         help="logs that take no part: does the model that is found hold there?",
+    )
+    common.add_drive_option(parser)
+    parser.add_argument(
+        "--servo-stiffness",
+        nargs="+",
+        type=common.number(0, above=True),
+        metavar="KP",
+        help="of position servos [N·m/rad], one, or one per joint (default: unknown, and the "
+        "simulation that is judged follows its commands exactly)",
+    )
+    parser.add_argument(
+        "--servo-damping",
+        nargs="+",
+        type=common.number(0),
+        metavar="KD",
+        help="of position servos [N·m·s/rad] (default: unknown, fitted and not judged)",
+    )
+    parser.add_argument(
+        "--same-servo",
+        action="store_true",
+        help="all joints have the same servo: those without gravity get the others' stiffness",
     )
     parser.add_argument(
         "--nominal",
@@ -105,6 +126,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             poses=args.poses,
             check=args.check,
             method=args.method,
+            drive=args.drive,
+            servo_stiffness=args.servo_stiffness,
+            servo_damping=args.servo_damping,
+            same_servo=args.same_servo,
             threads=args.threads,
             progress=say,
         )
@@ -135,6 +160,7 @@ def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
         ("--check", args.check),
         ("--poses", args.poses),
         ("--method lsm", args.method != "auto"),
+        ("--drive position", args.drive == "position"),
     ):
         if given:
             raise StictionError(f"{option}: cannot be used with --rehearse")

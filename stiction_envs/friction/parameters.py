@@ -33,8 +33,8 @@ class Quantity:
     """Where a TOML lacks the table; None where it must not."""
 
 
-OTHER_TABLES = {"meta", "provenance", "arm", "cause", "links"}
-"""Tables that are not quantities; the last three are in a `model.toml` of `stiction diagnose`."""
+OTHER_TABLES = {"meta", "provenance", "arm", "cause", "links", "servo"}
+"""Tables that are not quantities; the last four are in a `model.toml` of `stiction diagnose`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,12 +18,16 @@ from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.servo_logs import read_servo_files, servo_of, servo_result
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.from_files import diagnose_files
 from stiction_envs.gap.validation.check import check_logs, check_model
 from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log, log_sources, torque_side
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, fingerprint, override
@@ -45,6 +49,10 @@ def diagnose(
     nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
     check: Sequence[Log] = (),
+    drive: str | None = None,
+    servo_stiffness: Sequence[float] | None = None,
+    servo_damping: Sequence[float] | None = None,
+    same_servo: bool = False,
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
@@ -57,8 +65,9 @@ def diagnose(
 ) -> DiagnosisResult:
     """Name what a simulation gets wrong about measurements of one robot.
 
-    Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``, logs of libfranka, ROS bags) or torque tables
-    (the form of ``sje.csv``, base torques and dithered ones) are recognised by their content.
+    Joint logs (``t,q1..qn[,dq1..dqn],tau1..taun``, logs of libfranka, ROS bags), servo logs
+    (``t,q_cmd1..q_cmdn,q1..qn``) and torque tables (the form of ``sje.csv``, base torques and
+    dithered ones) are recognised by their content.
 
     Args:
         data: a file or several of one kind, or logs that were read.
@@ -72,6 +81,13 @@ def diagnose(
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
         check: logs that are not used for the diagnosis and test the finished model
             (`gap.validation.check`).
+        drive: "torque" or "position", what drives the joints; None takes what a log has, and torque
+            where it has both.
+        servo_stiffness: of position servos [N·m/rad], one or one per joint; None where unknown:
+            the simulation that is judged then follows its commands exactly.
+        servo_damping: likewise [N·m·s/rad]; None where unknown: it is fitted and not judged.
+        same_servo: all joints have the same servo, so that those without gravity get the stiffness
+            of the others.
         payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
             that of an earlier diagnosis, or none. What that diagnosis found is added to it.
         tilt: known roll and pitch of the base [rad]; None as for ``payload``.
@@ -85,20 +101,30 @@ def diagnose(
             (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Returns:
-        `LogDiagnosis` or `TableResult`: verdict, causes, ``save``.
+        `LogDiagnosis`, `ServoResult` or `TableResult`: verdict, causes, ``save``.
 
     Raises:
         StictionError: files that cannot be read, do not fit the robot, or are of two kinds; logs to
             check with that show no joint that moved in the others, or were diagnosed too.
     """
-    given = [data] if isinstance(data, str | Path | JointLog) else list(data)
-    check = [check] if isinstance(check, str | Path | JointLog) else list(check)
+    given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
+    check = [check] if isinstance(check, str | Path | RobotLog) else list(check)
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
     torque_side(torque, ())  # report an invalid side first
     if method not in METHODS:
         raise unknown("method", method, METHODS)
     of_tables = _of_tables(given)
+    positions = not of_tables and _drive([*given, *check], drive, joints, topic) == POSITION
+    servo = {"stiffness": servo_stiffness, "damping": servo_damping, "same": same_servo}
+    if positions:
+        used = {"poses": bool(poses), "method": method != "auto", "cutoff": cutoff_hz is not None}
+        used |= {"torque": torque is not None}
+    else:
+        used = {f"servo {k}": v is not None and v is not False for k, v in servo.items()}
+    for option in (k for k, is_used in used.items() if is_used):
+        what = "joint logs (tau1..n)" if positions else "servo logs (q_cmd1..n)"
+        raise StictionError(f"{option}: expected {what}")
     nominal = default_nominal(given) if nominal is None else nominal
     if of_tables:
         used = {"torque": torque == "link", "poses": bool(poses), "method": method != "auto"}
@@ -111,13 +137,26 @@ def diagnose(
     own = override(gap_settings(), settings)
     if isinstance(robot, Arm) and not (payload is tilt is chain is None):
         raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
-    arm, judged = nominal_of(robot, nominal, payload=payload, tilt=tilt, chain=chain)
+    if positions and not isinstance(nominal, str | Path):
+        raise StictionError("nominal: expected rigid or a model.toml for servo logs")
+    arm, judged = nominal_of(
+        robot, "rigid" if positions else nominal, payload=payload, tilt=tilt, chain=chain
+    )
+    if positions:
+        known = servo_of(arm, nominal, **servo)
     sources = log_sources([*given, *poses]) | log_sources(check, "check")
     naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
-    logs = [] if of_tables else _read(given, poses, arm, naming, own.motion)
     # report problems of these logs before the long computation
-    others = _read(check, (), arm, naming, own.motion) if check else []
-    side = torque_side(torque, [*logs, *others])
+    logs: list[JointLog] = []
+    others: list[JointLog] = []
+    side = "motor"
+    if positions:
+        commanded = read_servo_files(given, arm, naming, own.motion)
+        unseen = read_servo_files(check, arm, naming, own.motion)
+    elif not of_tables:
+        logs = _read(given, poses, arm, naming, own.motion)
+        others = _read(check, (), arm, naming, own.motion) if check else []
+        side = torque_side(torque, [*logs, *others])
     arguments = {
         "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
         "check": [str(x) if isinstance(x, str | Path) else x.source for x in check],
@@ -133,6 +172,10 @@ def diagnose(
         "method": method,
         **sources.in_memory,
     }
+    if positions:
+        arguments["servo"] = {
+            k: v if isinstance(v, bool | None) else list(v) for k, v in servo.items()
+        }
     if chain is not None:
         arguments["chain"] = list(chain)
     if settings is not None:
@@ -152,6 +195,8 @@ def diagnose(
     if of_tables:
         files = [x for x in given if isinstance(x, str | Path)]
         return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
+    if positions:
+        return servo_result(commanded, unseen, arm, known, progress=progress, **shared)
     to_check = check_logs(others, logs, arm, own, cutoff_hz=cutoff_hz) if others else None
     found = diagnose_logs(
         logs,
@@ -188,11 +233,31 @@ def _of_tables(data: Sequence[Log]) -> bool:
         StictionError: some are and some are not.
     """
     kinds = {file_kind(x): x for x in data if isinstance(x, str | Path)}
-    if TABLE in kinds and (len(kinds) > 1 or any(isinstance(x, JointLog) for x in data)):
+    if TABLE in kinds and (len(kinds) > 1 or any(isinstance(x, RobotLog) for x in data)):
         raise StictionError(
             f"{kinds[TABLE]} is a torque table, the others are joint logs: expected one kind"
         )
     return TABLE in kinds
+
+
+def _drive(data: Sequence[Log], asked: str | None, joints: Sequence[str], topic: str | None) -> str:
+    """Return what drives the joints of all logs, "torque" or "position".
+
+    Raises:
+        StictionError: an unknown drive, a log with neither torques nor commands, or logs of both.
+    """
+    if asked is not None:
+        if asked not in (TORQUE, POSITION):
+            raise unknown("drive", asked, (TORQUE, POSITION))
+        return asked
+    naming = Naming(joints=tuple(joints), topic=topic)
+    found = {drive_of(x, naming): x for x in data}
+    if len(found) > 1:
+        raise StictionError(
+            f"{found[POSITION]}: a servo log, {found[TORQUE]} has torques: expected one kind, or "
+            "drive torque or position"
+        )
+    return next(iter(found), TORQUE)
 
 
 def _read(

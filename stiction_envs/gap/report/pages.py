@@ -28,7 +28,7 @@ from stiction_envs.reporting.markdown import listed, number, percent, short, tab
 Array = NDArray[np.float64]
 
 
-def _section(
+def section(
     cause: NamedCause | FoundTableCause,
     parameters: Mapping[str, Mapping[str, Estimate]],
     units: Mapping[str, str],
@@ -52,7 +52,7 @@ def _section(
         "gain_percent": cause.gain_percent,
         "confused_with": tuple(cause.confused_with),
         "what_would": [f"from {other}: {text}" for other, text in what_would.items()],
-        "picture": _shown(picture) if picture else "",
+        "picture": shown(picture) if picture else "",
         "parameters": table_text(header, rows) if rows else "",
     }
 
@@ -67,7 +67,7 @@ def _values(e: Estimate) -> list[str]:
     return [", ".join(short(x) for x in values), spans, bound]
 
 
-def _shown(picture: Picture) -> str:
+def shown(picture: Picture) -> str:
     """Return a picture and its caption in Markdown."""
     alt = picture.file.removesuffix(".png").replace("_", " ")
     return f"![{alt}]({PLOTS}/{picture.file})\n\n{picture.caption}"
@@ -87,12 +87,12 @@ def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, An
         label = "held-out error over friction [%]"
         path = plots / "summary.png"
         drawn = draw_summary(nominal, extended, noise, path, label, caption, d.joints)
-        pictures["summary"] = _shown(drawn)
+        pictures["summary"] = shown(drawn)
     return {
         "headline": headline,
         "pictures": pictures,
         "causes": [
-            _section(c, {where(c.joints): c.parameters}, c.units, c.confused_with) for c in d.causes
+            section(c, {where(c.joints): c.parameters}, c.units, c.confused_with) for c in d.causes
         ],
         "errors": table_text(
             ["joint", "nominal [%]", "extended [%]", "noise floor [%]"],
@@ -143,10 +143,10 @@ def log_page(
         picture = draw_cause(d, c, plots / f"cause_{c.name}.png")
         mine = cause_named(c.name).what_to_record
         what_would = {x: f"{mine}; {cause_named(x).what_to_record}" for x in c.confused_with}
-        sections.append(_section(c, by_joint, parameter_units(), what_would, picture))
+        sections.append(section(c, by_joint, parameter_units(), what_would, picture))
     return page | {
         "headline": headline,
-        "pictures": {name: _shown(x) for name, x in pictures.items()},
+        "pictures": {name: shown(x) for name, x in pictures.items()},
         "causes": sections,
         "residuals": _residuals(d),
         "links": "" if d.links is None else _links(d.links),

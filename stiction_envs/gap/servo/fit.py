@@ -53,6 +53,7 @@ def fit(
     counts: NDArray[np.bool_] | None = None,
     iterations: int = 15,
     low: Array = LOW,
+    high: Array = HIGH,
 ) -> Fit:
     """Fit parameters from one start.
 
@@ -63,11 +64,12 @@ def fit(
         counts: (T,) rows that count; None for all.
         iterations: at most.
         low: (P,) lower bounds.
+        high: (P,) upper bounds.
     """
     at = np.array([INDEX[name] for name in free], dtype=np.int64)
     weight = np.ones(len(motion.t)) if counts is None else counts.astype(np.float64)
     best = np.array(start, dtype=np.float64)
-    best[at] = np.clip(best[at], low[at], HIGH[at])
+    best[at] = np.clip(best[at], low[at], high[at])
     angle = motion.simulate(best[None])[0]
     error = _error(motion, angle, weight)
     cost, damping = float(error @ error), 1e-2
@@ -76,7 +78,7 @@ def fit(
         hessian, gradient = slopes @ slopes.T, slopes @ error
         improved = False
         for _ in range(3):
-            tried = _steps(best, at, hessian, gradient, damping * DAMPINGS, low)
+            tried = _steps(best, at, hessian, gradient, damping * DAMPINGS, (low, high))
             angles = motion.simulate(tried)
             errors = [_error(motion, a, weight) for a in angles]
             costs = np.array([e @ e for e in errors])
@@ -95,7 +97,9 @@ def fit(
     return Fit(parameters=best, free=tuple(free), angle=angle, error=error)
 
 
-def derivatives(motion: JointMotion, parameters: Array, at: NDArray[np.int64], angle: Array) -> Array:
+def derivatives(
+    motion: JointMotion, parameters: Array, at: NDArray[np.int64], angle: Array
+) -> Array:
     """Return (F, T) change of the angle per step of the parameters ``at`` [rad]."""
     varied = np.repeat(parameters[None], len(at), axis=0)
     sign = np.where(parameters[at] + DIFFERENCE * STEP[at] > HIGH[at], -1.0, 1.0)
@@ -112,9 +116,15 @@ def _error(motion: JointMotion, angle: Array, weight: Array) -> Array:
 
 
 def _steps(
-    best: Array, at: NDArray[np.int64], hessian: Array, gradient: Array, dampings: Array, low: Array
+    best: Array,
+    at: NDArray[np.int64],
+    hessian: Array,
+    gradient: Array,
+    dampings: Array,
+    bounds: tuple[Array, Array],
 ) -> Array:
     """Return one set of parameters per damping; those on a bound that push outward stay."""
+    low, high = bounds[0][at], bounds[1][at]
     out = np.repeat(best[None], len(dampings), axis=0)
     diagonal = np.diag(np.diag(hessian) + 1e-15)
     for row, damping in zip(out, dampings, strict=True):
@@ -124,15 +134,11 @@ def _steps(
             m = np.flatnonzero(moving)
             if len(m) == 0:
                 break
-            x[m] = np.linalg.solve(
-                (hessian + damping * diagonal)[np.ix_(m, m)] , gradient[m]
-            )
+            x[m] = np.linalg.solve((hessian + damping * diagonal)[np.ix_(m, m)], gradient[m])
             new = best[at] + x * STEP[at]
-            outward = (new < low[at]) & (best[at] <= low[at]) | (new > HIGH[at]) & (
-                best[at] >= HIGH[at]
-            )
+            outward = (new < low) & (best[at] <= low) | (new > high) & (best[at] >= high)
             if not (outward & moving).any():
                 break
             moving &= ~outward
-        row[at] = np.clip(best[at] + x * STEP[at], low[at], HIGH[at])
+        row[at] = np.clip(best[at] + x * STEP[at], low, high)
     return out

@@ -75,6 +75,7 @@ class JointMotion:
             self.slope,
             self.inertia,
             self.coupling,
+            float(np.abs(self.gravity).mean()),
             self.substeps,
             out,
         )
@@ -83,7 +84,9 @@ class JointMotion:
     def only(self, keep: NDArray[np.bool_]) -> JointMotion:
         """Return the segments that ``keep`` (S,) names."""
         parts = [slice(a, b) for a, b in pairwise(self.bounds)]
-        rows = np.concatenate([np.arange(p.start, p.stop) for p, k in zip(parts, keep, strict=True) if k])
+        rows = np.concatenate(
+            [np.arange(p.start, p.stop) for p, k in zip(parts, keep, strict=True) if k]
+        )
         nodes = np.concatenate(
             [
                 np.arange(p.start + 2 * s, p.stop + 2 * s + 2)
@@ -105,7 +108,19 @@ class JointMotion:
 
 @compiled
 def _simulate(  # type: ignore[no-untyped-def]
-    parameters, bounds, t, q, times, integral, gravity, slope, inertia, coupling, substeps, out
+    parameters,
+    bounds,
+    t,
+    q,
+    times,
+    integral,
+    gravity,
+    slope,
+    inertia,
+    coupling,
+    usual,
+    substeps,
+    out,
 ):
     segments = len(bounds) - 1
     for i in range(len(parameters) * segments):
@@ -122,6 +137,7 @@ def _simulate(  # type: ignore[no-untyped-def]
             slope[a:b],
             inertia[a:b],
             coupling[a:b],
+            usual,
             substeps,
             out[c, a:b],
         )
@@ -129,9 +145,12 @@ def _simulate(  # type: ignore[no-untyped-def]
 
 @compiled
 def _segment(  # type: ignore[no-untyped-def]
-    p, t, measured, times, integral, gravity, slope, inertia, coupling, substeps, out
+    p, t, measured, times, integral, gravity, slope, inertia, coupling, usual, substeps, out
 ):
-    """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`."""
+    """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`.
+
+    The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant.
+    """
     stiffness, viscous, armature, delay, stiction, drop, stribeck, load = p[:8]
     presliding, limit, fastest, dead, offset, compensated = p[8:]
     last = len(times) - 2
@@ -146,8 +165,9 @@ def _segment(  # type: ignore[no-untyped-def]
     pull = (1.0 - compensated) * gravity[0] + coupling[0]
     level = max(stiction + load * abs(gravity[0]), 1e-6)
     push = _servo(reference - angle - offset, stiffness, dead, limit) - pull
+    stiffest = max(stiction + load * usual, 1e-6) / presliding
     # at rest the bristle carries what it can
-    deflection = presliding * max(-1.0, min(1.0, push / level))
+    deflection = max(-level, min(level, push)) / stiffest
     n = len(out)
     for k in range(n - 1):
         out[k] = angle + offset
@@ -169,7 +189,7 @@ def _segment(  # type: ignore[no-untyped-def]
             weight = gravity[k] + part * (gravity[k + 1] - gravity[k]) + slope[k] * (angle - where)
             pull = (1.0 - compensated) * weight + coupling[k]
             level = max(stiction + load * abs(weight), 1e-6)
-            bristle = min(level / presliding, STIFFEST * mass / (h * h))
+            bristle = min(stiffest, STIFFEST * mass / (h * h))
             damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
             g = level * (1.0 - drop + drop * np.exp(-((speed / stribeck) ** 2)))
             a = max(abs(speed) * bristle * h / g, 1e-15)

@@ -49,10 +49,22 @@ PARAMETERS: dict[str, Parameter] = {
         absent=np.nan,
     ),
     "damping": Parameter(
-        cause="damping", key="damping_nms", unit="N·m·s/rad", low=0.0, high=200.0, step=0.2, absent=0.0
+        cause="damping",
+        key="damping_nms",
+        unit="N·m·s/rad",
+        low=0.0,
+        high=200.0,
+        step=0.2,
+        absent=0.0,
     ),
     "armature": Parameter(
-        cause="armature", key="armature_kgm2", unit="kg·m²", low=0.0, high=5.0, step=0.02, absent=0.0
+        cause="armature",
+        key="armature_kgm2",
+        unit="kg·m²",
+        low=0.0,
+        high=5.0,
+        step=0.02,
+        absent=0.0,
     ),
     "delay": Parameter(
         cause="delay", key="delay_s", unit="s", low=-0.03, high=0.2, step=0.005, absent=0.0
@@ -124,7 +136,7 @@ PARAMETERS: dict[str, Parameter] = {
         cause="gravity_compensation_missing",
         key="share",
         unit="1",
-        low=0.0,
+        low=-0.2,
         high=1.2,
         step=0.2,
         absent=0.0,

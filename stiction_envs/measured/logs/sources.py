@@ -13,7 +13,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.files import is_log
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 
-Log = str | Path | JointLog
+Log = str | Path | RobotLog
 SIDES = ("motor", "link")
 """Of the gear, on which torque can be measured."""
 

@@ -1,0 +1,151 @@
+"""A diagnosed arm under position servos as plain MJCF and as ``model.toml``."""
+
+from __future__ import annotations
+
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
+from stiction_envs.gap.servo.arm import friction_of
+from stiction_envs.gap.servo.fit import HIGH, LOW
+from stiction_envs.gap.servo.parameters import FAR, INDEX, NAMES, PARAMETERS
+from stiction_envs.reporting.toml import toml_text
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+_COMMENT = """ {name} under position servos as its logs show it, by stiction diagnose. SI units.
+     Controls JOINT_servo are commanded angles [rad]; JOINT_torque are further torques [N m], zero
+     on the robot. Friction is a LuGre bristle in each dcmotor, so that joints stop short and stay;
+     damping is joint damping. Gravity acts. Keep integrator Euler and a timestep of at most
+     {timestep:g} s. Contacts are off. What was found and MuJoCo cannot express:
+{missing} """
+
+
+def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str, ...]]:
+    """Return plain MJCF of the arm under its servos, and what it cannot express.
+
+    Args:
+        arm: the rigid arm.
+        parameters: (n, P), in the order of `parameters.NAMES`.
+        load: (n,) usual size of gravity [N·m]; load-dependent friction is held at it.
+
+    Raises:
+        StictionError: MuJoCo cannot represent the model.
+    """
+    missing = tuple(_missing(parameters))
+    n = arm.n
+    text = write_mjcf(
+        arm,
+        _at_load(friction_of(arm, parameters, load), load),
+        pull=np.zeros((n, 2)),
+        offset=np.zeros(n),
+        missing=(),
+    )
+    root = ET.fromstring(text)
+    actuators = root.find("actuator")
+    assert actuators is not None
+    for j, name in enumerate(arm.joint_names):
+        servo = ET.SubElement(
+            actuators,
+            "position",
+            name=f"{name}_servo",
+            joint=name,
+            kp=repr(float(parameters[j, INDEX["stiffness"]])),
+        )
+        limit = float(parameters[j, INDEX["torque_limit"]])
+        if limit < FAR:
+            servo.set("forcerange", f"{-limit!r} {limit!r}")
+    listed = [f"     - {m}" for m in missing] or ["     - nothing"]
+    comment = _COMMENT.format(name=arm.name, timestep=TIMESTEP, missing="\n".join(listed))
+    ET.indent(root)
+    out = f"<!--{comment.replace('--', '- -')}-->\n{ET.tostring(root, encoding='unicode')}\n"
+    try:
+        mujoco.MjModel.from_xml_string(out)
+    except ValueError as error:
+        raise StictionError(f"{arm.name}: the extended model cannot be built: {error}") from None
+    return out, missing
+
+
+def _at_load(friction: FrictionParameters, load: Array) -> FrictionParameters:
+    level = friction.stiction + (friction.load_coefficient * load)[:, None]
+    return friction.replace(stiction=level, load_coefficient=np.zeros(friction.n))
+
+
+def _missing(parameters: Array) -> list[str]:
+    said = {
+        "delay": "joint {j}: its command acts {x:.4g} s later; delay it yourself",
+        "speed_limit": "joint {j}: its command moves at most {x:.4g} rad/s; limit it yourself",
+        "dead_zone": "joint {j}: a dead zone of ±{x:.4g} rad around its command",
+        "load": "joint {j}: friction grows by {x:.3g} of gravity's torque; held at the usual one",
+        "offset": "joint {j}: the logged angle is {x:.4g} rad larger than the model's",
+        "compensation": "joint {j}: its controller adds {x:.3g} of gravity",
+    }
+    out = []
+    for name, text in said.items():
+        none = PARAMETERS[name].absent
+        for j, x in enumerate(parameters[:, INDEX[name]]):
+            if x != none and x < FAR:
+                out.append(text.format(j=j + 1, x=float(x)))
+    return out
+
+
+def servo_toml(parameters: Array) -> str:
+    """Return the TOML table ``[servo]``; floats read back exactly."""
+    table = {name: parameters[:, INDEX[name]].tolist() for name in NAMES}
+    what = "Servos and friction of joints 1 to n: for --nominal of stiction diagnose."
+    return "\n" + toml_text({"servo": table}, comments={"servo": what})
+
+
+def read_servo(path: Path, n: int) -> Array:
+    """Return (n, P) parameters from the table ``[servo]`` of a ``model.toml``.
+
+    Raises:
+        StictionError: unreadable, without that table, or with numbers that cannot be.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))["servo"]
+        out = np.array([table[name] for name in NAMES], dtype=np.float64).T
+    except OSError as error:
+        raise StictionError(f"nominal {path}: {error.strerror}") from None
+    except KeyError as error:
+        raise StictionError(
+            f"nominal {path}: no {error.args[0]!r}: expected a model.toml of a diagnosis of servo "
+            "logs"
+        ) from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise StictionError(
+            f"nominal {path}: [servo] is not as stiction wrote it ({error})"
+        ) from None
+    if out.shape != (n, len(NAMES)):
+        raise StictionError(f"nominal {path}: [servo] is of {len(out)} joints: expected {n}")
+    wrong = ~((out >= LOW) & (out <= HIGH))
+    if wrong.any():
+        j, k = np.argwhere(wrong)[0]
+        raise StictionError(
+            f"nominal {path}: [servo] {NAMES[k]} of joint {j + 1} is {out[j, k]:g}: expected "
+            f"{LOW[k]:g} to {HIGH[k]:g}"
+        )
+    return out
+
+
+def said_of(causes: Sequence[str]) -> dict[str, str]:
+    """Return the source of each friction quantity, for ``model.toml``."""
+    found = "stiction diagnose: servo logs"
+    of = {
+        "coulomb_friction": ("stiction", "coulomb_ratio"),
+        "stribeck_friction": ("coulomb_ratio", "stribeck_velocity"),
+        "damping": ("viscous",),
+        "armature": ("rotor_inertia",),
+        "load_dependent_friction": ("load_coefficient",),
+        "presliding_hysteresis": ("bristle_stiffness",),
+        "gravity_compensation_missing": ("gravity_error",),
+    }
+    return {q: found for cause in causes for q in of.get(cause, ())}

@@ -1,0 +1,110 @@
+"""`diagnose` of servo logs: what is known of the servos, and the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.servo.diagnosis import Servo, diagnose_servo
+from stiction_envs.gap.servo.model import read_servo
+from stiction_envs.gap.servo.parameters import PARAMETERS
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.servo_reader import read_servo_logs
+from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.robots import Arm
+
+
+def servo_of(
+    arm: Arm,
+    nominal: str | Path,
+    *,
+    stiffness: Sequence[float] | None,
+    damping: Sequence[float] | None,
+    same: bool,
+) -> Servo:
+    """Return what is known of the servos.
+
+    Args:
+        arm: the rigid arm.
+        nominal: "rigid", or the ``model.toml`` of an earlier diagnosis of servo logs.
+        stiffness: one for all joints or one each [N·m/rad]; None where unknown.
+        damping: likewise [N·m·s/rad].
+        same: whether all joints have the same servo.
+
+    Raises:
+        StictionError: numbers that cannot be, or another nominal model.
+    """
+    if nominal != "rigid":
+        if Path(nominal).suffix != ".toml":
+            raise StictionError(
+                f"nominal {nominal}: servo logs expect rigid, or the model.toml of an earlier one"
+            )
+        if stiffness is not None or damping is not None:
+            raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
+        return Servo(parameters=read_servo(Path(nominal), arm.n), same=same)
+    if damping is not None and stiffness is None:
+        raise StictionError("servo damping: expected with a servo stiffness")
+    return Servo(
+        stiffness=_each(stiffness, "stiffness", arm.n),
+        damping=_each(damping, "damping", arm.n),
+        same=same,
+    )
+
+
+def _each(values: Sequence[float] | None, name: str, n: int) -> NDArray[np.float64] | None:
+    if values is None:
+        return None
+    p = PARAMETERS[name]
+    out = np.array(values, dtype=np.float64)
+    if out.shape not in ((1,), (n,)):
+        raise StictionError(f"servo {name}: {out.size} numbers: expected 1, or {n}, one per joint")
+    if not ((out >= p.low) & (out <= p.high)).all():
+        raise StictionError(
+            f"servo {name} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}"
+        )
+    return np.broadcast_to(out, (n,)).copy()
+
+
+def read_servo_files(
+    given: Sequence[str | Path | ServoLog], arm: Arm, naming: Naming, motion: MotionThresholds
+) -> list[ServoLog]:
+    """Return the logs in their order.
+
+    Raises:
+        StictionError: as of `read_servo_logs`; a log of another robot.
+    """
+    files = [x for x in given if isinstance(x, str | Path)]
+    read = (
+        read_servo_logs(files, arm.n, limits=arm.limits, naming=naming, motion=motion)
+        if files
+        else []
+    )
+    from_files = iter(read)
+    out = [x if isinstance(x, ServoLog) else next(from_files) for x in given]
+    for log in out:
+        if log.n != arm.n:
+            raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
+    return out
+
+
+def servo_result(
+    logs: Sequence[ServoLog],
+    check: Sequence[ServoLog],
+    arm: Arm,
+    servo: Servo,
+    *,
+    progress: Callable[[str, float], None] | None,
+    **shared: Any,
+) -> ServoResult:
+    """Return the diagnosis of servo logs; ``shared`` are fields of `DiagnosisResult`."""
+    found = diagnose_servo(
+        logs, arm, servo, check=check, threads=shared["threads"], progress=progress
+    )
+    return ServoResult(diagnosis=found, arm=arm, **shared)
