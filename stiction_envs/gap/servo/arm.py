@@ -20,6 +20,8 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
+DEAD_STEPS = 5
+"""Control steps for which a dead zone is held [-]: a servo's own cycle is longer; assumed."""
 ROOM = 0.2
 """Least distance of the model's joint limits from the logged angles [rad]: zeros may be off."""
 
@@ -106,7 +108,7 @@ def simulate_arm(
     dead = parameters[:, INDEX["dead_zone"]]
     angle = np.empty((len(parts), steps + 1, arm.n))
     angle[:, 0] = start
-    block = 1 if dead.any() else BLOCK
+    block = DEAD_STEPS if dead.any() else BLOCK
     torque = np.zeros((len(parts), block, arm.n))
     for k in range(0, steps, block):
         setpoint = reference[:, k : k + block]

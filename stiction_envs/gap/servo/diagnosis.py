@@ -16,7 +16,7 @@ from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.choose import CLOSE, LAG, Chooser, JointCauses, Question
+from stiction_envs.gap.servo.choose import LAG, LINKS_LEAVE, Chooser, JointCauses, Question
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
@@ -38,6 +38,9 @@ MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PLACEHOLDER = 10.0
 """Stiffness of a servo of which nothing is known [N·m/rad]; assumed, and said."""
+
+CLOSE = 3.0
+"""Largest error over the noise floor that counts as explained [-], as for joint logs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -552,5 +555,5 @@ def _named(
 
 def _verdict(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:
     if not causes:
-        return "no discrepancy" if (nominal < CLOSE * noise).all() else "cannot tell"
+        return "no discrepancy" if (nominal < LINKS_LEAVE * noise).all() else "cannot tell"
     return "explained" if (extended < CLOSE * noise).all() else "partly explained"

@@ -162,8 +162,9 @@ def _segment(  # type: ignore[no-untyped-def]
     passed = integral[i] + rate * (late - times[i])
     reference = rate
     angle, speed = measured[0] - offset, 0.0
-    pull = (1.0 - compensated) * gravity[0] + coupling[0]
-    level = max(stiction + load * abs(gravity[0]), 1e-6)
+    weight = gravity[0] - slope[0] * offset
+    pull = (1.0 - compensated) * weight + coupling[0]
+    level = max(stiction + load * abs(weight), 1e-6)
     push = _servo(reference - angle - offset, stiffness, dead, limit) - pull
     stiffest = max(stiction + load * usual, 1e-6) / presliding
     # at rest the bristle carries what it can
@@ -185,7 +186,7 @@ def _segment(  # type: ignore[no-untyped-def]
             passed = now
             reference += max(-fastest * h, min(fastest * h, change))
             u = _servo(reference - angle - offset, stiffness, dead, limit)
-            where = measured[k] + part * (measured[k + 1] - measured[k]) - offset
+            where = measured[k] + part * (measured[k + 1] - measured[k])
             weight = gravity[k] + part * (gravity[k + 1] - gravity[k]) + slope[k] * (angle - where)
             pull = (1.0 - compensated) * weight + coupling[k]
             level = max(stiction + load * abs(weight), 1e-6)

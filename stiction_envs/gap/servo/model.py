@@ -122,7 +122,7 @@ def read_servo(path: Path, n: int) -> Array:
         ) from None
     except (TypeError, ValueError, OverflowError) as error:
         raise StictionError(
-            f"nominal {path}: [servo] is not as stiction wrote it ({error})"
+            f"nominal {path}: [servo] is not as stiction diagnose writes it ({error})"
         ) from None
     if out.shape != (n, len(NAMES)):
         raise StictionError(f"nominal {path}: [servo] is of {len(out)} joints: expected {n}")

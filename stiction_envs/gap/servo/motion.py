@@ -96,6 +96,7 @@ def _gravity(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Return the (n,) gravity torque at rest at ``data.qpos`` [N·m]."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)  # at rest: what the last speeds left would count
     out = np.zeros(model.nv)
     mujoco.mj_rne(model, data, 0, out)
     return out

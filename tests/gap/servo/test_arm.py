@@ -1,0 +1,161 @@
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.gap.servo.model import read_servo, servo_mjcf, servo_toml
+from stiction_envs.gap.servo.motion import joint_motions
+from stiction_envs.gap.servo.parameters import INDEX, NAMES
+from stiction_envs.measured.logs.robot_log import ServoLog
+from tests.gap.servo.small_arm import parameters, two_links
+
+
+def _log(seconds: float = 8.0) -> ServoLog:
+    t = np.arange(0.0, seconds, 0.02)
+    command = np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t + 1.0)], axis=1)
+    return ServoLog(source="plan.csv", t=t, q=command.copy(), dq=None, q_cmd=command)
+
+
+def _both() -> np.ndarray:
+    p = np.stack([parameters(damping=2.0, stiction=0.6), parameters(damping=0.6, stiction=0.3)])
+    p[:, INDEX["stiffness"]] = [80.0, 30.0]
+    p[1, INDEX["delay"]] = 0.015
+    return p
+
+
+def _again(log: ServoLog, q: np.ndarray) -> ServoLog:
+    return ServoLog(source=log.source, t=log.t, q=q, dq=None, q_cmd=log.q_cmd)
+
+
+def test_a_joint_alone_moves_as_in_the_whole_arm(tmp_path: Path) -> None:
+    arm, log, p = two_links(tmp_path), _log(), _both()
+    load = np.array([3.0, 0.6])
+    q = simulate_arm(arm, [log], p, load, threads=1)[0]
+    motions = joint_motions(arm, [_again(log, q)])
+    for j, m in enumerate(motions):
+        alone = m.simulate(p[j][None])[0]
+        # accelerations of the other joint are known within 5 Hz only
+        assert np.sqrt(np.mean((alone - q[:, j])[50:-50] ** 2)) < 1.5e-3
+
+
+def test_an_arm_without_friction_sags_by_its_gravity(tmp_path: Path) -> None:
+    arm, log = two_links(tmp_path), _log()
+    p = np.stack([parameters(damping=5.0), parameters(damping=2.0)])
+    p[:, INDEX["stiffness"]] = 400.0
+    held = ServoLog(
+        source="rest.csv", t=log.t, q=np.zeros_like(log.q), dq=None, q_cmd=np.zeros_like(log.q)
+    )
+    q = simulate_arm(arm, [held], p, np.zeros(2), threads=1)[0]
+    gravity = joint_motions(arm, [_again(held, q)])
+    for j in range(2):
+        assert -q[-1, j] == pytest.approx(gravity[j].gravity[-1] / 400.0, rel=1e-6)
+
+
+def test_same_bits_for_one_log_and_for_several_and_any_threads(tmp_path: Path) -> None:
+    arm, log, p = two_links(tmp_path), _log(4.0), _both()
+    load = np.array([3.0, 0.6])
+    alone = simulate_arm(arm, [log], p, load, threads=1)[0]
+    other = _log(6.0)
+    several = simulate_arm(arm, [other, log, log], p, load, threads=2)
+    assert np.array_equal(several[1], alone)
+    assert np.array_equal(several[2], alone)
+
+
+def test_model_xml_moves_in_stock_mujoco_as_in_the_plant(tmp_path: Path) -> None:
+    arm, log, p = two_links(tmp_path), _log(), _both()
+    p[1, INDEX["delay"]] = 0.0  # MuJoCo's servo has none
+    text, missing = servo_mjcf(arm, p, np.array([3.0, 0.6]))
+    assert missing == ()
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    q = simulate_arm(arm, [log], p, np.array([3.0, 0.6]), threads=1)[0]
+    servos = [model.actuator(f"{name}_servo").id for name in arm.joint_names]
+    data.qpos[:] = q[0]
+    found = []
+    for row in log.q_cmd:
+        found.append(data.qpos.copy())
+        data.ctrl[servos] = row
+        for _ in range(20):
+            mujoco.mj_step(model, data)
+    # it starts with relaxed bristles
+    assert np.abs(np.array(found) - q)[100:].max() < 2e-3
+
+
+def test_what_mujoco_cannot_hold_is_said(tmp_path: Path) -> None:
+    p = _both()
+    p[0, INDEX["speed_limit"]], p[1, INDEX["dead_zone"]] = 1.5, 0.01
+    text, missing = servo_mjcf(two_links(tmp_path), p, np.zeros(2))
+    assert any("joint 1" in m and "1.5 rad/s" in m for m in missing)
+    assert any("joint 2" in m and "dead zone" in m for m in missing)
+    assert all(m in text for m in missing)
+
+
+def test_servos_read_back_to_the_bit(tmp_path: Path) -> None:
+    p = _both()
+    p[0, :4] *= 1 + 1e-15
+    path = tmp_path / "model.toml"
+    path.write_text(servo_toml(p))
+    assert np.array_equal(read_servo(path, 2), p)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no 'servo'"),
+        ("[servo]\nstiffness = [1.0]", "no 'damping'"),
+        ("[servo", "not as stiction diagnose writes it"),
+        ("wrong joints", "of 3 joints: expected 2"),
+        ("negative", "stiffness of joint 1 is -1"),
+        ("nan", "delay of joint 2 is nan"),
+    ],
+)
+def test_a_bad_table_of_servos_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    p = _both()
+    if text == "wrong joints":
+        text = servo_toml(np.vstack([p, p[:1]]))
+    elif text == "negative":
+        p[0, INDEX["stiffness"]] = -1.0
+        text = servo_toml(p)
+    elif text == "nan":
+        p[1, INDEX["delay"]] = np.nan
+        text = servo_toml(p)
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    with pytest.raises(StictionError) as error:
+        read_servo(path, 2)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+    assert len(NAMES) == p.shape[1]
+
+
+def test_gravity_of_a_motion_does_not_depend_on_its_speed(tmp_path: Path) -> None:
+    arm, log = two_links(tmp_path), _log()
+    moving = joint_motions(arm, [log])
+    k = 120
+    rest = ServoLog(
+        source="rest.csv",
+        t=log.t,
+        q=np.tile(log.q[k], (len(log.t), 1)),
+        dq=None,
+        q_cmd=log.q_cmd,
+    )
+    still = joint_motions(arm, [rest])
+    for a, b in zip(moving, still, strict=True):
+        assert a.gravity[k] == pytest.approx(b.gravity[k], abs=1e-12)
+        assert b.coupling[k] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_compensated_gravity_does_not_sag_the_whole_arm(tmp_path: Path) -> None:
+    arm, log = two_links(tmp_path), _log()
+    p = np.stack(
+        [parameters(damping=5.0, compensation=1.0), parameters(damping=2.0, compensation=1.0)]
+    )
+    p[:, INDEX["stiffness"]] = 400.0
+    held = ServoLog(
+        source="rest.csv", t=log.t, q=np.zeros_like(log.q), dq=None, q_cmd=np.zeros_like(log.q)
+    )
+    q = simulate_arm(arm, [held], p, np.zeros(2), threads=1)[0]
+    assert np.abs(q[-1]).max() < 1e-4

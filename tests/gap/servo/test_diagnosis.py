@@ -1,0 +1,122 @@
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs import diagnose
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.servo.diagnosis import Servo, diagnose_servo
+from stiction_envs.hidden.servo_logs import CAUSES, HiddenServoLog, hide
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.robots import Arm
+from tests.gap.servo.small_arm import TWO_LINKS, two_links
+
+pytestmark = pytest.mark.slow
+
+
+def _hidden(arm: Arm, *causes: str, seed: int = 3, seconds: float = 45.0) -> HiddenServoLog:
+    return hide(arm, causes, seed=seed, seconds=seconds, start=np.array([-0.6, 0.8]))
+
+
+def _found(arm: Arm, h: HiddenServoLog) -> set[tuple[str, int]]:
+    servo = Servo(stiffness=h.stiffness, damping=h.damping)
+    d = diagnose_servo([h.log], arm, servo, threads=2)
+    return {(c.name, j) for c in d.causes for j in c.joints}
+
+
+def test_where_nothing_is_hidden_nothing_is_named(tmp_path: Path) -> None:
+    arm = two_links(tmp_path)
+    for seed in (1, 2):
+        h = _hidden(arm, seed=seed)
+        d = diagnose_servo([h.log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+        assert d.causes == ()
+        assert d.verdict == "no discrepancy"
+
+
+@pytest.mark.parametrize("cause", ["coulomb_friction", "dead_zone", "speed_limit", "torque_limit"])
+def test_a_hidden_cause_is_found_on_its_joint(tmp_path: Path, cause: str) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, cause)
+    assert h.hidden[0] in _found(arm, h)
+
+
+def test_two_hidden_causes_are_both_found(tmp_path: Path) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, "coulomb_friction", "servo_stiffness", seed=5)
+    assert set(h.hidden) <= _found(arm, h)
+
+
+def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(tmp_path: Path) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, "coulomb_friction")
+    d = diagnose_servo([h.log], arm, Servo())
+    assert d.nominal_rms == pytest.approx(
+        np.sqrt(np.mean((h.log.q - h.log.q_cmd) ** 2, axis=0)), rel=1e-12
+    )
+    assert (d.extended_rms < 0.25 * d.nominal_rms).all()
+    stiffness = next(c for c in d.causes if c.name == "servo_stiffness").parameters
+    for j, found in stiffness.items():
+        # links are off by 5 %, and set the scale
+        assert found["stiffness_nm_per_rad"].value == pytest.approx(h.stiffness[j - 1], rel=0.25)
+
+
+def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(tmp_path: Path) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, "coulomb_friction")
+    t, q = h.log.t, h.log.q.copy()
+    command = h.log.q_cmd.copy()
+    stop = (t > 30.0) & (t < 34.0)
+    command[stop, 1] += 1.2  # told to go on, it stands
+    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
+    log = ServoLog(source="held.csv", t=t, q=q, dq=None, q_cmd=command)
+    d = diagnose_servo([log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+    assert any(c.name == "external_contact" and c.joints == (2,) for c in d.causes)
+    (begin, end), *more = d.touching[0]
+    assert not more
+    assert 28.0 < begin < 31.0
+    assert 33.0 < end < 36.0
+    assert h.hidden[0] in {(c.name, j) for c in d.causes for j in c.joints}
+
+
+def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
+    robot = tmp_path / "two_links.xml"
+    robot.write_text(TWO_LINKS)
+    arm = two_links(tmp_path)
+    h, other = _hidden(arm, "coulomb_friction"), _hidden(arm, "coulomb_friction", seconds=30.0)
+    path = tmp_path / "log.csv"
+    names = ["t", "q_cmd1", "q_cmd2", "q1", "q2"]
+    table = np.column_stack([h.log.t, h.log.q_cmd, h.log.q])
+    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9f")
+    known = {"servo_stiffness": h.stiffness.tolist(), "servo_damping": h.damping.tolist()}
+    found = diagnose(path, robot, check=[other.log], **known)
+    found.save(tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert written["verdict"] in ("explained", "partly explained")
+    assert len(written["extended"]["rms_rad"]) == len(written["noise_floor_rad"]) == 2
+    assert written["check"]["verdict"] == "holds"
+    assert len(written["check"]["extended_rms_rad"]) == 2
+    cause = next(c for c in written["causes"] if c["name"] == "coulomb_friction")
+    assert (
+        cause["parameters"]["coulomb_nm"]["ci95"][0] <= cause["parameters"]["coulomb_nm"]["value"]
+    )
+    mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))
+    assert "mrad" in (tmp_path / "out" / "report.html").read_text()
+    again = diagnose(path, robot, nominal=tmp_path / "out" / "model.toml")
+    assert again.verdict == "no discrepancy"
+    assert "Coulomb" not in str(again)
+
+
+def test_same_log_same_answer_on_any_number_of_threads(tmp_path: Path) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, "coulomb_friction", seconds=20.0)
+    servo = Servo(stiffness=h.stiffness, damping=h.damping)
+    one, two = (diagnose_servo([h.log], arm, servo, threads=k).to_json() for k in (1, 2))
+    assert one == two
+
+
+def test_an_unknown_cause_cannot_be_hidden(tmp_path: Path) -> None:
+    with pytest.raises(StictionError, match="unknown"):
+        _hidden(two_links(tmp_path), "gremlins")
+    assert "coulomb_friction" in CAUSES

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from stiction_envs.gap.servo.joint import STEP
+from tests.gap.servo.small_arm import motion, parameters
+
+
+def test_without_friction_a_step_is_answered_as_by_a_second_order_system() -> None:
+    command = np.where(np.arange(200) < 20, 0.0, 0.3)
+    damping, stiffness, inertia = 0.4, 20.0, 0.02
+    got = motion(command, inertia=inertia).simulate(parameters(damping=damping)[None])[0]
+    t = 0.01 * (np.arange(200) - 20)
+    roots = np.roots([inertia, damping, stiffness]).astype(complex)
+    a, b = roots
+    late = np.maximum(t, 0.0)
+    exact = (
+        0.3 * (1 + (b * np.exp(a * late) - a * np.exp(b * late)).real / (a - b).real)
+        if (abs((a - b).imag) < 1e-9)
+        else 0.3 * (1 + ((b * np.exp(a * late) - a * np.exp(b * late)) / (a - b)).real)
+    )
+    exact[t < 0] = 0.0
+    # semi-implicit Euler is late by about a step
+    assert np.abs(got - exact).max() < 0.3 * 35 * STEP / 2
+
+
+def test_gravity_sags_a_joint_without_friction_by_its_torque_over_the_stiffness() -> None:
+    m = motion(np.zeros(400), gravity=1.0)
+    got = m.simulate(parameters(damping=1.0)[None])[0]
+    assert got[-1] == pytest.approx(-1.0 / 20.0, rel=1e-6)
+
+
+def test_compensated_gravity_does_not_sag() -> None:
+    m = motion(np.zeros(400), gravity=1.0)
+    got = m.simulate(parameters(damping=1.0, compensation=1.0)[None])[0]
+    assert np.abs(got).max() < 1e-12
+
+
+def test_a_joint_holds_below_its_stiction_and_does_not_creep() -> None:
+    command = np.where(np.arange(6000) < 10, 0.0, 0.03)  # 0.6 N·m against 0.8
+    got = motion(command).simulate(parameters(damping=0.5, stiction=0.8)[None])[0]
+    assert np.abs(got).max() < 4e-3  # presliding
+    assert abs(got[-1] - got[1000]) < 1e-6  # 50 s
+
+
+def test_a_joint_goes_above_its_stiction_and_stops_short_by_it() -> None:
+    command = np.where(np.arange(600) < 10, 0.0, 0.2)
+    got = motion(command).simulate(parameters(damping=2.0, stiction=0.8)[None])[0]
+    assert got[-1] == pytest.approx(0.2 - 0.8 / 20.0, abs=1e-3)
+
+
+def test_a_delay_shifts_the_answer() -> None:
+    t = 0.01 * np.arange(600)
+    command = 0.3 * np.sin(2 * np.pi * 0.5 * t)
+    m = motion(command)
+    now, late = m.simulate(np.stack([parameters(damping=0.5), parameters(damping=0.5, delay=0.03)]))
+    assert np.abs(late[200:] - np.interp(t - 0.03, t, now)[200:]).max() < 1e-4
+
+
+def test_the_servo_is_limited_in_torque_and_the_command_in_speed() -> None:
+    command = np.where(np.arange(400) < 10, 0.0, 1.0)
+    m = motion(command)
+    weak, slow = m.simulate(
+        np.stack(
+            [parameters(damping=2.0, torque_limit=1.0), parameters(damping=0.5, speed_limit=0.4)]
+        )
+    )
+    assert np.diff(weak).max() / 0.01 == pytest.approx(1.0 / 2.0, rel=0.01)  # limit / damping
+    assert np.diff(slow[60:250]).max() / 0.01 == pytest.approx(0.4, rel=0.01)
+
+
+def test_inside_its_dead_zone_a_servo_does_nothing() -> None:
+    command = np.where(np.arange(400) < 10, 0.0, 0.2)
+    m = motion(command)
+    got, still = m.simulate(
+        np.stack([parameters(damping=2.0, dead_zone=0.05), parameters(damping=2.0, dead_zone=0.3)])
+    )
+    assert got[-1] == pytest.approx(0.15, abs=1e-4)
+    assert np.abs(still).max() == 0.0
+
+
+def test_an_offset_of_the_encoder_shows_only_through_gravity() -> None:
+    command = 0.3 * np.sin(0.05 * np.arange(500))
+    without = motion(command).simulate(
+        np.stack([parameters(damping=1.0), parameters(damping=1.0, offset=0.1)])
+    )
+    assert np.abs(without[0] - without[1])[100:].max() < 1e-9
+    heavy = motion(command, slope=2.0).simulate(
+        np.stack([parameters(damping=1.0), parameters(damping=1.0, offset=0.1)])
+    )
+    # measured angles are those commanded here, so gravity is slope times the command
+    assert (heavy[0] - heavy[1])[-1] == pytest.approx(-2.0 * 0.1 / 22.0, rel=0.05)
+
+
+def test_parts_of_a_motion_answer_as_they_do_in_the_whole() -> None:
+    command = 0.3 * np.sin(0.05 * np.arange(300))
+    one, p = motion(command), parameters(damping=0.5, stiction=0.1)[None]
+    both = type(one)(
+        bounds=np.array([0, 300, 600]),
+        **{
+            name: np.concatenate([getattr(one, name)] * 2)
+            for name in (
+                *("t", "q", "command", "command_integral", "command_times"),
+                *("gravity", "slope", "inertia", "coupling"),
+            )
+        },
+    )
+    alone = one.simulate(p)[0]
+    assert np.array_equal(both.simulate(p)[0], np.concatenate([alone, alone]))
+    second = both.only(np.array([False, True]))
+    assert np.array_equal(second.simulate(p)[0], alone)

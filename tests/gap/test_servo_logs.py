@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs import diagnose
+from stiction_envs.errors import StictionError
+from tests.gap.servo.small_arm import TWO_LINKS
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "two_links.xml"
+    path.write_text(TWO_LINKS)
+    return path
+
+
+def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
+    t = np.arange(0.0, 5.0, 0.02)
+    q = 0.3 * np.sin(np.outer(t, np.arange(1, joints + 1)))
+    columns = {"t": t}
+    if torque:
+        columns |= {f"tau{j + 1}": q[:, j] for j in range(joints)}
+    else:
+        columns |= {f"q_cmd{j + 1}": q[:, j] for j in range(joints)}
+    columns |= {f"q{j + 1}": q[:, j] + 0.01 for j in range(joints)}
+    np.savetxt(
+        path,
+        np.column_stack(list(columns.values())),
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"torque": "link"}, "torque: expected joint logs"),
+        ({"cutoff_hz": 5.0}, "cutoff: expected joint logs"),
+        ({"method": "lsm"}, "method: expected joint logs"),
+        ({"servo_stiffness": [1.0, 2.0, 3.0]}, "servo stiffness: 3 numbers: expected 1, or 2"),
+        ({"servo_stiffness": [-1.0]}, "expected 0.05 to 2000 N·m/rad"),
+        ({"servo_damping": [1.0]}, "servo damping: expected with a servo stiffness"),
+        ({"nominal": "shipped"}, "servo logs expect rigid, or the model.toml"),
+        ({"drive": "magic"}, "unknown drive"),
+    ],
+)
+def test_bad_options_of_a_servo_log_are_one_line(
+    tmp_path: Path, robot: Path, options: dict[str, object], said: str
+) -> None:
+    with pytest.raises(StictionError) as error:
+        diagnose(_log(tmp_path / "log.csv"), robot, **options)  # type: ignore[arg-type]
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_known_of_servos_is_refused_for_logs_of_torque(tmp_path: Path, robot: Path) -> None:
+    with pytest.raises(StictionError, match="servo stiffness: expected servo logs"):
+        diagnose(_log(tmp_path / "log.csv", torque=True), robot, servo_stiffness=[10.0])
+
+
+def test_logs_of_both_kinds_are_refused(tmp_path: Path, robot: Path) -> None:
+    logs = [_log(tmp_path / "a.csv"), _log(tmp_path / "b.csv", torque=True)]
+    with pytest.raises(StictionError, match="expected one kind"):
+        diagnose(logs, robot)
+
+
+def test_a_servo_log_of_another_robot_is_refused(tmp_path: Path, robot: Path) -> None:
+    with pytest.raises(StictionError, match="3 joints, but the robot has 2"):
+        diagnose(_log(tmp_path / "log.csv", joints=3), robot)
