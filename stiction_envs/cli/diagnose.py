@@ -41,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
         help="logs that take no part: does the model that is found hold there?",
     )
     common.add_drive_option(parser)
+    common.add_units_options(parser)
     parser.add_argument(
         "--servo-stiffness",
         nargs="+",
@@ -110,7 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.gap.stages import Stages
     from stiction_envs.robots.registry import robot_files
 
-    inputs = common.log_inputs("log", [*args.logs, *args.poses])
+    inputs = common.log_inputs("log", [*args.logs, *args.poses]) | common.calibration_input(args)
     inputs |= common.log_inputs("check", args.check)
     if args.nominal is None:
         args.nominal = default_nominal(args.logs)
@@ -127,6 +128,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             check=args.check,
             method=args.method,
             drive=args.drive,
+            units=args.units,
+            calibration=args.calibration,
             servo_stiffness=args.servo_stiffness,
             servo_damping=args.servo_damping,
             same_servo=args.same_servo,
@@ -161,6 +164,7 @@ def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
         ("--poses", args.poses),
         ("--method lsm", args.method != "auto"),
         ("--drive position", args.drive == "position"),
+        ("--units", args.units is not None),
     ):
         if given:
             raise StictionError(f"{option}: cannot be used with --rehearse")

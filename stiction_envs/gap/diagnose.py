@@ -8,6 +8,7 @@ d.save("runs/why")             # diagnosis.json, report.html, model.xml, model.t
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,8 @@ def diagnose(
     torque: str | None = None,
     joints: Sequence[str] = (),
     topic: str | None = None,
+    units: str | None = None,
+    calibration: str | Path | None = None,
     nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
     check: Sequence[Log] = (),
@@ -76,6 +79,9 @@ def diagnose(
             what the log says (those of libfranka, franka_ros, iiwa_ros: link), else motor.
         joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
         topic: of ROS bags that have several with joint states.
+        units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
+            log shows (`measured.logs.units`).
+        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
         nominal: the simulation to judge: "rigid" (default for logs), "shipped" (default for
             tables), a TOML (friction, or an earlier ``model.toml``), or parameters.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
@@ -115,13 +121,14 @@ def diagnose(
     if method not in METHODS:
         raise unknown("method", method, METHODS)
     of_tables = _of_tables(given)
-    positions = not of_tables and _drive([*given, *check], drive, joints, topic) == POSITION
-    servo = {"stiffness": servo_stiffness, "damping": servo_damping, "same": same_servo}
+    naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
+    positions = not of_tables and _drive([*given, *check], drive, naming) == POSITION
     if positions:
         used = {"poses": bool(poses), "method": method != "auto", "cutoff": cutoff_hz is not None}
         used |= {"torque": torque is not None}
     else:
-        used = {f"servo {k}": v is not None and v is not False for k, v in servo.items()}
+        used = {"servo stiffness": servo_stiffness is not None, "same servo": same_servo}
+        used |= {"servo damping": servo_damping is not None}
     for option in (k for k, is_used in used.items() if is_used):
         what = "joint logs (tau1..n)" if positions else "servo logs (q_cmd1..n)"
         raise StictionError(f"{option}: expected {what}")
@@ -137,15 +144,17 @@ def diagnose(
     own = override(gap_settings(), settings)
     if isinstance(robot, Arm) and not (payload is tilt is chain is None):
         raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
-    if positions and not isinstance(nominal, str | Path):
-        raise StictionError("nominal: expected rigid or a model.toml for servo logs")
     arm, judged = nominal_of(
         robot, "rigid" if positions else nominal, payload=payload, tilt=tilt, chain=chain
     )
     if positions:
-        known = servo_of(arm, nominal, **servo)
+        if not isinstance(nominal, str | Path):
+            raise StictionError("nominal: expected rigid or a model.toml for servo logs")
+        known = servo_of(
+            arm, nominal, stiffness=servo_stiffness, damping=servo_damping, same=same_servo
+        )
     sources = log_sources([*given, *poses]) | log_sources(check, "check")
-    naming = Naming(robot=arm.joint_names, joints=tuple(joints), topic=topic)
+    naming = dataclasses.replace(naming, robot=arm.joint_names)
     # report problems of these logs before the long computation
     logs: list[JointLog] = []
     others: list[JointLog] = []
@@ -173,14 +182,16 @@ def diagnose(
         **sources.in_memory,
     }
     if positions:
-        arguments["servo"] = {
-            k: v if isinstance(v, bool | None) else list(v) for k, v in servo.items()
-        }
+        arguments["servo"] = [str(x) for x in (servo_stiffness, servo_damping, same_servo)]
+    if units is not None:
+        arguments["units"] = units
     if chain is not None:
         arguments["chain"] = list(chain)
     if settings is not None:
         arguments["settings"] = fingerprint(own)
     inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
+    if calibration is not None:
+        inputs["calibration"] = Path(calibration)
     nominal_name = "given"
     if isinstance(nominal, str | Path):
         nominal_name = Path(nominal).name
@@ -240,7 +251,7 @@ def _of_tables(data: Sequence[Log]) -> bool:
     return TABLE in kinds
 
 
-def _drive(data: Sequence[Log], asked: str | None, joints: Sequence[str], topic: str | None) -> str:
+def _drive(data: Sequence[Log], asked: str | None, naming: Naming) -> str:
     """Return what drives the joints of all logs, "torque" or "position".
 
     Raises:
@@ -250,7 +261,6 @@ def _drive(data: Sequence[Log], asked: str | None, joints: Sequence[str], topic:
         if asked not in (TORQUE, POSITION):
             raise unknown("drive", asked, (TORQUE, POSITION))
         return asked
-    naming = Naming(joints=tuple(joints), topic=topic)
     found = {drive_of(x, naming): x for x in data}
     if len(found) > 1:
         raise StictionError(

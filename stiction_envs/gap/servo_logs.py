@@ -17,6 +17,7 @@ from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import read_servo_logs
+from stiction_envs.measured.logs.sources import Log
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm
 
@@ -73,7 +74,7 @@ def _each(values: Sequence[float] | None, name: str, n: int) -> NDArray[np.float
 
 
 def read_servo_files(
-    given: Sequence[str | Path | ServoLog], arm: Arm, naming: Naming, motion: MotionThresholds
+    given: Sequence[Log], arm: Arm, naming: Naming, motion: MotionThresholds
 ) -> list[ServoLog]:
     """Return the logs in their order.
 
@@ -87,10 +88,14 @@ def read_servo_files(
         else []
     )
     from_files = iter(read)
-    out = [x if isinstance(x, ServoLog) else next(from_files) for x in given]
-    for log in out:
+    out = []
+    for x in given:
+        log = next(from_files) if isinstance(x, str | Path) else x
+        if not isinstance(log, ServoLog):
+            raise StictionError(f"{log.source}: a log of torques: expected servo logs")
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
+        out.append(log)
     return out
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
+from stiction_envs.hidden.rehearsal.rehearse import plan
 from tests.gap.servo.small_arm import TWO_LINKS
 
 
@@ -59,6 +60,11 @@ def test_bad_options_of_a_servo_log_are_one_line(
 def test_what_is_known_of_servos_is_refused_for_logs_of_torque(tmp_path: Path, robot: Path) -> None:
     with pytest.raises(StictionError, match="servo stiffness: expected servo logs"):
         diagnose(_log(tmp_path / "log.csv", torque=True), robot, servo_stiffness=[10.0])
+
+
+def test_a_servo_log_is_not_rehearsed(tmp_path: Path, robot: Path) -> None:
+    with pytest.raises(StictionError, match="missing columns 'tau1'"):
+        plan(_log(tmp_path / "log.csv"), robot)
 
 
 def test_logs_of_both_kinds_are_refused(tmp_path: Path, robot: Path) -> None:

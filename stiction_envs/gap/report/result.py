@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -46,7 +47,7 @@ class DiagnosisResult(Result):
     """Of the report, in ``templates/``."""
     data: ClassVar[str]
     """What was measured: "logs" or "torque tables"."""
-    diagnosis: Diagnosis | TableDiagnosis
+    diagnosis: Diagnosis | ServoDiagnosis | TableDiagnosis
     nominal_name: str
     """The nominal model: "rigid", "shipped", a file's name, or "given"."""
     sources: LogSources

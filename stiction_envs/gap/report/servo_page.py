@@ -47,8 +47,11 @@ def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, An
     n = len(d.noise)
     mrad = [1e3 * x for x in (d.nominal_rms, d.extended_rms, d.noise)]
     caption = "Error of each joint: the simulation that was judged, the extended one, noise floor."
+    nominal, extended, noise = mrad
     summary = draw_summary(
-        *mrad,
+        nominal,
+        extended,
+        noise,
         plots / "summary.png",
         "root mean square of measured less simulated angle [mrad]",
         caption,

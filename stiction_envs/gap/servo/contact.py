@@ -13,6 +13,8 @@ FAR_OFF = 8.0
 """Least error of the fitted model in contact, over its usual size [-]; assumed."""
 STRETCHED = 1.3
 """Least distance from the command in contact, over the 99th percentile elsewhere [-]; assumed."""
+SUSPECT = 3.0
+"""Distance from the command over its 85th percentile that is suspected [-]; assumed."""
 STALLED = 0.1
 """Largest speed in contact, over the usual speed of the motion [-]; assumed."""
 AROUND_SECONDS = 0.5
@@ -21,12 +23,22 @@ MOST = 0.4
 """Largest share of the rows: more is no contact but another cause [-]; assumed."""
 
 
+def suspected(motion: JointMotion) -> Rows:
+    """Return (T,) rows in which a joint stands much further from its command than usually.
+
+    They would bend a fit to all rows, and are judged by one to the others.
+    """
+    stretched = np.abs(motion.command - motion.q)
+    out: Rows = stretched > SUSPECT * np.percentile(stretched, 85)
+    return out
+
+
 def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
     """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
 
     Args:
         motion: of the joint.
-        error: (T,) measured angle less that of a model fitted to all rows [rad].
+        error: (T,) measured angle less that of a model fitted without suspected rows [rad].
         resolution: step of the measured angle [rad].
     """
     usual = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), resolution)

@@ -194,12 +194,13 @@ def diagnose_servo(
             for j in of
         ]
 
-    all_rows = [np.ones(len(m.t), dtype=bool) for m in chosen]
+    usual = [~contact.suspected(m) for m in chosen]
     say("columns of all causes", 0.0)
-    first = list(workers.map(lambda q: Chooser(q).rough(), questions(range(arm.n), all_rows)))
+    first = list(workers.map(lambda q: Chooser(q).rough(), questions(range(arm.n), usual)))
     contacts: dict[int, NDArray[np.bool_]] = {}
     for j, found in enumerate(first):
-        touches = contact.in_contact(chosen[j], found.error, float(resolution[j]))
+        error = chosen[j].q - found.angle
+        touches = contact.in_contact(chosen[j], error, float(resolution[j]))
         if touches.any():
             contacts[j] = np.zeros(len(shown[j]), dtype=bool)
             contacts[j][shown[j]] = touches
@@ -479,7 +480,8 @@ def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str,
 
     def scaled(e: Estimate, factor: float) -> Estimate:
         low, high = sorted((e.ci95[0] * factor, e.ci95[1] * factor))
-        return Estimate(value=e.value * factor, ci95=(low, high), on_bound=e.on_bound)
+        value = factor * float(e.value)  # type: ignore[arg-type]
+        return Estimate(value=value, ci95=(low, high), on_bound=e.on_bound)
 
     drop, level = float(p[INDEX["drop"]]), float(p[INDEX["stiction"]])
     if cause == "coulomb_friction":
@@ -494,7 +496,9 @@ def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str,
         low, high = (level / max(x, 1e-6) for x in reversed(e.ci95))
         return {
             "bristle_stiffness": Estimate(
-                value=level / e.value, ci95=(low, high), on_bound=e.on_bound
+                value=level / float(e.value),  # type: ignore[arg-type]
+                ci95=(low, high),
+                on_bound=e.on_bound,
             )
         }
     names = [name for name, q in PARAMETERS.items() if q.cause == cause]

@@ -33,7 +33,8 @@ from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, not_shown, row_of
 from stiction_envs.hidden.rehearsal.runs import keep, measured, read_runs
 from stiction_envs.measured.kinds import TABLE, file_kind
-from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.logs.columns import TORQUE
+from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import Changes
 from stiction_envs.reporting.provenance import provenance
@@ -157,13 +158,14 @@ def plan(
         StictionError: as `rehearse`.
     """
     say = progress or (lambda *_: None)
-    given = [data] if isinstance(data, str | Path | JointLog) else list(data)
+    given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
     hidden = registered() if causes is None else [cause_named(x) for x in causes]
     own = diagnose(
         given,
         robot,
+        drive=TORQUE,
         torque=torque,
         joints=joints,
         topic=topic,
