@@ -10,6 +10,9 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
+NEWER = ("drive", "units", "calibration", "servo_stiffness", "servo_damping", "same_servo")
+"""Options that are in the run's identity only where they are given."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the command."""
@@ -101,8 +104,13 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
+    newer = {name: getattr(args, name) for name in NEWER}
+    inputs = common.calibration_input(args)
+    for name, value in newer.items():
+        if not value:  # digests are those of versions without the option
+            delattr(args, name)
     if args.rehearse:
-        return _rehearse(args)
+        return _rehearse(args, [name for name in newer if hasattr(args, name)])
     if args.rehearse_causes:
         raise StictionError("--rehearse-causes: expected --rehearse too")
     # so that digests are those of versions without rehearsals
@@ -111,7 +119,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from stiction_envs.gap.stages import Stages
     from stiction_envs.robots.registry import robot_files
 
-    inputs = common.log_inputs("log", [*args.logs, *args.poses]) | common.calibration_input(args)
+    inputs |= common.log_inputs("log", [*args.logs, *args.poses])
     inputs |= common.log_inputs("check", args.check)
     if args.nominal is None:
         args.nominal = default_nominal(args.logs)
@@ -127,12 +135,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             poses=args.poses,
             check=args.check,
             method=args.method,
-            drive=args.drive,
-            units=args.units,
-            calibration=args.calibration,
-            servo_stiffness=args.servo_stiffness,
-            servo_damping=args.servo_damping,
-            same_servo=args.same_servo,
+            **newer,
             threads=args.threads,
             progress=say,
         )
@@ -152,8 +155,12 @@ def _about_the_logs(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in same} | {"cutoff_hz": args.cutoff}
 
 
-def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
-    """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance."""
+def _rehearse(args: argparse.Namespace, newer: list[str]) -> dict[str, Any]:
+    """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
+
+    Raises:
+        StictionError: an option that a rehearsal does not take, among them those of ``newer``.
+    """
     from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.hidden.rehearsal.rehearse import plan
     from stiction_envs.hidden.rehearsal.runs import RUNS
@@ -163,8 +170,7 @@ def _rehearse(args: argparse.Namespace) -> dict[str, Any]:
         ("--check", args.check),
         ("--poses", args.poses),
         ("--method lsm", args.method != "auto"),
-        ("--drive position", args.drive == "position"),
-        ("--units", args.units is not None),
+        *((f"--{name.replace('_', '-')}", True) for name in newer),
     ):
         if given:
             raise StictionError(f"{option}: cannot be used with --rehearse")

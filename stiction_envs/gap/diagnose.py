@@ -122,7 +122,7 @@ def diagnose(
         raise unknown("method", method, METHODS)
     of_tables = _of_tables(given)
     naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
-    positions = not of_tables and _drive([*given, *check], drive, naming) == POSITION
+    positions = not of_tables and _drive(given, drive, naming) == POSITION
     if positions:
         used = {"poses": bool(poses), "method": method != "auto", "cutoff": cutoff_hz is not None}
         used |= {"torque": torque is not None}
@@ -181,10 +181,15 @@ def diagnose(
         "method": method,
         **sources.in_memory,
     }
-    if positions:
-        arguments["servo"] = [str(x) for x in (servo_stiffness, servo_damping, same_servo)]
-    if units is not None:
-        arguments["units"] = units
+    given_too = {
+        "drive": drive,
+        "units": units,
+        "calibration": None if calibration is None else str(calibration),
+        "servo_stiffness": None if servo_stiffness is None else list(servo_stiffness),
+        "servo_damping": None if servo_damping is None else list(servo_damping),
+        "same_servo": same_servo or None,
+    }
+    arguments |= {k: v for k, v in given_too.items() if v is not None}
     if chain is not None:
         arguments["chain"] = list(chain)
     if settings is not None:
