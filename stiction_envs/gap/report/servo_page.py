@@ -53,7 +53,7 @@ def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, An
         extended,
         noise,
         plots / "summary.png",
-        "root mean square of measured less simulated angle [mrad]",
+        "error of the angle [mrad]",
         caption,
         tuple(range(1, n + 1)),
     )
@@ -132,7 +132,7 @@ def _draw_joint(d: ServoDiagnosis, j: int, path: Path) -> Picture:
     tidy(below)
     save_small(figure, path)
     text = f"Joint {j + 1}, {SECONDS:g} s of its fastest motion."
-    return Picture(f"{path.parent.name}/{path.name}", text)
+    return Picture(path.name, text)
 
 
 def _busiest(d: ServoDiagnosis, j: int) -> tuple[Any, float]:

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import mujoco
@@ -102,7 +103,10 @@ def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
         cause["parameters"]["coulomb_nm"]["ci95"][0] <= cause["parameters"]["coulomb_nm"]["value"]
     )
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))
-    assert "mrad" in (tmp_path / "out" / "report.html").read_text()
+    report = (tmp_path / "out" / "report.md").read_text()
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", report)
+    assert {"plots/summary.png", "plots/joint1.png", "plots/joint2.png"} <= set(pictures)
+    assert all((tmp_path / "out" / name).is_file() for name in pictures)
     again = diagnose(path, robot, nominal=tmp_path / "out" / "model.toml")
     assert again.verdict == "no discrepancy"
     assert "Coulomb" not in str(again)
