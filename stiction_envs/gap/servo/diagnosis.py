@@ -27,6 +27,8 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
+MINOR = 0.06
+"""Share of a joint's nominal error below which what a cause takes off is minor [-]; assumed."""
 FOLD_SECONDS = 10.0
 """Length of the blocks of time that are held out in turn [s]; assumed."""
 GRAVITY_SEEN = 3.0
@@ -127,7 +129,10 @@ class ServoDiagnosis:
             "extended": {"rms_rad": self.extended_rms.tolist(), "held_out": True},
             "noise_floor_rad": self.noise.tolist(),
             "gain_percent": self.gain_percent,
-            "minor": [],
+            "minor": [
+                {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
+                for c in self.minor
+            ],
             "causes": [c.to_json() for c in self.causes],
             "servo": {
                 p.key: self.parameters[:, INDEX[name]].tolist() for name, p in PARAMETERS.items()
@@ -226,14 +231,20 @@ def diagnose_servo(
             stiffness = float(
                 np.median([results[j].fit.parameters[INDEX["stiffness"]] for j in heavy])
             )
-        said = "taken from the other joints" if servo.same and heavy else "unknown"
-        where = ", ".join(str(j + 1) for j in light)
-        notes.append(
-            f"joints {where}: no gravity sets the scale of their torques; servo stiffness {said}, "
-            f"set to {stiffness:.3g} N·m/rad, and friction, damping and limits scale with it"
-        )
         for j in light:
             known[j, INDEX["stiffness"]] = stiffness
+            # with the others' stiffness it may sag enough after all
+            largest = float(np.abs(motions[j].gravity).max())
+            seen = largest > GRAVITY_SEEN * resolution[j] * stiffness
+            scaled[j] = bool(heavy) and seen and largest > LEAST_GRAVITY
+        unscaled = [j for j in light if not scaled[j]]
+        if unscaled:
+            said = "taken from the other joints" if servo.same and heavy else "unknown"
+            notes.append(
+                f"joints {', '.join(str(j + 1) for j in unscaled)}: no gravity sets the scale of "
+                f"their torques; servo stiffness {said}, set to {stiffness:.3g} N·m/rad, and "
+                "friction, damping and limits scale with it"
+            )
         results |= dict(zip(light, workers.map(choose, questions(light, rows)), strict=True))
     say("refitting", 0.0)
     load = np.array([float(np.abs(m.gravity).mean()) for m in motions])
@@ -254,7 +265,7 @@ def diagnose_servo(
     keep = free_rows
     nominal_rms = _rms(q - _rows(logs, plain), keep)
     extended_rms = _rms(q - _rows(logs, held), keep)
-    causes = _named(results, contacts, motions[0].t, nominal_rms)
+    causes, minor = _named(results, contacts, motions[0].t, nominal_rms)
     checked = None
     if check:
         say("check", 0.0)
@@ -264,6 +275,7 @@ def diagnose_servo(
         robot=arm.name,
         verdict=_verdict(causes, nominal_rms, extended_rms, noise),
         causes=causes,
+        minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=noise,
@@ -513,8 +525,8 @@ def _named(
     contacts: dict[int, NDArray[np.bool_]],
     t: Array,
     nominal_rms: Array,
-) -> tuple[NamedCause, ...]:
-    """Return the causes of all joints, strongest first."""
+) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    """Return the causes of all joints, strongest first, and those that help a little."""
     n = len(results)
     joints: dict[str, dict[int, float]] = {}
     for j, r in results.items():
@@ -554,7 +566,10 @@ def _named(
                 confused_with=("torque_limit",),
             )
         )
-    return tuple(sorted(out, key=lambda c: -c.gain_percent))
+    out.sort(key=lambda c: -c.gain_percent)
+    little = {c for c, of in joints.items() if max(of.values()) < MINOR}
+    named = tuple(c for c in out if c.name not in little)
+    return named, tuple(c for c in out if c.name in little)
 
 
 def _verdict(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:

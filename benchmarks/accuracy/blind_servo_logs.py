@@ -1,0 +1,168 @@
+"""Find hidden causes in servo logs: commanded and measured positions, no torque.
+
+    python -m benchmarks.accuracy.blind_servo_logs --cases 24
+
+Arms of `example_robot_data` and ours, each with its links 5 % off, angles in steps of 1.5 mrad,
+late stamps and a clock that jitters, hide none to three causes on drawn joints
+(`hidden.servo_logs`). `diagnose` knows the servos' stiffness and damping as they should be. Which
+causes does it name, and on the right joints?
+"""
+
+from __future__ import annotations
+
+import sysconfig
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import LOGS, Benchmark, Row
+from stiction_envs.gap.servo.diagnosis import Servo, diagnose_servo
+from stiction_envs.hidden.servo_logs import CAUSES, hide
+from stiction_envs.reporting.markdown import table_text
+from stiction_envs.robots import load_arm
+
+MADE_BY = (
+    *LOGS,
+    "stiction_envs/hidden",
+    "stiction_envs/plant.py",
+    "benchmarks/accuracy/blind_servo_logs.py",
+)
+"""Code that decides a case."""
+STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
+FIRST = 5000
+"""Seeds of the study begin here; those below are for development."""
+ROBOTS = {
+    "so101": "so_arm_description/urdf/so101.urdf",
+    "so100": "so_arm_description/urdf/so100.urdf",
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
+    "z1": "z1_description/urdf/z1.urdf",
+    "panda": "",
+}
+"""Files of the package's robots; "" is ours."""
+REFINES = {"stribeck_friction", "load_dependent_friction"}
+"""Causes that come with dry friction, which is then right to be named."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One arm and one log: the seed says everything."""
+
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Of its row."""
+        return str(self.seed)
+
+    @property
+    def robot(self) -> str:
+        """One after the other."""
+        return tuple(ROBOTS)[self.seed % len(ROBOTS)]
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """None in every fourth, one to three different ones else."""
+        if self.seed % 4 == 0:
+            return ()
+        rng = np.random.default_rng([self.seed, 21])
+        return tuple(rng.choice(CAUSES, size=int(rng.integers(1, 4)), replace=False))
+
+
+def robot_file(name: str) -> str:
+    """Return the model file of a robot, or its name."""
+    if not ROBOTS[name]:
+        return name
+    site = sysconfig.get_path("purelib")
+    return str(Path(site) / "cmeel.prefix/share/example-robot-data/robots" / ROBOTS[name])
+
+
+def search(job: Job) -> Row:
+    """Hide the causes, diagnose the log."""
+    arm = load_arm(robot_file(job.robot))
+    case = hide(arm, job.causes, seed=job.seed)
+    servo = Servo(stiffness=case.stiffness, damping=case.damping)
+    found = diagnose_servo([case.log], arm, servo, threads=1)
+    return {
+        "robot": job.robot,
+        "hidden": [list(x) for x in case.hidden],
+        "named": [[c.name, j] for c in found.causes for j in c.joints],
+        "verdict": found.verdict,
+        "nominal_rad": found.nominal_rms.tolist(),
+        "extended_rad": found.extended_rms.tolist(),
+    }
+
+
+def score(row: Row) -> tuple[int, int, int]:
+    """Return how many hidden causes were named, how many on their joint, and what is false.
+
+    False is what was not hidden on that joint, but for the dry friction that another refines.
+    """
+    hidden = {(str(c), int(j)) for c, j in row["hidden"]}
+    named = {(str(c), int(j)) for c, j in row["named"]}
+    families = {c for c, _ in named}
+    belongs = hidden | {("coulomb_friction", j) for c, j in hidden if c in REFINES}
+    return sum(c in families for c, _ in hidden), len(hidden & named), len(named - belongs)
+
+
+def page(found: Mapping[str, Row]) -> dict[str, Any]:
+    """Return what the page's template asks for."""
+    rows = list(found.values())
+    scores = [score(r) for r in rows]
+    hidden, families, exact, false = (
+        sum(x)
+        for x in ([len(r["hidden"]) for r in rows], *([s[k] for s in scores] for k in range(3)))
+    )
+    empty = [r for r in rows if not r["hidden"]]
+    named = sum(len(r["named"]) for r in rows)
+    return {
+        "cases": len(rows),
+        "hidden": hidden,
+        "families": families,
+        "exact": exact,
+        "wrong": false,
+        "named": named,
+        "empty": len(empty),
+        "silent": sum(not r["named"] for r in empty),
+        "table": table_text(
+            ["seed", "arm", "hidden", "named", "error before [mrad]", "after [mrad]"],
+            [
+                [
+                    key,
+                    str(r["robot"]),
+                    _said(r["hidden"]),
+                    _said(r["named"]),
+                    *(f"{1e3 * max(r[k]):.1f}" for k in ("nominal_rad", "extended_rad")),
+                ]
+                for key, r in found.items()
+            ],
+        ),
+        "seconds": float(np.median([r["seconds"] for r in rows])) if rows else np.nan,
+        "first": FIRST,
+    }
+
+
+def _said(pairs: Sequence[Sequence[Any]]) -> str:
+    return ", ".join(f"{c} {j}" for c, j in pairs) or "nothing"
+
+
+def main() -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--cases", type=int, default=24)
+    parser.add_argument("--processes", type=int, default=1)
+    options = parser.parse_args()
+    jobs = [Job(FIRST + k) for k in range(options.cases)]
+    found = STUDY.rows(options).fill(
+        {job.key: job for job in jobs},
+        search,
+        processes=options.processes,
+        minutes=options.minutes,
+    )
+    STUDY.write_page(options, planned=len(jobs), **page(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""The study of causes hidden in servo logs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.accuracy.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score
+from stiction_envs.robots import load_arm
+
+
+def row(hidden: Any, named: Any) -> Any:
+    """Return a row as `search` makes it."""
+    return {
+        "robot": "so101",
+        "hidden": hidden,
+        "named": named,
+        "verdict": "explained",
+        "nominal_rad": [0.02, 0.01],
+        "extended_rad": [0.001, 0.002],
+        "seconds": 3.0,
+    }
+
+
+def test_named_on_its_joint_on_another_and_false() -> None:
+    assert score(row([["delay", 2]], [["delay", 2]])) == (1, 1, 0)
+    assert score(row([["delay", 2]], [["delay", 3]])) == (1, 0, 1)
+    assert score(row([["delay", 2]], [["damping", 2]])) == (0, 0, 1)
+    # dry friction belongs to what refines it, on the same joint only
+    both = [["coulomb_friction", 1], ["stribeck_friction", 1]]
+    assert score(row([["stribeck_friction", 1]], both)) == (1, 1, 0)
+    assert score(row([["stribeck_friction", 2]], both)) == (1, 0, 2)
+
+
+def test_the_page_counts(tmp_path: Any) -> None:
+    rows = {"1": row([["delay", 2]], [["delay", 2], ["damping", 1]]), "4": row([], [])}
+    options = STUDY.parser().parse_args(["--out", str(tmp_path)])
+    text = STUDY.write_page(options, planned=3, **page(rows))
+    assert "Of 1 causes hidden in 2 logs of positions, 1 are named, 1 of them on" in text
+    assert "1 of 2 named ones are false" in text
+    assert "nothing is named in 1 of 1 logs" in text
+    assert "| 1 | so101 | delay 2 | delay 2, damping 1 | 20.0 | 2.0 |" in text
+
+
+def test_every_robot_is_there_and_every_fourth_log_hides_nothing() -> None:
+    assert all(load_arm(robot_file(name)).n >= 6 for name in ROBOTS)
+    causes = [Job(k).causes for k in range(40)]
+    assert [not c for c in causes] == [k % 4 == 0 for k in range(40)]
+    assert {len(c) for c in causes} == {0, 1, 2, 3}
