@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.servo.diagnosis import Servo, diagnose_servo
+from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
+from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import read_servo_logs

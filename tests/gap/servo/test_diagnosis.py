@@ -8,7 +8,8 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.servo.diagnosis import Servo, diagnose_servo
+from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_logs import CAUSES, HiddenServoLog, hide
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm

@@ -1,0 +1,130 @@
+"""What is said of servo logs: causes by name with their parameters, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.diagnosis import NamedCause
+from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.servo import contact
+from stiction_envs.gap.servo.choose import LINKS_LEAVE, JointCauses
+from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
+
+Array = NDArray[np.float64]
+MINOR = 0.06
+"""Share of a joint's nominal error below which what a cause takes off is minor [-]; assumed."""
+CLOSE = 3.0
+"""Largest error over the noise floor that counts as explained [-], as for joint logs."""
+EVIDENCE = {
+    "servo_stiffness": "the arm sags under gravity by its torque over {value}",
+    "damping": "the angle follows the command late, the more the faster it moves",
+    "armature": "the angle overshoots or lags where the command accelerates",
+    "delay": "the angle repeats the command later by a constant time",
+    "servo_lag": "the angle follows the command late",
+    "coulomb_friction": "the joint stops short of its command, on the side from which it came",
+    "stribeck_friction": "the joint needs more torque to start than to go on",
+    "load_dependent_friction": "the joint stops shorter where gravity is larger",
+    "presliding_hysteresis": "the angle gives before it slides",
+    "torque_limit": "the joint falls behind large commands at a constant torque",
+    "speed_limit": "the joint falls behind fast commands at a constant speed",
+    "dead_zone": "the joint rests anywhere near its command",
+    "encoder_offset": "gravity sags the joint as if it stood at another angle",
+    "gravity_compensation_missing": "the arm sags less than its gravity asks for",
+    "external_contact": "the joint stalls far from its command in some stretches only",
+}
+"""One sentence per cause that a person can check in the plot of angles."""
+
+
+def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str, Estimate]:
+    """Return the parameters of a cause under the names and in the units of the contract."""
+
+    def scaled(e: Estimate, factor: float) -> Estimate:
+        low, high = sorted((e.ci95[0] * factor, e.ci95[1] * factor))
+        value = factor * float(e.value)  # type: ignore[arg-type]
+        return Estimate(value=value, ci95=(low, high), on_bound=e.on_bound)
+
+    drop, level = float(p[INDEX["drop"]]), float(p[INDEX["stiction"]])
+    if cause == "coulomb_friction":
+        return {"coulomb_nm": scaled(estimates["stiction"], 1.0 - drop)}
+    if cause == "stribeck_friction":
+        out = {"stribeck_velocity": estimates["stribeck_velocity"]}
+        if "stiction" in estimates:
+            out = {"stiction_nm": estimates["stiction"], **out}
+        return out
+    if cause == "presliding_hysteresis":
+        e = estimates["bristle"]
+        low, high = (level / max(x, 1e-6) for x in reversed(e.ci95))
+        return {
+            "bristle_stiffness": Estimate(
+                value=level / float(e.value),  # type: ignore[arg-type]
+                ci95=(low, high),
+                on_bound=e.on_bound,
+            )
+        }
+    names = [name for name, q in PARAMETERS.items() if q.cause == cause]
+    out = {PARAMETERS[name].key: estimates[name] for name in names}
+    if cause == "dead_zone":
+        out = {k: scaled(e, 2.0) for k, e in out.items()}
+    return out
+
+
+def named_causes(
+    results: dict[int, JointCauses],
+    contacts: dict[int, NDArray[np.bool_]],
+    t: Array,
+    nominal_rms: Array,
+) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    """Return the causes of all joints, strongest first, and those that help a little."""
+    n = len(results)
+    joints: dict[str, dict[int, float]] = {}
+    for j, r in results.items():
+        for cause, loss in r.causes.items():
+            joints.setdefault(cause, {})[j] = loss / max(float(nominal_rms[j]), 1e-12)
+    out = []
+    for cause, of in joints.items():
+        ordered = sorted(of, key=lambda j: -of[j])
+        found = {
+            j + 1: _reported(cause, results[j].estimates, results[j].fit.parameters)
+            for j in ordered
+        }
+        value = next(iter(next(iter(found.values())).values()))
+        confused = sorted({x for j in ordered for x in results[j].confused[cause]})
+        out.append(
+            NamedCause(
+                name=cause,
+                joints=tuple(sorted(j + 1 for j in of)),
+                gain_percent=100.0 * min(1.0, sum(of.values()) / n),
+                parameters=found,
+                evidence=EVIDENCE[cause].format(value=f"{value.value:.3g} N·m/rad"),
+                confused_with=tuple(confused),
+            )
+        )
+    if contacts:
+        spans = {j + 1: contact.stretches(t, rows) for j, rows in contacts.items()}
+        out.append(
+            NamedCause(
+                name="external_contact",
+                joints=tuple(sorted(spans)),
+                gain_percent=0.0,
+                parameters={
+                    j: {"stretches_s": Estimate(value=s, ci95=s, on_bound=False)}  # type: ignore[arg-type]
+                    for j, s in spans.items()
+                },
+                evidence=EVIDENCE["external_contact"],
+                confused_with=("torque_limit",),
+            )
+        )
+    out.sort(key=lambda c: -c.gain_percent)
+    little = {c for c, of in joints.items() if max(of.values()) < MINOR}
+    named = tuple(c for c in out if c.name not in little)
+    return named, tuple(c for c in out if c.name in little)
+
+
+def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:
+    """Return the verdict; errors and noise floor are (n,) [rad]."""
+    if not causes:
+        return "no discrepancy" if (nominal < LINKS_LEAVE * noise).all() else "cannot tell"
+    return "explained" if (extended < CLOSE * noise).all() else "partly explained"

@@ -1,0 +1,155 @@
+"""Errors of the whole arm: held out, of the nominal simulation, and on logs that took no part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.servo import contact
+from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.gap.servo.fit import fit
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+FOLD_SECONDS = 10.0
+"""Length of the blocks of time that are held out in turn [s]; assumed."""
+WORSE = 1.1
+"""Least error of the extended model over the nominal one on logs to check that is worse [-];
+assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoCheck:
+    """The model on logs that took no part."""
+
+    nominal_rms: Array
+    """(n,) [rad]."""
+    extended_rms: Array
+    """(n,) [rad]."""
+    worse_joints: tuple[int, ...]
+
+    @property
+    def verdict(self) -> str:
+        """``holds`` or ``does not hold``."""
+        return "does not hold" if self.worse_joints else "holds"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry ``check``."""
+        return {
+            "nominal_rms_rad": self.nominal_rms.tolist(),
+            "extended_rms_rad": self.extended_rms.tolist(),
+            "verdict": self.verdict,
+            "worse_joints": list(self.worse_joints),
+            "not_transferring": [],
+        }
+
+
+def refit(motion: JointMotion, start: Array, free: Sequence[str], rows: NDArray[np.bool_]) -> Array:
+    """Return (P,) parameters fitted to some rows, from those of other rows."""
+    return fit(motion, start, free, counts=rows, iterations=6).parameters
+
+
+def folds(motion: JointMotion) -> list[NDArray[np.bool_]]:
+    """Return two halves of the rows, in alternating blocks of time."""
+    segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
+    since = motion.t - motion.t[motion.bounds[segment]]
+    even = (since // FOLD_SECONDS + segment) % 2 == 0
+    return [even, ~even]
+
+
+def segments(logs: Sequence[ServoLog]) -> list[tuple[ServoLog, slice]]:
+    """Return the segments that have a duration, with their logs."""
+    return [(log, s) for log in logs for s in log.segments if s.stop - s.start > 1]
+
+
+def rows(logs: Sequence[ServoLog], angles: Sequence[Array]) -> Array:
+    """Return the rows of all segments, as motions have them."""
+    return np.concatenate(
+        [a[s] for log, a in zip(logs, angles, strict=True) for _, s in segments([log])]
+    )
+
+
+def held_out(
+    logs: Sequence[ServoLog], motion: JointMotion, halves: Sequence[Sequence[Array]]
+) -> list[Array]:
+    """Return per log the angles of the model that was fitted to the other half of the time."""
+    of_first = folds(motion)[0]
+    out, k = [], 0
+    for i, log in enumerate(logs):
+        angle = halves[0][i].copy()
+        for _, s in segments([log]):
+            m = s.stop - s.start
+            mine = of_first[k : k + m]
+            angle[s][mine] = halves[1][i][s][mine]
+            k += m
+        out.append(angle)
+    return out
+
+
+def nominal_angles(
+    arm: Arm, logs: Sequence[ServoLog], servo: Servo, nominal: Array, load: Array
+) -> list[Array]:
+    """Return per log the angles of the simulation that is judged [rad]."""
+    if servo.perfect:
+        return [log.q_cmd.copy() for log in logs]
+    return simulate_arm(arm, logs, nominal, load, threads=1)
+
+
+def rms(error: Array, rows: NDArray[np.bool_]) -> Array:
+    """Return (n,) root mean square of (T, n) errors over some rows [rad]."""
+    out: Array = np.sqrt(np.nanmean(error[rows] ** 2, axis=0))
+    return out
+
+
+def touching(
+    logs: Sequence[ServoLog], motion: JointMotion, touched: NDArray[np.bool_]
+) -> list[list[list[float]]]:
+    """Return per log the stretches [s] of the rows that were left out."""
+    out, k = [], 0
+    for log in logs:
+        found = []
+        for _, s in segments([log]):
+            m = s.stop - s.start
+            found += contact.stretches(log.t[s], touched[k : k + m])
+            k += m
+        out.append(found)
+    return out
+
+
+def check_model(
+    arm: Arm,
+    logs: Sequence[ServoLog],
+    servo: Servo,
+    nominal: Array,
+    parameters: Array,
+    load: Array,
+    fitted_rms: Array,
+) -> ServoCheck:
+    """Return the errors of both models on logs that took no part.
+
+    Args:
+        arm: the rigid arm.
+        logs: of it.
+        servo: what is known of its servos.
+        nominal: (n, P) parameters of the nominal simulation.
+        parameters: (n, P) of the extended model.
+        load: (n,) usual size of gravity [N·m].
+        fitted_rms: (n,) held-out error where the model was fitted [rad].
+    """
+    plain = nominal_angles(arm, logs, servo, nominal, load)
+    model = simulate_arm(arm, logs, parameters, load)
+    q = np.concatenate([log.q[s] for log, s in segments(logs)])
+    all_rows = np.ones(len(q), dtype=bool)
+    before = rms(q - rows(logs, plain), all_rows)
+    after = rms(q - rows(logs, model), all_rows)
+    worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
+    return ServoCheck(
+        nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
+    )
