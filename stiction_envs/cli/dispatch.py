@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
             result: dict[str, Any] = args.run(args)
         text = to_text(result) if args.json else args.show(result)
         with naming("standard output"):  # a file on a full disk, it may be
-            print(text, flush=True)
+            _print(text)
         if result.get("failed"):
             return _say(str(result["failed"]), FAILED)
         return DONE
@@ -94,9 +94,8 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
         return _say(error, BAD_INPUT)
     except KeyboardInterrupt:
         return _say(f"interrupted: {interrupted}", FAILED)
-    except BrokenPipeError:
-        # the reader of our output has gone; Python would complain again at its end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of our output has gone
+        _discard_output()
         return FAILED
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
@@ -106,6 +105,20 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
             return _say(f"interrupted: {interrupted}", FAILED)
         name = type(error).__name__
         return _say(f"{name}: {error} (STICTION_DEBUG=1 shows the traceback)", FAILED)
+
+
+def _print(text: str) -> None:
+    """Print and flush; what cannot be written is discarded before the error goes on."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        _discard_output()
+        raise
+
+
+def _discard_output() -> None:
+    """Send standard output nowhere: Python would complain again of what is left at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(message: object, code: int) -> int:
