@@ -1,0 +1,180 @@
+"""A diagnosis as a recording of Rerun: series, contact, evidence and the arm in 3-D."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import missing_extra
+from stiction_envs.gap.viewers.links import Shape, body_poses, shapes
+from stiction_envs.gap.viewers.series import Series
+
+Array = NDArray[np.float64]
+POSES = 4000
+"""Most poses of an arm in 3-D [-]; assumed."""
+TIMELINE = "time"
+Colour = tuple[int, ...]
+"""Red, green, blue, and, where it is not all, opacity [0 to 255]."""
+OPACITY = 110
+"""Of the simulated arm, which covers the measured one [0 to 255]; assumed."""
+BEFORE: Colour = (224, 108, 24)
+AFTER: Colour = (70, 140, 220)
+MEASURED: Colour = (160, 160, 160)
+"""Colours of the report's pictures, lighter, since Rerun's viewer is dark."""
+COMMANDED: Colour = (110, 110, 110)
+CAUSES: tuple[Colour, ...] = (
+    *((214, 39, 140), (44, 160, 44), (188, 189, 34)),
+    *((148, 103, 189), (23, 190, 207), (227, 119, 194)),
+)
+"""Colours of causes, in turn."""
+
+
+def check_package() -> None:
+    """Raise if Rerun's SDK is not installed."""
+    try:
+        import rerun  # noqa: F401
+    except ImportError:
+        raise missing_extra("writing for Rerun", "rerun-sdk", "rerun") from None
+
+
+def rrd_bytes(s: Series) -> bytes:
+    """Return the file; starts no viewer and opens no connection."""
+    import rerun as rr
+
+    recording = rr.RecordingStream(f"stiction_envs {s.arm.name}", send_properties=False)
+    kept = recording.memory_recording()
+    for group, drawn in lines(s).items():
+        for j in range(s.arm.n):
+            alone = {name: (values[:, j], colour) for name, (values, colour) in drawn.items()}
+            _send_lines(recording, f"{group}/joint_{j + 1}", s.time, alone)
+    if s.contact is not None:
+        _send_lines(recording, "contact", s.time, {"contact": (s.contact.astype(float), BEFORE)})
+    document = rr.TextDocument(
+        f"# {s.arm.name}\n\n{s.text}{_pose_note(s)}", media_type="text/markdown"
+    )
+    recording.log("diagnosis", document, static=True)
+    _send_arm(recording, s, "measured", s.q, MEASURED)
+    if s.q_simulated is not None:
+        _send_arm(recording, s, "simulated", s.q_simulated, (*AFTER, OPACITY))
+    recording.send_blueprint(_blueprint(s))
+    recording.flush()
+    return bytes(kept.drain_as_bytes())
+
+
+def lines(s: Series) -> dict[str, dict[str, tuple[Array, Colour]]]:
+    """Return (T, n) values and colour of each line by name, by group."""
+    of = {
+        "measured": (s.measured, MEASURED),
+        "nominal": (s.nominal, BEFORE),
+        "simulated": (s.simulated, AFTER),
+    }
+    if s.q_cmd is not None:
+        of = {"commanded": (s.q_cmd, COMMANDED)} | of
+    left = {
+        "nominal": (s.measured - s.nominal, BEFORE),
+        "simulated": (s.measured - s.simulated, AFTER),
+    }
+    colours = cycle(CAUSES)
+    causes = {name: (torque, next(colours)) for name, torque in s.causes.items()}
+    return {s.quantity: of, "residual": left} | ({"cause": causes} if causes else {})
+
+
+def _send_lines(
+    recording: Any, path: str, time: Array, drawn: dict[str, tuple[Array, Colour]]
+) -> None:
+    """Send (T,) values of lines that are drawn together, and how."""
+    import rerun as rr
+
+    values = np.stack([x for x, _ in drawn.values()], axis=1)
+    look = rr.SeriesLines(colors=[colour for _, colour in drawn.values()], names=list(drawn))
+    recording.log(path, look, static=True)
+    clock = rr.TimeColumn(TIMELINE, duration=time)
+    recording.send_columns(path, [clock], rr.Scalars.columns(scalars=values))
+
+
+def poses_every(s: Series) -> int:
+    """Return which share of the rows the arm is drawn at: one of so many."""
+    return max(1, -(-len(s.time) // POSES))
+
+
+def _pose_note(s: Series) -> str:
+    every = poses_every(s)
+    drawn = f"\nThe arm is drawn at one row of {every} of this file." if every > 1 else ""
+    if s.q_simulated is None:
+        drawn += "\nTorques are simulated along the measured motion: one arm is drawn."
+    return drawn and f"{drawn}\n"
+
+
+def _send_arm(recording: Any, s: Series, name: str, q: Array, colour: Colour) -> None:
+    """Send the shapes of an arm's links and where they are at (T, n) angles."""
+    import rerun as rr
+
+    every = poses_every(s)
+    model = s.arm.model()
+    places, turns = body_poses(s.arm, q[::every])
+    clock = rr.TimeColumn(TIMELINE, duration=s.time[::every])
+    links = [f"arm/{name}/{model.body(b).name or b}" for b in range(model.nbody)]
+    solids = shapes(model)
+    for b in sorted({x.link for x in solids} - {0}):
+        columns = rr.Transform3D.columns(
+            translation=places[:, b], quaternion=np.roll(turns[:, b], -1, axis=-1)
+        )
+        recording.send_columns(links[b], [clock], columns)
+    for k, x in enumerate(solids):
+        recording.log(f"{links[x.link]}/shape_{k}", *_archetypes(x, colour), static=True)
+
+
+def _archetypes(x: Shape, colour: Colour) -> list[Any]:
+    """Return how Rerun draws a shape."""
+    import rerun as rr
+
+    turn: Any = np.roll(x.turn, -1)
+    fill = "solid" if len(colour) == 3 else "transparentfillmajorwireframe"
+    look: dict[str, Any] = {"colors": [colour], "quaternions": [turn], "fill_mode": fill}
+    if x.vertices is not None and x.faces is not None:
+        corners: Any = x.vertices[x.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+        normals: Any = np.repeat(across, 3, axis=0)  # without them a mesh has no shade
+        place = rr.Transform3D(translation=x.place, quaternion=turn)
+        mesh = {"vertex_positions": corners.reshape(-1, 3), "vertex_normals": normals}
+        return [place, rr.Mesh3D(**mesh, albedo_factor=colour)]
+    if x.kind == "box":
+        return [rr.Boxes3D(half_sizes=[x.size], centers=[x.place], **look)]
+    if x.kind == "ellipsoid":
+        return [rr.Ellipsoids3D(half_sizes=[x.size], centers=[x.place], **look)]
+    radius, half = x.size[:2]
+    if x.kind == "cylinder":
+        return [rr.Cylinders3D(lengths=[2 * half], radii=[radius], centers=[x.place], **look)]
+    axis = np.empty(3)
+    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half]), x.turn)
+    # a capsule of Rerun begins where it is placed
+    return [
+        rr.Capsules3D(lengths=[2 * half], radii=[radius], translations=[x.place - axis], **look)
+    ]
+
+
+def _blueprint(s: Series) -> Any:
+    """Return the layout of the viewer: arm and words beside a tab for each joint."""
+    import rerun.blueprint as rrb
+
+    def joint(j: int) -> Any:
+        of = f"joint_{j + 1}"
+        groups = [(s.quantity, f"{s.quantity} [{s.unit}]"), ("residual", f"residual [{s.unit}]")]
+        if s.causes:
+            groups.append(("cause", "torque of each cause [N·m]"))
+        views = [rrb.TimeSeriesView(origin=f"{g}/{of}", name=title) for g, title in groups]
+        if s.contact is not None and s.contact.any():
+            views.append(rrb.TimeSeriesView(origin="contact", name="touches something"))
+        return rrb.Vertical(*views, name=f"joint {j + 1}")
+
+    left = rrb.Vertical(
+        rrb.Spatial3DView(origin="arm", name="arm"),
+        rrb.TextDocumentView(origin="diagnosis", name="diagnosis"),
+    )
+    joints = rrb.Tabs(*(joint(j) for j in range(s.arm.n)))
+    return rrb.Blueprint(rrb.Horizontal(left, joints), auto_views=False)

@@ -1,0 +1,160 @@
+"""Series over time of a diagnosis: what was measured, what both models say, and each cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
+from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
+from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+ROWS = 20_000
+"""Most rows of a file [-]; assumed: about 10 MB of an arm of seven joints."""
+PAUSE = 1.0
+"""Time between logs whose clocks do not say when one followed the other [s]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """T rows of n joints; angles in rad, torques in N·m."""
+
+    arm: Arm
+    quantity: str
+    """What was compared: ``torque`` or ``angle``."""
+    time: Array
+    """(T,) rising [s]."""
+    date: float
+    """Date of time 0 [s]; 0 where the logs have none."""
+    measured: Array
+    """(T, n)."""
+    nominal: Array
+    """(T, n) of the simulation that was judged."""
+    simulated: Array
+    """(T, n) of the extended model."""
+    q: Array
+    """(T, n) measured angles [rad]."""
+    dq: Array | None
+    """(T, n) measured speeds [rad/s], where they are known."""
+    q_cmd: Array | None = None
+    """(T, n) commanded angles [rad] of servo logs."""
+    q_simulated: Array | None = None
+    """(T, n) angles of the extended model [rad]; None where torques were simulated along the
+    measured motion."""
+    causes: dict[str, Array]
+    """(T, n) torque that each cause adds [N·m]; none of servo logs."""
+    contact: NDArray[np.bool_] | None = None
+    """(T,) whether the arm touches something, of servo logs."""
+    every: int = 1
+    """One row of so many is here [-]."""
+    text: str
+    """Verdict and evidence of each cause, as Markdown."""
+
+    @property
+    def unit(self) -> str:
+        """Of what was compared."""
+        return "N·m" if self.quantity == "torque" else "rad"
+
+
+def log_series(d: Diagnosis, text: str) -> Series:
+    """Return the series of joint logs: filtered torques, all models along the measured motion."""
+    data = d.data
+    n = data.n
+    extended = data.nominal + np.stack([d.torque(j) for j in range(n)], axis=1)
+    time, date = common_time(data.t, data.recording.log, d.logs)
+    at, every = _rows(len(time))
+    return Series(
+        arm=data.arm,
+        quantity="torque",
+        time=time[at],
+        date=date,
+        measured=data.tau[at],
+        nominal=data.nominal[at],
+        simulated=extended[at],
+        q=data.q[at],
+        dq=data.dq[at],
+        causes={c.name: d.cause_torque(c.name)[at] for c in d.causes},
+        every=every,
+        text=_text(text, d.causes, every),
+    )
+
+
+def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
+    """Return the series of servo logs: angles at the rows of the logs that were simulated."""
+    log = np.repeat(np.arange(len(d.logs)), [len(x.t) for x in d.logs])
+    t = np.concatenate([x.t for x in d.logs])
+    time, date = common_time(t, log, d.logs)
+    nominal, simulated = np.concatenate(d.nominal_angles), np.concatenate(d.angles)
+    q, q_cmd = (np.concatenate([getattr(x, k) for x in d.logs]) for k in ("q", "q_cmd"))
+    speeds = [x.dq for x in d.logs if x.dq is not None]
+    contact = np.zeros(len(t), dtype=bool)
+    for k, stretches in enumerate(d.touching):
+        for begin, end in stretches:
+            contact |= (log == k) & (t >= begin) & (t <= end)
+    known = np.flatnonzero(np.isfinite(simulated).all(axis=1) & np.isfinite(nominal).all(axis=1))
+    some, every = _rows(len(known))
+    at = known[some]
+    return Series(
+        arm=arm,
+        quantity="angle",
+        time=time[at],
+        date=date,
+        measured=q[at],
+        nominal=nominal[at],
+        simulated=simulated[at],
+        q=q[at],
+        dq=np.concatenate(speeds)[at] if len(speeds) == len(d.logs) else None,
+        q_cmd=q_cmd[at],
+        q_simulated=simulated[at],
+        causes={},
+        contact=contact[at],
+        every=every,
+        text=_text(text, d.causes, every),
+    )
+
+
+def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> tuple[Array, float]:
+    """Return (T,) time of all rows on the clock of the first log [s], and the date of its zero.
+
+    A log that does not follow the one before it on that clock begins `PAUSE` after it.
+
+    Args:
+        t: (T,) time of each row on the clock of its log [s].
+        log: (T,) number of its log, rising.
+        logs: all of them.
+    """
+    dates = [x.date for x in logs]
+    known = [x for x in dates if x is not None]
+    zero = known[0] if len(known) == len(logs) else 0.0
+    out, end = t.copy(), -np.inf
+    for k in np.unique(log):
+        rows = log == k
+        if zero:
+            out[rows] += known[k] - zero
+        if out[rows][0] <= end:
+            out[rows] += end + PAUSE - out[rows][0]
+        end = out[rows][-1]
+    return out, zero
+
+
+def _rows(count: int) -> tuple[slice, int]:
+    """Return which of so many rows are kept, and that it is one of how many."""
+    every = max(1, -(-count // ROWS))
+    return slice(None, None, every), every
+
+
+def _text(summary: str, causes: Sequence[NamedCause], every: int) -> str:
+    parts = [summary]
+    for c in causes:
+        of = ", ".join(map(str, c.joints)) or "all"
+        parts.append(f"## {c.name}, joints {of}: {c.gain_percent:.1f} %\n\n{c.evidence}")
+        if c.confused_with:
+            parts.append(f"These logs do not tell it from {', '.join(c.confused_with)}.")
+    if every > 1:
+        parts.append(f"One row of {every} is in this file.")
+    return "\n\n".join(parts) + "\n"

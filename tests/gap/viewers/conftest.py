@@ -1,0 +1,48 @@
+"""One diagnosis of each kind of log, for all viewers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs import diagnose
+from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.hidden.servo_logs import hide
+from stiction_envs.robots import Arm
+from tests.gap.servo.small_arm import two_links
+from tests.gap.small_logs import dry, hidden
+
+
+@pytest.fixture(scope="package")
+def torques(tmp_path_factory: pytest.TempPathFactory) -> LogDiagnosis:
+    """A joint log with dry friction."""
+    arm = _arm(tmp_path_factory)
+    found = diagnose(hidden(arm, dry, seconds=10.0), arm)
+    assert isinstance(found, LogDiagnosis)
+    assert [c.name for c in found.causes] == ["coulomb_friction"]
+    return found
+
+
+@pytest.fixture(scope="package")
+def angles(tmp_path_factory: pytest.TempPathFactory) -> ServoResult:
+    """A servo log with dry friction, whose second joint is held for a while."""
+    arm = _arm(tmp_path_factory)
+    h = hide(arm, ["coulomb_friction"], seed=3, seconds=30.0, start=np.array([-0.6, 0.8]))
+    q, command = h.log.q.copy(), h.log.q_cmd.copy()
+    stop = (h.log.t > 20.0) & (h.log.t < 24.0)
+    command[stop, 1] += 1.2
+    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
+    log = type(h.log)(source="held.csv", t=h.log.t, q=q, dq=None, q_cmd=command)
+    known = {"servo_stiffness": h.stiffness.tolist(), "servo_damping": h.damping.tolist()}
+    found = diagnose(log, arm, **known)
+    assert isinstance(found, ServoResult)
+    assert found.diagnosis.touching[0]
+    return found
+
+
+def _arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    folder: Path = tmp_path_factory.mktemp("arm")
+    return two_links(folder)

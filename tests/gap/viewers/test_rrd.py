@@ -1,0 +1,139 @@
+"""Recordings for Rerun, read back with its own SDK."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.viewers import rrd
+from stiction_envs.gap.viewers.links import body_poses
+
+Array = NDArray[np.float64]
+
+
+class Recording:
+    """The chunks of a file by entity, static ones apart."""
+
+    def __init__(self, path: Path) -> None:
+        reader = RrdReader(path)
+        assert len(reader.recordings()) == len(reader.blueprints()) == 1
+        self.timed: dict[str, list[Any]] = {}
+        self.static: dict[str, dict[str, Any]] = {}
+        for chunk in reader.stream():
+            batch = chunk.to_record_batch()
+            if chunk.is_static:
+                of = self.static.setdefault(chunk.entity_path, {})
+                of |= {k: batch.column(k)[0].as_py() for k in batch.schema.names[1:]}
+            else:
+                self.timed.setdefault(chunk.entity_path, []).append(batch)
+
+    def time(self, entity: str) -> Array:
+        """Return (T,) time [s]."""
+        of = [b.column("time").cast("int64").to_numpy() for b in self.timed[entity]]
+        return np.concatenate(of) * 1e-9
+
+    def values(self, entity: str, component: str) -> Array:
+        """Return (T, ...) values of a component."""
+        return np.concatenate(
+            [np.array(b.column(component).to_pylist()) for b in self.timed[entity]]
+        )
+
+    def lines(self, entity: str) -> dict[str, Array]:
+        """Return (T,) values of the lines of an entity by name."""
+        names = self.static[entity]["SeriesLines:names"]
+        return dict(zip(names, self.values(entity, "Scalars:scalars").T, strict=True))
+
+
+def test_torques_residuals_and_causes_are_those_of_the_diagnosis(
+    tmp_path: Path, torques: LogDiagnosis
+) -> None:
+    d = torques.diagnosis
+    read = Recording(torques.write_rrd(tmp_path / "x.rrd"))
+    np.testing.assert_allclose(read.time("/torque/joint_1"), d.data.t, atol=1e-9)
+    for j in range(2):
+        found = read.lines(f"/torque/joint_{j + 1}")
+        np.testing.assert_array_equal(found["measured"], d.data.tau[:, j])
+        np.testing.assert_array_equal(found["nominal"], d.data.nominal[:, j])
+        np.testing.assert_array_equal(found["simulated"], d.data.nominal[:, j] + d.torque(j))
+        left = read.lines(f"/residual/joint_{j + 1}")
+        np.testing.assert_array_equal(left["nominal"], d.data.residual[:, j])
+        np.testing.assert_array_equal(left["simulated"], found["measured"] - found["simulated"])
+        (cause,) = read.lines(f"/cause/joint_{j + 1}").items()
+        assert cause[0] == "coulomb_friction"
+        np.testing.assert_array_equal(cause[1], d.cause_torque("coulomb_friction")[:, j])
+    (text,) = read.static["/diagnosis"]["TextDocument:text"]
+    assert d.causes[0].evidence in text
+    assert "one arm is drawn" in text
+    assert not any(x.startswith("/arm/simulated") for x in read.timed)
+
+
+def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
+    tmp_path: Path, angles: ServoResult
+) -> None:
+    d = angles.diagnosis
+    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
+    for j in range(2):
+        found = read.lines(f"/angle/joint_{j + 1}")
+        np.testing.assert_array_equal(found["measured"], d.logs[0].q[:, j])
+        np.testing.assert_array_equal(found["simulated"], d.angles[0][:, j])
+        np.testing.assert_array_equal(found["commanded"], d.logs[0].q_cmd[:, j])
+    touches = read.lines("/contact")["contact"].astype(bool)
+    time = read.time("/contact")
+    begin, end = d.touching[0][0]
+    assert time[touches][0] == pytest.approx(begin, abs=1e-9)
+    assert time[touches][-1] == pytest.approx(d.touching[0][-1][1], abs=1e-9)
+    assert end <= d.touching[0][-1][1]
+    model = angles.arm.model()
+    for name, q in (("measured", d.logs[0].q), ("simulated", d.angles[0])):
+        places, turns = body_poses(angles.arm, q)
+        # the upper link turns where it stands, so that its quaternion shows the motion
+        where = read.values(f"/arm/{name}/upper", "Transform3D:translation")[:, 0]
+        np.testing.assert_allclose(where, places[:, model.body("upper").id], atol=1e-6)
+        turn = read.values(f"/arm/{name}/upper", "Transform3D:quaternion")[:, 0]
+        assert turn[:, 3] == pytest.approx(turns[:, model.body("upper").id, 0], abs=1e-6)
+        assert np.ptp(turn, axis=0).max() > 0.05
+
+
+def test_a_capsule_begins_at_the_joint_that_it_leaves(tmp_path: Path, angles: ServoResult) -> None:
+    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
+    (shape,) = [v for k, v in read.static.items() if k.startswith("/arm/measured/upper/")]
+    assert np.allclose(shape["Capsules3D:translations"], 0.0, atol=1e-7)
+    assert shape["Capsules3D:lengths"] == [pytest.approx(0.3, rel=1e-6)]
+
+
+def test_few_poses_of_a_long_log_are_drawn(
+    tmp_path: Path, angles: ServoResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rrd, "POSES", 100)
+    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
+    time = read.time("/angle/joint_1")
+    every = int(np.ceil(len(time) / 100))
+    np.testing.assert_array_equal(read.time("/arm/simulated/upper"), time[::every])
+    (text,) = read.static["/diagnosis"]["TextDocument:text"]
+    assert f"one row of {every}" in text
+
+
+def test_shapes_of_every_kind_are_drawn(tmp_path: Path) -> None:
+    """Those of the arms that come with the package, and a mesh."""
+    look = (1, 2, 3)
+    at = {"link": 1, "place": np.zeros(3), "turn": np.array([1.0, 0, 0, 0]), "size": np.ones(3)}
+    mesh = {"vertices": np.eye(3, dtype=np.float32), "faces": np.array([[0, 1, 2]], np.int32)}
+    names = {}
+    for kind in ("box", "ellipsoid", "cylinder", "capsule", "mesh"):
+        of = mesh if kind == "mesh" else {}
+        drawn = rrd._archetypes(rrd.Shape(kind=kind, **at, **of), look)
+        names[kind] = [type(x).__name__ for x in drawn]
+    assert names == {
+        "box": ["Boxes3D"],
+        "ellipsoid": ["Ellipsoids3D"],
+        "cylinder": ["Cylinders3D"],
+        "capsule": ["Capsules3D"],
+        "mesh": ["Transform3D", "Mesh3D"],
+    }
