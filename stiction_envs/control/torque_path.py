@@ -8,7 +8,7 @@ as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,11 @@ class TorqueInterface:
             torque_rate=arm.limits.torque_rate,
             torque_limit=arm.limits.torque,
         )
+
+    def unlimited(self) -> TorqueInterface:
+        """Return the same rate without filter and limits."""
+        far = np.full_like(self.torque_limit, np.inf)
+        return replace(self, lowpass_hz=0.0, torque_rate=far, torque_limit=far)
 
     @property
     def hold_steps(self) -> int:

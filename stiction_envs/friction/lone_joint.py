@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.friction.bristle import bristle_after
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # control and physics step, as of the plant [s]
@@ -122,9 +123,7 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
             a *= _plasticity(breakaway_ratio, stiffness, z, w, g)
         a = max(a, 1e-15)
         push = y - stiffness * z + damping * (a / STEP * z - w) - viscous * w
-        # exact solution of the bristle equation at constant speed (`hidden.friction_law.LuGre`)
-        e = np.expm1(-a)
-        z += e * z - e / a * STEP * w
+        z = bristle_after(z, w, a, STEP)
         if elastic:
             pull = spring * (theta - q) + spring_damping * (w - v)
             push -= pull

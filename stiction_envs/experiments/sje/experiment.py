@@ -13,12 +13,14 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.control.position_servo import PositionServos, put_under_servos, read_servos
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
@@ -31,6 +33,7 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
+from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
@@ -48,11 +51,15 @@ MAX_SIMULATIONS = 384
 class SingleJointExperiment(SJESetup):
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
 
+    servos: PositionServos | None
+    """What drives the joints under gravity; None: torques, gravity compensated."""
+
     def __init__(
         self,
         robot: Robot,
         *,
         friction: Friction | None = None,
+        drive: str | None = None,
         protocol: Protocol | None = None,
         interface: TorqueInterface | None = None,
         scatter: bool = True,
@@ -65,6 +72,8 @@ class SingleJointExperiment(SJESetup):
         Args:
             robot: name, model file, arm, or an arm with its friction (`load_model`).
             friction: of one arm, or its TOML; None for the robot's own.
+            drive: "torque", or "position": the joints' position servos of a friction TOML with a
+                table ``[servo]``, which `diagnose` writes of servo logs. None: what the TOML has.
             protocol: None for the robot's.
             interface: None for the robot's.
             scatter: whether iterations differ.
@@ -73,15 +82,18 @@ class SingleJointExperiment(SJESetup):
             threads: threads, 0 for all processors.
 
         Raises:
-            StictionError: anything wrong with the arm, its friction or its poses.
+            StictionError: anything wrong with the arm, its friction, its servos or its poses.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
         super().__init__(sticking, interface=interface, scatter=scatter, seed=seed, threads=threads)
         arm = sticking.arm
-        self._set(
-            protocol=load_protocol(arm.registered_name) if protocol is None else protocol,
-            poses=find_poses(arm),
-        )
+        servos = _servos_of(friction, arm.n, drive)
+        if servos is not None:
+            put_under_servos(sticking, servos)
+            self._set(interface=self.interface.unlimited())
+        if protocol is None:
+            protocol = load_protocol(arm.registered_name, position=servos is not None)
+        self._set(servos=servos, protocol=protocol, poses=find_poses(arm))
 
     def jobs(
         self,
@@ -152,7 +164,14 @@ class SingleJointExperiment(SJESetup):
 
     def rig(self, nsim: int, *, dither_all: bool = False) -> SJERig:
         """Return the machine that runs ``nsim`` simulations of this experiment; see `SJERig`."""
+        if self.servos is not None:
+            return ServoRig(self, nsim, self.servos, dither_all=dither_all)
         return SJERig(self, nsim, dither_all=dither_all)
+
+    @property
+    def drive_record(self) -> dict[str, Any]:
+        """What a provenance says of servos; nothing where torques drive."""
+        return {} if self.servos is None else {"servos": dataclasses.asdict(self.servos)}
 
     def expected(self, job: Job) -> float:
         """Return the approximate size of a job's torque [N·m], to plan the work."""
@@ -166,7 +185,12 @@ class SingleJointExperiment(SJESetup):
         """Return the simulated time [s] that jobs take, roughly, for a progress bar."""
         p = self.protocol
         approach = p.return_time + p.settle_time
-        ramps = sum(approach + self.expected(job) / p.ramp_rate for job in jobs)
+        # a joint under a position servo follows its command until the threshold
+        follows = np.zeros(self.n) if self.servos is None else self.servos.stiffness * p.threshold
+        ramps = sum(
+            approach + (self.expected(job) + follows[job.configuration.joint - 1]) / p.ramp_rate
+            for job in jobs
+        )
         return float(ramps * (p.iterations if iterations is None else iterations))
 
     def measure(
@@ -187,10 +211,12 @@ class SingleJointExperiment(SJESetup):
             protocol=self.protocol,
             measurements=tuple(in_order(measured)),
             note=friction_note(arm, self.sticking.parameters),
+            servo_stiffness=None if self.servos is None else self.servos.stiffness,
             provenance=provenance(
                 "sje",
                 {
                     "robot": arm.name,
+                    **self.drive_record,
                     "model_sha256": model_sha256(self.sticking),
                     "protocol": dataclasses.asdict(self.protocol),
                     "interface": dataclasses.asdict(self.interface),
@@ -300,6 +326,21 @@ class SingleJointExperiment(SJESetup):
         angle = rig.plant.position[ramping, joint] - rig.pose[ramping, joint]
         for i, a in zip(ramping.tolist(), angle.tolist(), strict=True):
             logs[i].trace.append(a)
+
+
+def _servos_of(friction: Friction | None, n: int, drive: str | None) -> PositionServos | None:
+    """Return the servos that drive n joints; None for torques."""
+    if drive not in (None, "torque", "position"):
+        raise unknown("drive", drive, ("torque", "position"))
+    if drive == "torque":
+        return None
+    servos = read_servos(Path(friction), n) if isinstance(friction, str | Path) else None
+    if drive == "position" and servos is None:
+        raise StictionError(
+            "drive position: expected a friction TOML with a table [servo], as a diagnosis of "
+            "servo logs writes it"
+        )
+    return servos
 
 
 class RampLog:

@@ -41,7 +41,7 @@ class Poses:
     """(n,) joints whose load is their bearing's tilting moment."""
 
 
-class _Evaluator:
+class PoseLoads:
     """Loads and validity of many poses at once, on the rigid arm with contacts."""
 
     def __init__(self, sticking: StickingModel, settings: PoseSettings) -> None:
@@ -91,7 +91,7 @@ def find_poses(arm: Arm) -> Poses:
     if not found:
         # friction plays no part here; the rigid model is only asked for gravity and contacts
         sticking = build(arm, load_friction("generic", arm.n).rigid())
-        evaluate = _Evaluator(sticking, s)
+        evaluate = PoseLoads(sticking, s)
         q, signed = np.empty((arm.n, 2, arm.n)), np.empty((arm.n, 2))
         for joint in range(arm.n):
             for k in range(2):
@@ -108,7 +108,7 @@ def find_poses(arm: Arm) -> Poses:
     )
 
 
-def _search(evaluate: _Evaluator, joint: int, *, largest: bool) -> Array:
+def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
     """Random search, then shrinking random steps around the best poses."""
     arm, s = evaluate.arm, evaluate.settings
     rng = np.random.default_rng([joint, int(largest)])

@@ -69,6 +69,14 @@ class Protocol:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnderServos:
+    """What differs where position servos drive the joints."""
+
+    threshold: Positive
+    """See `Protocol` [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SJERewardSettings:
     """Weights of the environment's penalties, and what shakes."""
 
@@ -87,13 +95,19 @@ def sje_reward_settings() -> SJERewardSettings:
     return load_settings(SJERewardSettings, _TOML, "reward")
 
 
-def load_protocol(robot: str | None) -> Protocol:
+def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
     """Return the protocol of a registered arm: `sje.toml`, and what its TOML says otherwise.
+
+    Args:
+        robot: name of the arm.
+        position: whether position servos drive its joints.
 
     Raises:
         StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
     """
     protocol, arm = load_settings(Protocol, _TOML, "default"), ARMS.get(str(robot))
+    if position:
+        protocol = protocol.replace(threshold=load_settings(UnderServos, _TOML, "servos").threshold)
     own = {} if arm is None else arm.table.get("experiments", {}).get("sje", {})
     try:
         return override(protocol, own)

@@ -106,6 +106,8 @@ class BreakawayTorques(Result):
     """Name of the table that `write` makes."""
     note: str = ""
     """Stands at the top of the report."""
+    servo_stiffness: NDArray[np.float64] | None = None
+    """(n,) of the position servos that drove the joints [N·m/rad]; None for torques."""
 
     @property
     def rows(self) -> list[SJERow]:
@@ -157,6 +159,7 @@ class BreakawayTorques(Result):
                 for row, m in zip(self.rows, good, strict=True)
             ],
             "stuck": [asdict(m.job.configuration) for m in self.stuck],
+            **({} if self.servo_stiffness is None else {"servo_stiffness": self.servo_stiffness}),
         }
 
     def write(
@@ -193,6 +196,7 @@ class BreakawayTorques(Result):
             pictures=list(groups),
             stuck=self.describe_stuck(),
             note=self.note,
+            servo_stiffness=self.servo_stiffness,
         )
 
     def __repr__(self) -> str:
@@ -256,6 +260,7 @@ def write_report(
     pictures: Sequence[str],
     stuck: str = "",
     note: str = "",
+    servo_stiffness: NDArray[np.float64] | None = None,
 ) -> None:
     """Write both pages and the picture of all torques; ``pictures`` are those of the iterations."""
     from stiction_envs.experiments.sje.plots import plot_torques
@@ -287,26 +292,31 @@ def write_report(
         highest=abs(by_torque[-1].tau_nm),
         iterations=max(row.iterations for row in rows),
         protocol=protocol,
-        table=_table(rows),
+        table=_table(rows, servo_stiffness),
+        servos=servo_stiffness is not None,
         pictures=list(pictures),
         stuck=stuck,
     )
 
 
-def _table(rows: Sequence[SJERow]) -> str:
+def _table(rows: Sequence[SJERow], stiffness: NDArray[np.float64] | None) -> str:
     header = ["joint", "pose", "direction", "dither", "τ [N·m]", "std [N·m]", "change"]
-    return table_text(
-        header,
+    cells = [
         [
-            [
-                str(row.joint),
-                POSES[row.load],
-                SIGNS[row.direction],
-                f"{row.frequency_hz:g} Hz, {row.amplitude_nm:.3g} N·m" if row.amplitude_nm else "–",
-                signed(row.tau_nm, 4),
-                number(row.std_nm, 4),
-                percent(-100 * row.reduction) if row.amplitude_nm else "",
-            ]
-            for row in rows
-        ],
-    )
+            str(row.joint),
+            POSES[row.load],
+            SIGNS[row.direction],
+            f"{row.frequency_hz:g} Hz, {row.amplitude_nm:.3g} N·m" if row.amplitude_nm else "–",
+            signed(row.tau_nm, 4),
+            number(row.std_nm, 4),
+            percent(-100 * row.reduction) if row.amplitude_nm else "",
+        ]
+        for row in rows
+    ]
+    if stiffness is not None:
+        header[5:5] = ["τ/K [mrad]", "dither A/K [mrad]"]
+        for row, line in zip(rows, cells, strict=True):
+            angle = 1e3 / float(stiffness[row.joint - 1])
+            shaken = number(row.amplitude_nm * angle, 1) if row.amplitude_nm else "–"
+            line[5:5] = [signed(row.tau_nm * angle, 1), shaken]
+    return table_text(header, cells)

@@ -179,9 +179,7 @@ class SJERig(Rig):
         ramping = self.stage[ids] == RAMP
         step = self.step[ids][:, None] + np.arange(BLOCK)
         rows = np.flatnonzero(ramping)
-        setpoint = None
-        if not ramping.all():
-            setpoint = self._setpoints(ids, step, ramping)
+        setpoint = self._setpoints(ids, step, ramping)
         joint = self.joint[ids]
         angle = np.empty((m, BLOCK + 1))
         angle[:, 0] = self.plant.position[ids, joint]
@@ -194,7 +192,7 @@ class SJERig(Rig):
                 self._command(torque, rows, ids[rows], step[rows, here], k)
             moved_to = None if setpoint is None else setpoint[:, here]
             only = joint if seen is None else None
-            found = self.plant.run(torque, ids, setpoint=moved_to, joint=only)
+            found = self._drive(torque, ids, moved_to, only)
             if seen is not None:
                 seen[:, here] = found
                 found = found[np.arange(m), :, joint]
@@ -207,6 +205,12 @@ class SJERig(Rig):
         if self.watch is not None and seen is not None:
             self.watch(ids[rows], seen[rows])
         return self._finish(ids[rows], step[rows], angle[rows, 1:])
+
+    def _drive(
+        self, torque: Array, ids: Index, setpoint: Array | None, joint: Index | None
+    ) -> Array:
+        """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
+        return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
 
     def _steps_at_once(self, ids: Index) -> int:
         """Return control steps for which ramps ``ids`` need not look at their speed."""
@@ -247,8 +251,13 @@ class SJERig(Rig):
         else:
             torque[rows, :, self.joint[ids]] = out[:, :, 0]
 
-    def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array:
-        """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held."""
+    def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array | None:
+        """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held.
+
+        None where all are held.
+        """
+        if ramping.all():
+            return None
         x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))
         origin, target = self._origin[ids][:, None], self.target[ids][:, None]
         return origin + x[:, :, None] * (target - origin)
@@ -265,32 +274,41 @@ class SJERig(Rig):
             return
         rows, joint = np.arange(len(ids)), self.joint[ids]
         q = self.plant.position[ids]
-        if np.abs(q - self.pose[ids]).max() > p.start_tolerance:
-            i, j = np.unravel_index(np.abs(q - self.pose[ids]).argmax(), q.shape)
+        missed = np.abs(q - self.pose[ids]) - self._tolerance(ids)
+        if missed.max() > 0:
+            i, j = np.unravel_index(missed.argmax(), q.shape)
             signed, load = self.plant.load
             resists = self._servos.resistance(signed[ids], load[ids])[i, j]
             limit = self._servos.torque_limit[j]
             raise ExperimentError(
                 f"joint {j + 1} stopped {q[i, j] - self.pose[ids[i], j]:+.3f} rad from its pose: "
-                f"expected at most {p.start_tolerance} rad; held with "
+                f"expected at most {self._tolerance(ids)[i, j]:.3g} rad; held with "
                 f"{self._hold[ids[i], j]:.3g} N·m/rad and at most {limit:.3g} N·m against "
                 f"{resists:.3g} N·m: change its friction, limits.torque in the arm's "
                 "TOML, or hold_stiffness of the protocol"
             )
         self.start_angle[ids] = q[rows, joint]
         offset = self.plant.offset[ids][rows, joint]
-        averaged = offset + self._torque_noise[ids]
-        self.start_torque[ids] = averaged if p.averaged_start_torque else 0.0
         stiction = self.plant.stiction[ids][rows, joint]
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
-        stiffness, damping = self._hold[ids], self._hold_damping[ids]
-        stiffness[rows, joint] = damping[rows, joint] = 0.0
-        self.plant.set_servo(ids, stiffness, damping, self.target[ids])
+        self._release(ids, joint, offset)
         start = np.zeros((len(ids), self.columns))
         start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
         self._path.reset(ids, start)
         self.stage[ids], self.step[ids] = RAMP, 0
         self._speeds[ids] = 0.0
+
+    def _tolerance(self, ids: Index) -> Array:
+        """Return (M, n) the largest distance from the pose when a ramp starts [rad]."""
+        return np.full((len(ids), self.n), float(self.protocol.start_tolerance))
+
+    def _release(self, ids: Index, joint: Index, offset: Array) -> None:
+        """Free the joints (M,) under test, and note the torque at which their ramps start."""
+        rows, averaged = np.arange(len(ids)), offset + self._torque_noise[ids]
+        self.start_torque[ids] = averaged if self.protocol.averaged_start_torque else 0.0
+        stiffness, damping = self._hold[ids], self._hold_damping[ids]
+        stiffness[rows, joint] = damping[rows, joint] = 0.0
+        self.plant.set_servo(ids, stiffness, damping, self.target[ids])
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
         """Record ramps that reached the threshold or were given up; return their simulations."""
@@ -304,12 +322,21 @@ class SJERig(Rig):
         torque = self.ramp_torque(ids, step)
         stuck = ~reached & (np.abs(torque[:, -1] - self.start_torque[ids]) > self._give_up[ids])
         done = np.flatnonzero(reached | stuck)
-        tau = torque[done, first[done]] + self.noise[ids[done]]
+        tau = self._torque_at(ids, torque, angle, np.where(reached, first, over.shape[1] - 1))
+        tau = tau[done] + self.noise[ids[done]]
         self.tau[ids[done]] = np.where(reached[done], tau, np.nan)
         squares, counted = self._speeds[ids[done], :2].T
         self.shaken_speed[ids[done]] = np.sqrt(squares / np.maximum(counted, 1.0))
         self.stage[ids[done]] = IDLE
         return ids[done]
+
+    def _torque_at(self, ids: Index, torque: Array, angle: Array, last: Index) -> Array:
+        """Return (M,) the torque of ramps at steps ``last`` (M,) of this block [N·m].
+
+        ``torque`` (M, K) is the command's without dither [N·m], ``angle`` (M, K) the joint's [rad].
+        """
+        out: Array = torque[np.arange(len(ids)), last]
+        return out
 
 
 @compiled

@@ -1,0 +1,116 @@
+"""What a command passes through before a servo follows it, against closed forms and `diagnose`."""
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.position_servo import (
+    PositionServos,
+    ServoDrive,
+    put_under_servos,
+    read_servos,
+)
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.plant import Plant
+from tests.servo_arm import LOAD, joint_parameters, servo_arm
+
+
+def drive_of(folder, nsim=1, **changes):
+    arm, path = servo_arm(folder, **changes)
+    servos, sticking = read_servos(path, arm.n), sticking_model(arm, path)
+    put_under_servos(sticking, servos)
+    return ServoDrive(servos, Plant(sticking, nsim, threads=1))
+
+
+def waves(seconds):
+    t = np.arange(0.0, seconds, 0.02)
+    return t, np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t)], axis=1)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"delay": 0.0173}, {"speed_limit": 0.3}, {"dead_zone": 0.01}]
+)
+def test_it_moves_an_arm_as_the_diagnosis_of_servo_logs_does(tmp_path, changes):
+    t, command = waves(6.0)
+    log = ServoLog(source="a", t=t, q=command.copy(), dq=None, q_cmd=command)
+    drive = drive_of(tmp_path, **changes)
+    arm = drive.plant.sticking.arm
+    found = simulate_arm(arm, [log], joint_parameters(**changes), LOAD, threads=1)[0]
+    ids = np.array([0])
+    drive.plant.reset(ids, command[:1])
+    drive.reset(ids, command[:1])
+    q = drive.run(np.repeat(command, 20, axis=0)[None], ids)[0]
+    # bristles start relaxed here, loaded there
+    np.testing.assert_allclose(q[19::20][75:-1], found[76:], atol=2e-4)
+
+
+def test_a_late_command_is_interpolated_between_control_steps(tmp_path):
+    drive, ids = drive_of(tmp_path, delay=0.0025), np.array([0])
+    drive.reset(ids, np.zeros((1, 2)))
+    ramp = np.repeat(np.arange(1.0, 9.0)[None, :, None], 2, axis=2)
+    parts = [drive._reach(ramp[:, :3], ids), drive._reach(ramp[:, 3:], ids)]
+    seen = np.concatenate(parts, axis=1)[0, :, 0]
+    np.testing.assert_allclose(seen, np.maximum(np.arange(1.0, 9.0) - 2.5, [0, 0, 0.5] + [0] * 5))
+
+
+def test_what_the_servo_follows_is_limited_in_speed(tmp_path):
+    drive, ids = drive_of(tmp_path, speed_limit=2.0), np.array([0])
+    drive.reset(ids, np.zeros((1, 2)))
+    step = np.full((1, 300, 2), 0.5)
+    seen = np.concatenate([drive._reach(step, ids), drive._reach(-step, ids)], axis=1)[0, :, 1]
+    expected = np.minimum(0.002 * np.arange(1, 301), 0.5)
+    np.testing.assert_allclose(seen[:300], expected, atol=1e-12)
+    np.testing.assert_allclose(np.diff(seen[300:]), -0.002, atol=1e-12)
+
+
+def test_same_bits_in_any_batch(tmp_path):
+    _, command = waves(1.0)
+    whole = np.repeat(command, 20, axis=0)[None]
+    changes = {"delay": 0.0173, "speed_limit": 0.5, "dead_zone": 0.002}
+    found = []
+    for nsim, which in ((1, 0), (3, 2)):
+        drive = drive_of(tmp_path, nsim, **changes)
+        ids = np.arange(nsim)
+        drive.plant.reset(ids, np.tile(command[:1], (nsim, 1)))
+        drive.reset(ids, np.tile(command[:1], (nsim, 1)))
+        several = np.tile(whole, (nsim, 1, 1))
+        several[:which] *= 0.5
+        found.append(drive.run(several, ids)[which])
+    assert np.array_equal(*found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("stiffness = [80.0, 30.0]", "stiffness = [80.0]", "expected 2 numbers"),
+        ("stiffness = [80.0, 30.0]", "stiffness = [80.0, 0.0]", "above 0"),
+        ("delay = [0.0, 0.0]", "delay = [0.0, nan]", "delay"),
+        ("delay = [0.0, 0.0]", "delay = [0.0, 5.0]", "up to 1 s"),
+        ("delay = [0.0, 0.0]", "", "delay"),
+        ("dead_zone = [0.0, 0.0]", "dead_zone = [-1.0, 0.0]", "from 0"),
+    ],
+)
+def test_a_bad_table_of_servos_is_one_line(tmp_path, old, new, said):
+    _, path = servo_arm(tmp_path)
+    head, table = path.read_text().split("[servo]")
+    assert old in table
+    path.write_text(f"{head}[servo]{table.replace(old, new)}")
+    with pytest.raises(StictionError, match=said) as error:
+        read_servos(path, 2)
+    assert "\n" not in str(error.value)
+
+
+def test_a_friction_without_servos_has_none(tmp_path):
+    _, path = servo_arm(tmp_path)
+    path.write_text(path.read_text().split("[servo]")[0])
+    assert read_servos(path, 2) is None
+
+
+def test_a_delay_is_that_of_a_clock_where_it_is_negative():
+    one = np.ones(2)
+    servos = PositionServos(
+        stiffness=one, delay=-0.01 * one, speed_limit=one, torque_limit=one, dead_zone=0 * one
+    )
+    assert servos.n == 2

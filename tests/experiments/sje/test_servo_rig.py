@@ -1,0 +1,85 @@
+"""The Single Joint Experiment on joints under position servos."""
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job
+from tests.servo_arm import STICTION, servo_arm
+
+ELBOW = Configuration(2, "load", "+")
+DITHERED = Job(ELBOW, 10.0, 0.2)
+
+
+def experiment(folder, *, drive=None, **changes):
+    arm, path = servo_arm(folder, **changes)
+    return SingleJointExperiment(arm, friction=path, drive=drive, scatter=False, threads=1)
+
+
+def measured(e, jobs, iterations=2):
+    return {m.job: m for m in e.run(jobs, iterations=iterations)}
+
+
+@pytest.fixture(scope="module")
+def together(tmp_path_factory):
+    """All configurations, and the elbow with dither, measured in one batch."""
+    e = experiment(tmp_path_factory.mktemp("arm"))
+    return measured(e, [DITHERED, *e.jobs()])
+
+
+def test_the_breakaway_torque_is_the_stiction_against_gravity(together):
+    found = {job.configuration: m for job, m in together.items() if job != DITHERED}
+    assert len(found) == 8
+    for c, m in found.items():
+        expected = c.sign * STICTION[c.joint - 1]
+        # a bristle lets go a little before its level while the joint creeps
+        np.testing.assert_allclose(m.tau, expected, rtol=0.03)
+
+
+def test_it_does_not_depend_on_the_servo(tmp_path, together):
+    soft = together[Job(ELBOW)].mean
+    late = measured(experiment(tmp_path, stiffness=60.0, delay=0.02, dead_zone=0.004), [Job(ELBOW)])
+    assert late[Job(ELBOW)].mean == pytest.approx(soft, rel=0.03)
+
+
+def test_dither_of_the_command_frees_the_joint(tmp_path):
+    e, jobs = experiment(tmp_path), [Job(ELBOW), Job(ELBOW, 10.0, 0.3)]
+    base, dithered = (measured(e, jobs)[j].mean for j in jobs)
+    assert abs(dithered) < 0.5 * abs(base)
+
+
+def test_a_servo_too_weak_for_the_friction_leaves_the_joint_stuck(tmp_path):
+    up = Configuration(2, "load", "-")  # against gravity, which takes 0.59 N·m; friction 0.3
+    weak, strong = (experiment(tmp_path, torque_limit=np.array([1e6, x])) for x in (0.85, 0.95))
+    assert np.isnan(measured(weak, [Job(up)], iterations=1)[Job(up)].tau).all()
+    assert np.isfinite(measured(strong, [Job(up)], iterations=1)[Job(up)].tau).all()
+
+
+def test_a_servo_that_cannot_carry_the_arm_is_an_error(tmp_path):
+    with pytest.raises(ExperimentError, match=r"joint 1 stopped .* at most 0\.85 N"):
+        measured(experiment(tmp_path, torque_limit=0.85), [Job(ELBOW)], iterations=1)
+
+
+def test_a_job_does_not_depend_on_the_others(tmp_path, together):
+    alone = measured(experiment(tmp_path), [DITHERED])[DITHERED]
+    assert np.array_equal(together[DITHERED].tau, alone.tau)
+
+
+def test_torques_drive_where_that_is_asked_for_and_servos_where_they_are_known(tmp_path):
+    assert experiment(tmp_path, drive="torque").servos is None
+    assert experiment(tmp_path).servos is not None
+    with pytest.raises(StictionError, match=r"\[servo\]"):
+        SingleJointExperiment("panda", drive="position")
+    with pytest.raises(StictionError, match="expected one of torque, position"):
+        SingleJointExperiment("panda", drive="speed")
+
+
+def test_the_report_says_how_far_the_command_leads(tmp_path):
+    e = experiment(tmp_path)
+    result = e.measure([Job(ELBOW), Job(ELBOW, 10.0, 0.3)], iterations=1)
+    result.write(tmp_path)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "| 10.0 |" in text  # 0.3 N·m over 30 N·m/rad, in mrad
+    assert "dither A/K [mrad]" in text
+    assert result.to_json()["servo_stiffness"].tolist() == [80.0, 30.0]
