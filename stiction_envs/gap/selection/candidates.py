@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.selection.joint_columns import JointColumns
+from stiction_envs.gap.selection.row_weights import (
+    certain,
+    dependent_rows,
+    explained,
+    filtered_rows,
+)
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import rate
 
 Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -27,25 +33,8 @@ SCALES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 ALLOWED = 3.32
 """Drop of the log likelihood to the ends of a 99 % interval [nats]: half of the quantile of χ² with
 one degree of freedom. Not 95 %, since one size stands for mass, centre and shape."""
-BATCHES = 4
-"""Batches of rows per block, whose sums show slow noise [-]; assumed."""
-ROOM = 256
-"""Initial capacity for columns of a joint; assumed."""
 THREADS = 4
 """Largest number of threads that compute columns: each needs its own memory; assumed."""
-SURE = 0.9
-"""Part of the steady level above which friction counts as steady [-]; assumed."""
-MOSTLY = 0.8
-"""Part of rows at rest above which they have the same weight as the others [-]; assumed."""
-
-
-def certain(data: Data, joint: int) -> Array:
-    """Return (T,) weights: `uncertain` where a joint rests below its steady friction, else one."""
-    s = data.settings.candidates
-    speed = np.abs(rate(data.reversal_path[:, joint], data.runs(), data.dt))
-    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.direction(joint)) < SURE)
-    # a joint that hardly ever moves has no other rows
-    return np.where(off, s.uncertain, 1.0) if off.mean() < MOSTLY else np.ones(len(off))
 
 
 class Candidate(NamedTuple):
@@ -85,8 +74,7 @@ class RegressorLibrary:
         self._last: tuple[Candidate, Array] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._sizes: dict[Candidate, int] = {}
-        self._rows_of: list[Array] = [np.empty((0, len(data.t)))] * data.n
-        self._width = [0] * data.n
+        self._columns = JointColumns(data.n, len(data.t))
         self._limits: dict[tuple[Candidate, float], tuple[Numbers, Numbers, Numbers]] = {}
         self._models: dict[tuple[float, tuple[Candidate, ...]], ModelColumns] = {}
         self.residual = data.residual
@@ -95,11 +83,8 @@ class RegressorLibrary:
         extra = np.sqrt(np.mean(np.square(data.nominal - data.rigid), axis=0))
         self.known = share * extra / data.noise
         """(n,) root mean square error assumed for the nominal model's friction, over the noise."""
-        self.independent_rows = 1.0
+        self.independent_rows = filtered_rows(data)
         """Number of rows that form one independent observation."""
-        if np.isfinite(data.dt) and np.isfinite(data.cutoff):
-            # neighbours within half a period of the filter depend on each other
-            self.independent_rows = max(1.0, 0.5 / (data.cutoff * data.dt))
         self.scale = 0.0
         """Size of the random effects over their prior [-]; 0 for none."""
         self.settled = False
@@ -118,7 +103,7 @@ class RegressorLibrary:
                 for term, columns in offered:
                     self._add(term, columns)
                 if instead_of is not None:
-                    instead_of._rows_of[j] = np.empty((0, len(data.t)))
+                    instead_of._columns.free(j)
         for cause in arm_wide:
             for term, columns in self._offered(cause, ARM, self.residual[:, 0]):
                 self._add(term, columns)
@@ -137,7 +122,7 @@ class RegressorLibrary:
         self.least_inflation = self.inflation.copy()
         """(n,) the same by what all linear causes together leave."""
         self._reweigh()
-        self.grams = self._sums([self._gram(j, self._store(j)) for j in range(data.n)])
+        self.grams = self._sums([self._gram(j, self._columns.of(j)) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual after the causes that are `removed_first` were subtracted."""
@@ -221,21 +206,9 @@ class RegressorLibrary:
     def _add(self, term: Candidate, rows: list[Array]) -> None:
         self._sizes[term] = len(rows[0])
         for joint, columns in zip(self.affected_joints(term), rows, strict=True):
-            start = self._width[joint]
-            self._at[term, joint] = tuple(range(start, start + len(columns)))
-            self._width[joint] += len(columns)
-            self._put(joint, start, columns)
+            self._at[term, joint] = self._columns.add(joint, columns)
         if not term.small:
             self.candidates.append(term)
-
-    def _put(self, joint: int, start: int, columns: Array) -> None:
-        """Store (k, T) columns with spare capacity; unused capacity takes no memory."""
-        end = start + len(columns)
-        if end > len(self._rows_of[joint]):
-            before = self._rows_of[joint][:start]
-            self._rows_of[joint] = np.empty((max(ROOM, 2 * end), len(self.data.t)))
-            self._rows_of[joint][:start] = before
-        self._rows_of[joint][start:end] = columns
 
     def refine(self, terms: Iterable[Candidate]) -> None:
         """Add candidates with other nonlinear parameters, and update the sums."""
@@ -257,16 +230,12 @@ class RegressorLibrary:
         """Return the sums of a joint with the columns that were added since."""
         gram, d = self.grams.joints[joint], self.data
         had = gram.xr.shape[1]
-        if had == self._width[joint]:
+        if had == self._columns.width[joint]:
             return gram
-        columns = self._store(joint)
+        columns = self._columns.of(joint)
         weight = self.weight[:, joint] / d.noise[joint] ** 2
         residual = self.residual[:, joint]
         return gram.with_columns(columns[:, :had], columns[:, had:], residual, d.block, weight)
-
-    def _store(self, joint: int) -> Array:
-        """Return (T, P) all columns of a joint, each contiguous."""
-        return self._rows_of[joint][: self._width[joint]].T
 
     def _reweigh(self) -> None:
         """Reduce the weight of rows that no linear model explains (spikes, contacts)."""
@@ -277,18 +246,15 @@ class RegressorLibrary:
         model = self.model_columns([*self.random, *linear])
 
         def columns(joint: int) -> Array:
-            return self._store(joint).T[list(model.columns[joint])].T
+            return self._columns.of(joint).T[list(model.columns[joint])].T
 
         grams = self._sums([self._gram(j, columns(j)) for j in range(n)])
         among = tuple(tuple(range(len(at))) for at in model.columns)
         c = grams.fit(replace(model, columns=among))
         for j, at in enumerate(model.coefficients):
             e = self.residual[:, j] - columns(j) @ c[list(at)]
-            scale = 1.4826 * float(np.median(np.abs(e - np.median(e)))) + 1e-12
-            self.weight[:, j] = self.certain[:, j] * np.minimum(
-                1.0, huber * scale / np.maximum(np.abs(e), 1e-300)
-            )
-            self.least_inflation[j] = self._inflation(j, e)
+            self.weight[:, j] = self.certain[:, j] * explained(e, huber)
+            self.least_inflation[j] = dependent_rows(d, j, e, self.weight[:, j])
         self.scale = 0.0
 
     def given(self, inflation: Array, scale: float) -> RegressorLibrary:
@@ -323,7 +289,8 @@ class RegressorLibrary:
         """Return (n,) `inflation` by what a model leaves."""
         c = self.grams.fit(self.model_columns(terms))
         left = (self.residual[:, j] - self.torque(terms, c, j) for j in range(self.data.n))
-        return np.array([self._inflation(j, e) for j, e in enumerate(left)])
+        rows = [dependent_rows(self.data, j, e, self.weight[:, j]) for j, e in enumerate(left)]
+        return np.array(rows)
 
     def likeliest(
         self, terms: Sequence[Candidate], scales: Numbers = SCALES
@@ -346,23 +313,6 @@ class RegressorLibrary:
         if found[0] == best:
             return best, tried[0]
         return best, max(s for s, x in zip(tried, found, strict=True) if x > best - ALLOWED)
-
-    def _inflation(self, joint: int, left: Array) -> float:
-        """Return the number of rows that form one independent observation of the noise floor.
-
-        What a model leaves is more than that noise, and slower. Sums over batches of rows show how
-        slow: for independent rows the square of one is the number of its rows (A. Law, W. Kelton,
-        "Simulation Modeling and Analysis", 1991, 9.5.3).
-
-        Args:
-            joint: from 0.
-            left: (T,) what a model leaves of its torque [N·m].
-        """
-        kept = left * np.sqrt(self.weight[:, joint]) / self.data.noise[joint]
-        kept = kept[self.data.block >= 0]
-        batches = np.array_split(kept, BATCHES * self.data.blocks)
-        slow = float(np.mean([x.sum() ** 2 / max(len(x), 1) for x in batches]))
-        return max(slow, self.independent_rows * max(float(np.mean(kept**2)), 1.0))
 
     def beside(self, terms: Sequence[Candidate]) -> list[Candidate]:
         """Return the named terms beside small errors of all links, as far as there are any."""
@@ -442,7 +392,7 @@ class RegressorLibrary:
     def columns(self, term: Candidate, joint: int) -> Array:
         """Return the (T, k) columns of a candidate on a joint; not to be changed."""
         if at := self._at.get((term, joint)):
-            return np.asarray(self._rows_of[joint][at[0] : at[-1] + 1].T)
+            return self._columns.at(joint, at)
         cause = self.causes[term.cause]
         if cause.coupled:
             if self._last is None or self._last[0] != term:

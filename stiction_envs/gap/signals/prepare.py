@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
@@ -114,20 +114,13 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
     if 2 * cutoff_hz >= rate_hz or len(x) < 2:
         return x.copy()
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    # scipy's sosfiltfilt, but for the steady state, which it solves for in every call
-    sections, steady = _sections(rate_hz, cutoff_hz)
-    steady = steady.reshape(len(sections), 2, *[1] * (x.ndim - 1))
-    out = np.concatenate([2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]])
-    for _ in range(2):
-        out = sosfilt(sections, out, axis=0, zi=steady * out[0])[0][::-1]
-    return np.asarray(out[pad : len(out) - pad])
+    return np.asarray(sosfiltfilt(_sections(rate_hz, cutoff_hz), x, axis=0, padlen=pad))
 
 
 @lru_cache
-def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Return the second-order sections of `lowpass` (K, 6), and their steady state at 1 (K, 2)."""
-    sections = butter(ORDER, cutoff_hz, fs=rate_hz, output="sos")
-    return np.asarray(sections), np.asarray(sosfilt_zi(sections))
+def _sections(rate_hz: float, cutoff_hz: float) -> Array:
+    """Return the second-order sections of `lowpass`."""
+    return np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 def prepare(

@@ -1,16 +1,13 @@
-"""Columns of all causes: what they are given, how their rows weigh, what they sum up to."""
+"""Columns of all causes: what they are given, what they sum up to."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
 from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary, certain
-from stiction_envs.gap.settings import gap_settings
+from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
 
@@ -65,29 +62,6 @@ def data() -> Data:
 @pytest.fixture(scope="module")
 def library(data: Data) -> RegressorLibrary:
     return RegressorLibrary(data, causes(*LINEAR, "payload"))
-
-
-def test_rows_at_rest_below_the_level_of_friction_have_little_weight() -> None:
-    """A joint that rests weighs little where its direction is open, unless it rests always."""
-    s = gap_settings()
-    t = np.arange(1000) / 100
-
-    def weights(moves: np.ndarray, direction: float) -> np.ndarray:
-        path = np.cumsum(np.where(moves, 0.5, 0.0)) / 100
-        data = SimpleNamespace(
-            settings=s,
-            reversal_path=path[:, None],
-            runs=lambda: [slice(0, len(t))],
-            dt=0.01,
-            direction=lambda _: np.full(len(t), direction),
-        )
-        return certain(data, 0)
-
-    half, hardly = weights(t < 5, 0.5), weights(t < 0.5, 0.5)
-    np.testing.assert_array_equal(half[t < 4.9], 1.0)
-    np.testing.assert_array_equal(half[t > 5.1], s.candidates.uncertain)
-    np.testing.assert_array_equal(hardly, 1.0)
-    np.testing.assert_array_equal(weights(t < 5, 0.95), 1.0)
 
 
 def test_nonlinear_causes_see_what_linear_ones_leave(data: Data) -> None:

@@ -1,0 +1,89 @@
+"""Weights of rows, and how many rows are one observation."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.selection.row_weights import (
+    certain,
+    dependent_rows,
+    explained,
+    filtered_rows,
+)
+from stiction_envs.gap.settings import gap_settings
+
+ROWS = 40_000
+
+
+def test_rows_at_rest_below_the_level_of_friction_have_little_weight() -> None:
+    """A joint that rests weighs little where its direction is open, unless it rests always."""
+    s = gap_settings()
+    t = np.arange(1000) / 100
+
+    def weights(moves: np.ndarray, direction: float) -> np.ndarray:
+        path = np.cumsum(np.where(moves, 0.5, 0.0)) / 100
+        data = SimpleNamespace(
+            settings=s,
+            reversal_path=path[:, None],
+            runs=lambda: [slice(0, len(t))],
+            dt=0.01,
+            direction=lambda _: np.full(len(t), direction),
+        )
+        return certain(data, 0)
+
+    half, hardly = weights(t < 5, 0.5), weights(t < 0.5, 0.5)
+    np.testing.assert_array_equal(half[t < 4.9], 1.0)
+    np.testing.assert_array_equal(half[t > 5.1], s.candidates.uncertain)
+    np.testing.assert_array_equal(hardly, 1.0)
+    np.testing.assert_array_equal(weights(t < 5, 0.95), 1.0)
+
+
+def recording(**changes: float) -> SimpleNamespace:
+    """One joint with noise of 0.1 N·m, in 50 blocks, not filtered."""
+    values = {"dt": 0.01, "cutoff": np.inf, "blocks": 50, **changes}
+    block = np.repeat(np.arange(50), ROWS // 50)
+    return SimpleNamespace(noise=np.array([0.1]), block=block, **values)
+
+
+def noise(size: float, repeats: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return size * np.repeat(rng.normal(size=ROWS // repeats), repeats)
+
+
+@pytest.mark.parametrize(("size", "repeats", "rows"), [(1, 1, 1), (1, 20, 20), (3, 1, 9)])
+def test_rows_that_say_the_same_or_are_far_off_are_one_observation(
+    size: float, repeats: int, rows: float
+) -> None:
+    """As many as repeat each other, and more where noise is larger than the floor."""
+    left = noise(0.1 * size, repeats)
+    found = dependent_rows(recording(), 0, left, np.ones(ROWS))
+    assert found == pytest.approx(rows, rel=0.25)  # 200 batches: 10 % is one standard deviation
+
+
+def test_rows_without_a_block_or_weight_do_not_count() -> None:
+    left, weight = noise(0.1), np.ones(ROWS)
+    data = recording()
+    data.block[:1000], weight[1000:2000], left[:2000] = -1, 0.0, 50.0
+    assert dependent_rows(data, 0, left, weight) < 1.5
+
+
+def test_neighbours_within_half_a_period_of_the_filter_are_one_observation() -> None:
+    assert filtered_rows(recording(cutoff=5.0)) == pytest.approx(10.0)
+    assert filtered_rows(recording(cutoff=500.0)) == 1.0
+    assert filtered_rows(recording()) == 1.0
+    assert filtered_rows(recording(dt=np.nan, cutoff=5.0)) == 1.0
+    data = recording(cutoff=5.0)
+    assert dependent_rows(data, 0, noise(0.1), np.ones(ROWS)) == pytest.approx(10.0, rel=0.05)
+
+
+def test_rows_far_from_the_others_weigh_less() -> None:
+    left = noise(0.1)
+    left[::100] = 10.0
+    weight = explained(left, 3.0)
+    assert weight[::100] == pytest.approx(0.03, rel=0.05)  # 3 standard deviations over 10 N·m
+    ordinary = np.abs(left) < 0.25
+    assert (weight[ordinary] == 1.0).all()
+    assert (explained(np.zeros(10), 3.0) == 1.0).all()
