@@ -11,15 +11,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, nominal_of
+from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, Options
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
-from stiction_envs.gap.servo_logs import read_servo_files, servo_of, servo_result
+from stiction_envs.gap.servo_logs import (
+    read_servo_files,
+    servo_nominal,
+    servo_of,
+    servo_result,
+)
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.from_files import diagnose_files
 from stiction_envs.gap.validation.check import check_logs, check_model
@@ -29,12 +34,10 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.servo_reader import drive_of
-from stiction_envs.measured.logs.sources import Log, log_sources, torque_side
+from stiction_envs.measured.logs.sources import Log, torque_side
 from stiction_envs.measured.settings import MotionThresholds
-from stiction_envs.method_settings import Changes, fingerprint, override
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
-from stiction_envs.robots.registry import robot_files
 
 METHODS = ("auto", "lsm")
 """The tool's result, or also the thesis's least squares (equation 3.1)."""
@@ -113,124 +116,126 @@ def diagnose(
         StictionError: files that cannot be read, do not fit the robot, or are of two kinds; logs to
             check with that show no joint that moved in the others, or were diagnosed too.
     """
-    given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
-    check = [check] if isinstance(check, str | Path | RobotLog) else list(check)
+    given, check = _listed(data), _listed(check)
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
     torque_side(torque, ())  # report an invalid side first
     if method not in METHODS:
         raise unknown("method", method, METHODS)
-    of_tables = _of_tables(given)
     naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
-    positions = not of_tables and _drive(given, drive, naming) == POSITION
-    if positions:
-        used = {"poses": bool(poses), "method": method != "auto", "cutoff": cutoff_hz is not None}
-        used |= {"torque": torque is not None}
-    else:
-        used = {"servo stiffness": servo_stiffness is not None, "same servo": same_servo}
-        used |= {"servo damping": servo_damping is not None}
-    for option in (k for k, is_used in used.items() if is_used):
-        what = "joint logs (tau1..n)" if positions else "servo logs (q_cmd1..n)"
-        raise StictionError(f"{option}: expected {what}")
-    nominal = default_nominal(given) if nominal is None else nominal
-    if of_tables:
-        used = {"torque": torque == "link", "poses": bool(poses), "method": method != "auto"}
-        used |= {"cutoff": cutoff_hz is not None, "check": bool(check)}
-        used |= {"joints": bool(joints), "topic": topic is not None}
-        for option in (k for k, is_used in used.items() if is_used):
-            raise StictionError(f"{option}: {given[0]} is a torque table: expected joint logs")
-    for table in (x for x in check if isinstance(x, str | Path) and file_kind(x) == TABLE):
-        raise StictionError(f"check: {table} is a torque table: expected joint logs")
-    own = override(gap_settings(), settings)
-    if isinstance(robot, Arm) and not (payload is tilt is chain is None):
-        raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
-    arm, judged = nominal_of(
-        robot, "rigid" if positions else nominal, payload=payload, tilt=tilt, chain=chain
+    kind = _kind(given, drive, naming)
+    options = Options(
+        given=given,
+        check=check,
+        robot=robot,
+        torque=torque,
+        joints=joints,
+        topic=topic,
+        units=units,
+        calibration=calibration,
+        nominal=default_nominal(given) if nominal is None else nominal,
+        poses=poses,
+        drive=drive,
+        servo_stiffness=servo_stiffness,
+        servo_damping=servo_damping,
+        same_servo=same_servo,
+        payload=payload,
+        tilt=tilt,
+        chain=chain,
+        cutoff_hz=cutoff_hz,
+        method=method,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+        settings=settings,
     )
-    if positions:
-        if not isinstance(nominal, str | Path):
-            raise StictionError("nominal: expected rigid or a model.toml for servo logs")
-        known = servo_of(
-            arm, nominal, stiffness=servo_stiffness, damping=servo_damping, same=same_servo
-        )
-    sources = log_sources([*given, *poses]) | log_sources(check, "check")
+    options.refuse_unfit(kind)
+    own = override(gap_settings(), settings)
+    arm, judged = _robot(options, kind)
     naming = dataclasses.replace(naming, robot=arm.joint_names)
-    # report problems of these logs before the long computation
-    logs: list[JointLog] = []
-    others: list[JointLog] = []
-    side = "motor"
-    if positions:
-        commanded = read_servo_files(given, arm, naming, own.motion)
-        unseen = read_servo_files(check, arm, naming, own.motion)
-    elif not of_tables:
-        logs = _read(given, poses, arm, naming, own.motion)
-        others = _read(check, (), arm, naming, own.motion) if check else []
-        side = torque_side(torque, [*logs, *others])
-    arguments = {
-        "logs": [str(x) if isinstance(x, str | Path) else x.source for x in given],
-        "check": [str(x) if isinstance(x, str | Path) else x.source for x in check],
-        "robot": arm.name if isinstance(robot, Arm) else robot,
-        "torque": side,
-        "joints": list(joints),
-        "topic": topic,
-        "cutoff": cutoff_hz,
-        "poses": list(poses),
-        "nominal": nominal if isinstance(nominal, str | Path) else "parameters",
-        "payload": payload,
-        "tilt": tilt,
-        "method": method,
-        **sources.in_memory,
-    }
-    given_too = {
-        "drive": drive,
-        "units": units,
-        "calibration": None if calibration is None else str(calibration),
-        "servo_stiffness": None if servo_stiffness is None else list(servo_stiffness),
-        "servo_damping": None if servo_damping is None else list(servo_damping),
-        "same_servo": same_servo or None,
-    }
-    arguments |= {k: v for k, v in given_too.items() if v is not None}
-    if chain is not None:
-        arguments["chain"] = list(chain)
-    if settings is not None:
-        arguments["settings"] = fingerprint(own)
-    inputs = {**sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
-    if calibration is not None:
-        inputs["calibration"] = Path(calibration)
-    nominal_name = "given"
-    if isinstance(nominal, str | Path):
-        nominal_name = Path(nominal).name
-        if Path(nominal).is_file():
-            inputs["nominal"] = Path(nominal)
-    shared: dict[str, Any] = {
-        "nominal_name": nominal_name,
-        "sources": sources,
-        "provenance": provenance("diagnose", arguments, seed=seed, inputs=inputs),
-        "threads": threads,
-    }
-    if of_tables:
-        files = [x for x in given if isinstance(x, str | Path)]
-        return diagnose_files(files, arm, judged, progress=progress, settings=own.tables, **shared)
-    if positions:
-        return servo_result(commanded, unseen, arm, known, progress=progress, **shared)
-    to_check = check_logs(others, logs, arm, own, cutoff_hz=cutoff_hz) if others else None
+    if kind == TABLES:
+        return _diagnose_tables(options, arm, judged, own)
+    if kind == SERVO_LOGS:
+        return _diagnose_servo_logs(options, arm, judged, naming, own)
+    return _diagnose_joint_logs(options, arm, judged, naming, own)
+
+
+def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
+    """Return the rigid arm, and what is added to it for the simulation that is judged.
+
+    Servos are judged on the rigid arm, with the payload and tilt of an earlier diagnosis.
+    """
+    payload, tilt, chain = options.payload, options.tilt, options.chain
+    if isinstance(options.robot, Arm) and not (payload is tilt is chain is None):
+        raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
+    nominal = options.nominal
+    if kind == SERVO_LOGS:
+        nominal = servo_nominal(nominal)
+    return nominal_of(options.robot, nominal, payload=payload, tilt=tilt, chain=chain)
+
+
+def _diagnose_tables(
+    options: Options, arm: Arm, judged: Nominal, settings: GapSettings
+) -> DiagnosisResult:
+    files = [x for x in options.given if isinstance(x, str | Path)]
+    return diagnose_files(
+        files,
+        arm,
+        judged,
+        progress=options.progress,
+        settings=settings.tables,
+        **options.identify(arm, "motor", settings),
+    )
+
+
+def _diagnose_servo_logs(
+    options: Options, arm: Arm, judged: Nominal, naming: Naming, settings: GapSettings
+) -> DiagnosisResult:
+    known = servo_of(
+        arm,
+        servo_nominal(options.nominal),
+        stiffness=options.servo_stiffness,
+        damping=options.servo_damping,
+        same=options.same_servo,
+    )
+    # report problems of all logs before the long computation
+    logs = read_servo_files(options.given, arm, naming, settings.motion)
+    others = read_servo_files(options.check, arm, naming, settings.motion)
+    identity = options.identify(arm, "motor", settings)
+    return servo_result(
+        logs, others, arm, known, judged, settings=settings, progress=options.progress, **identity
+    )
+
+
+def _diagnose_joint_logs(
+    options: Options, arm: Arm, judged: Nominal, naming: Naming, settings: GapSettings
+) -> DiagnosisResult:
+    # report problems of all logs before the long computation
+    logs = _read(options.given, options.poses, arm, naming, settings.motion)
+    others = _read(options.check, (), arm, naming, settings.motion)
+    side = torque_side(options.torque, [*logs, *others])
+    identity = options.identify(arm, side, settings)
+    to_check = (
+        check_logs(others, logs, arm, settings, cutoff_hz=options.cutoff_hz) if others else None
+    )
     found = diagnose_logs(
         logs,
         arm,
         nominal=judged,
         torque=side,
-        cutoff_hz=cutoff_hz,
-        seed=seed,
-        progress=progress,
-        settings=own,
+        cutoff_hz=options.cutoff_hz,
+        seed=options.seed,
+        progress=options.progress,
+        settings=settings,
     )
-    checked = None
-    if to_check is not None:
-        if progress is not None:
-            progress("check", 0.0)
-        checked = check_model(found, *to_check)
+    if to_check is not None and options.progress is not None:
+        options.progress("check", 0.0)
     return LogDiagnosis(
-        diagnosis=found, torque=side, with_lines=method == "lsm", check=checked, **shared
+        diagnosis=found,
+        torque=side,
+        with_lines=options.method == "lsm",
+        check=None if to_check is None else check_model(found, *to_check),
+        **identity,
     )
 
 
@@ -240,6 +245,21 @@ def default_nominal(data: Sequence[Log]) -> str:
     Joints without friction have no breakaway torque, so tables are compared with our friction.
     """
     return "shipped" if _of_tables(data) else "rigid"
+
+
+def _listed(logs: Log | Sequence[Log]) -> list[Log]:
+    return [logs] if isinstance(logs, str | Path | RobotLog) else list(logs)
+
+
+def _kind(data: Sequence[Log], drive: str | None, naming: Naming) -> str:
+    """Return the kind of data: `TABLES`, `SERVO_LOGS` or `JOINT_LOGS`.
+
+    Raises:
+        StictionError: data of two kinds, or of none.
+    """
+    if _of_tables(data):
+        return TABLES
+    return SERVO_LOGS if _drive(data, drive, naming) == POSITION else JOINT_LOGS
 
 
 def _of_tables(data: Sequence[Log]) -> bool:

@@ -139,6 +139,16 @@ class Diagnosis:
         """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""
         return self.library.torque(self.terms, self.coefficients, joint)
 
+    def cause_torque(self, cause: str) -> Array:
+        """Return (T, n) what one cause adds to the nominal torques [N·m]."""
+        out = np.zeros_like(self.data.q)
+        shares = self.library.split(self.terms, self.coefficients)
+        for term, mine in zip(self.terms, shares, strict=True):
+            if term.cause == cause and not term.small:
+                for j in self.library.affected_joints(term):
+                    out[:, j] += self.library.columns(term, j) @ mine
+        return out
+
     def to_json(self) -> dict[str, Any]:
         """Return ``diagnosis.json`` of the contract."""
         return {

@@ -10,17 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import read_servo_logs
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm
+
+
+def servo_nominal(nominal: object) -> str | Path:
+    """Return "rigid" or the path of an earlier diagnosis.
+
+    Raises:
+        StictionError: another nominal model.
+    """
+    if isinstance(nominal, str | Path):
+        if nominal == "rigid" or Path(nominal).suffix == ".toml":
+            return nominal
+    else:
+        nominal = "parameters"
+    raise StictionError(
+        f"nominal {nominal}: servo logs expect rigid, or the model.toml of an earlier one"
+    )
 
 
 def servo_of(
@@ -41,13 +59,9 @@ def servo_of(
         same: whether all joints have the same servo.
 
     Raises:
-        StictionError: numbers that cannot be, or another nominal model.
+        StictionError: numbers that cannot be, or a nominal model of other logs.
     """
     if nominal != "rigid":
-        if Path(nominal).suffix != ".toml":
-            raise StictionError(
-                f"nominal {nominal}: servo logs expect rigid, or the model.toml of an earlier one"
-            )
         if stiffness is not None or damping is not None:
             raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
         return Servo(parameters=read_servo(Path(nominal), arm.n), same=same)
@@ -105,12 +119,31 @@ def servo_result(
     check: Sequence[ServoLog],
     arm: Arm,
     servo: Servo,
+    before: Nominal,
     *,
+    settings: GapSettings,
     progress: Callable[[str, float], None] | None,
     **shared: Any,
 ) -> ServoResult:
-    """Return the diagnosis of servo logs; ``shared`` are fields of `DiagnosisResult`."""
+    """Return the diagnosis of servo logs.
+
+    Args:
+        logs: of one robot.
+        check: logs that take no part.
+        arm: the rigid arm.
+        servo: what is known of its servos.
+        before: what earlier diagnoses found at its flange.
+        settings: constants of the method.
+        progress: called with a stage and its part done.
+        shared: fields of `DiagnosisResult`.
+    """
     found = diagnose_servo(
-        logs, arm, servo, check=check, threads=shared["threads"], progress=progress
+        logs,
+        changed_arm(arm, before.parts),
+        servo,
+        check=check,
+        threads=shared["threads"],
+        progress=progress,
+        settings=settings,
     )
-    return ServoResult(diagnosis=found, arm=arm, **shared)
+    return ServoResult(diagnosis=found, arm=arm, before=before, **shared)

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import get_type_hints
 
+from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
@@ -169,6 +170,8 @@ class GapSettings:
     """When nothing is left to explain."""
     tables: TableSettings
     """Torque tables."""
+    servo: ServoSettings
+    """Servo logs."""
 
     @property
     def motion(self) -> MotionThresholds:

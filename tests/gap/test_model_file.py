@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.diagnosis import model_of
 from stiction_envs.gap.extended_model import load_model
-from stiction_envs.gap.model_file import read
+from stiction_envs.gap.model_file import dump, read
 from tests.gap.small_logs import dry, hidden, panda
 
 NUMBERS = {
@@ -114,9 +115,10 @@ def test_known_bodies_and_inclinations_come_on_top_of_a_model(tmp_path):
 def test_a_model_knows_the_sign_of_the_robots_torques(tmp_path):
     turned = hidden(panda(), dry)
     turned = replace(turned, tau=-turned.tau)
-    diagnose(turned, "panda").save(tmp_path)
-    assert read(tmp_path / "model.toml").torque_sign == -1
+    path = tmp_path / "model.toml"
+    path.write_text(dump(model_of(diagnose(turned, "panda").diagnosis)), encoding="utf-8")
+    assert read(path).torque_sign == -1
     # a log that does not show it: nothing moves against gravity or friction
     still = replace(turned, q=np.tile(panda().rest, (len(turned.t), 1)), tau=0.0 * turned.tau)
-    found = diagnose(still, "panda", nominal=tmp_path / "model.toml")
+    found = diagnose(still, "panda", nominal=path)
     assert any("as those of the nominal model's logs" in x for x in found.to_json()["notes"])

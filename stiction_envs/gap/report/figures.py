@@ -93,7 +93,7 @@ def _figure(width: float, height: float, *, top: float, bottom: float) -> Figure
 def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
     """Draw a cause into a PNG: residual without it and its torque above, residual with it below."""
     data, view = d.data, d.library.causes[cause.name].view
-    effect = _torques(d, cause.name)
+    effect = d.cause_torque(cause.name)
     clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
     of = [j - 1 for j in cause.joints] or list(range(data.n))
     shown = sorted(sorted(of, key=lambda j: -clear[j])[:JOINTS])
@@ -142,16 +142,6 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
         "(all others taken out), dashed what the cause predicts; below with it. "
         f"Line: mean, band: quartiles. Look for: {view.note}.",
     )
-
-
-def _torques(d: Diagnosis, cause: str) -> Array:
-    """Return (T, n) torque of one cause."""
-    out = np.zeros_like(d.data.q)
-    for term, mine in zip(d.terms, d.library.split(d.terms, d.coefficients), strict=True):
-        if term.cause == cause and not term.small:
-            for j in d.library.affected_joints(term):
-                out[:, j] += d.library.columns(term, j) @ mine
-    return out
 
 
 def draw_joint(d: Diagnosis, joint: int, path: Path) -> Picture:

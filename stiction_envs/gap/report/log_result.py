@@ -19,6 +19,7 @@ from stiction_envs.gap.validation.check import Check, describe
 from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.gap.validation.least_squares import LeastSquares, least_squares
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion, leave_out_motions
+from stiction_envs.gap.viewers.series import Series, log_series
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints, short
 
@@ -133,6 +134,10 @@ class LogDiagnosis(DiagnosisResult):
             left_out=self.left_out_motion,
             lines=self.lines,
         )
+
+    def series(self) -> Series:
+        """See `DiagnosisResult.series`."""
+        return log_series(self.diagnosis, self.summary)
 
     def rows(self) -> list[tuple[str, str]]:
         """Return seed, side of the torque, and nominal model."""

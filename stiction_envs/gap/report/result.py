@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import abc
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
+from stiction_envs.gap.viewers.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
@@ -101,6 +104,37 @@ class DiagnosisResult(Result):
     @abc.abstractmethod
     def page(self, plots: Path) -> dict[str, Any]:
         """Draw the report's pictures into a folder; return the variables of its template."""
+
+    def series(self) -> Series:
+        """Return what was measured and simulated over time, for viewers.
+
+        Raises:
+            StictionError: of torque tables, which have no time.
+        """
+        raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
+
+    def write_rrd(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write a recording for Rerun, of the extra rerun.
+
+        Args:
+            path: ends in ``.rrd``, in a folder that is there.
+            force: whether it may replace another file.
+
+        Raises:
+            StictionError: the extra is missing, the path is wrong, or torque tables were diagnosed.
+        """
+        return self._write_series(Path(path), ".rrd", force)
+
+    def write_mcap(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write an MCAP for Foxglove and PlotJuggler, of the extra ros; otherwise `write_rrd`."""
+        return self._write_series(Path(path), ".mcap", force)
+
+    def _write_series(self, path: Path, suffix: str, force: bool) -> Path:
+        from stiction_envs.gap.viewers.files import check_viewer_file, write_viewer_file
+
+        check_viewer_file(path, suffix, force=force)
+        write_viewer_file(self.series(), path)
+        return path
 
     def rows(self) -> list[tuple[str, str]]:
         """Return rows of the report's provenance, besides inputs and versions."""

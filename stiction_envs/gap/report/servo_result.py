@@ -11,11 +11,12 @@ import numpy as np
 
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension
-from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.report.result import DiagnosisResult
-from stiction_envs.gap.servo.arm import friction_of
+from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.model import said_of, servo_mjcf, servo_toml
+from stiction_envs.gap.viewers.series import Series, servo_series
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints, short
 from stiction_envs.robots import Arm
@@ -42,6 +43,8 @@ class ServoResult(DiagnosisResult):
     diagnosis: ServoDiagnosis
     """With simulated angles."""
     arm: Arm
+    before: Nominal
+    """What earlier diagnoses found at its flange."""
 
     @property
     def note(self) -> str:
@@ -68,7 +71,11 @@ class ServoResult(DiagnosisResult):
     @cached_property
     def extension(self) -> Extension:
         """The model with its causes."""
-        d, arm = self.diagnosis, self.arm
+        d, parts = self.diagnosis, self.before.parts
+        if d.payload is not None:
+            level = 1 + max((p.level for p in parts), default=0)
+            parts = (*parts, d.payload.part(level))
+        arm = reaching(changed_arm(self.arm, parts), d.logs)
         xml, missing = servo_mjcf(arm, d.parameters, d.load)
         friction = friction_of(arm, d.parameters, d.load)
         found = said_of([c.name for c in d.causes])
@@ -77,7 +84,13 @@ class ServoResult(DiagnosisResult):
             xml=xml,
             friction=friction,
             sources=sources,
-            nominal=Nominal(friction=friction, robot=arm.name, payload=arm.payload, tilt=arm.tilt),
+            nominal=Nominal(
+                friction=friction,
+                parts=parts,
+                robot=arm.name,
+                payload=arm.payload,
+                tilt=arm.tilt,
+            ),
             missing=missing,
             friction_missing=(),
             left_out=np.zeros((0, arm.n)),
@@ -87,6 +100,10 @@ class ServoResult(DiagnosisResult):
     def to_json(self) -> dict[str, Any]:
         """Return ``diagnosis.json``."""
         return dict(plain(self.diagnosis.to_json()))
+
+    def series(self) -> Series:
+        """See `DiagnosisResult.series`."""
+        return servo_series(self.diagnosis, self.arm, self.summary)
 
     def page(self, plots: Path) -> dict[str, Any]:
         """Draw the report's pictures into a folder; return the variables of its template."""

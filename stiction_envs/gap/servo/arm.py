@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
-from stiction_envs.friction.model import StickingModel, build, link_inertia
+from stiction_envs.control.position_servo import PositionServos, ServoDrive, put_under_servos
+from stiction_envs.friction.model import build, link_inertia
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
+from stiction_envs.robots.mjcf import numbers
 
 Array = NDArray[np.float64]
 BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
-DEAD_STEPS = 5
-"""Control steps for which a dead zone is held [-]: a servo's own cycle is longer; assumed."""
 ROOM = 0.2
 """Least distance of the model's joint limits from the logged angles [rad]: zeros may be off."""
 
@@ -63,13 +63,39 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
     return FrictionParameters(**{**plain, **found})
 
 
-def sticking_arm(arm: Arm, parameters: Array, load: Array) -> StickingModel:
-    """Return the arm with its friction, under gravity, its servos limited."""
-    sticking = build(arm, friction_of(arm, parameters, load), timestep=CONTROL_DT)
-    sticking.model.body_gravcomp[:] = 0.0
-    limit = np.minimum(parameters[:, INDEX["torque_limit"]], FAR)
-    sticking.model.actuator_forcerange[sticking.servo_actuator] = np.stack([-limit, limit], axis=1)
-    return sticking
+def reaching(arm: Arm, logs: Sequence[ServoLog], offset: Array | float = 0.0) -> Arm:
+    """Return the arm with joint limits that leave room around the angles of its logs.
+
+    Args:
+        arm: whose model may end before the robot's stops.
+        logs: of it.
+        offset: (n,) of the logged angles [rad].
+    """
+    q = np.concatenate([log.q for log in logs]) - offset
+    limits = arm.limits.position.copy()
+    limits[:, 0] = np.minimum(limits[:, 0], q.min(axis=0) - ROOM)
+    limits[:, 1] = np.maximum(limits[:, 1], q.max(axis=0) + ROOM)
+    if np.array_equal(limits, arm.limits.position):
+        return arm
+    root = ET.fromstring(arm.xml)
+    compiler = root.find("compiler")
+    degrees = compiler is None or compiler.get("angle", "degree") == "degree"
+    for joint in root.iter("joint"):
+        if joint.get("name") in arm.joint_names and joint.get("range"):
+            ends = limits[arm.joint_names.index(str(joint.get("name")))]
+            joint.set("range", numbers(np.degrees(ends) if degrees else ends))
+    return dataclasses.replace(
+        arm,
+        xml=ET.tostring(root, encoding="unicode"),
+        limits=dataclasses.replace(arm.limits, position=limits),
+    )
+
+
+def servos_of(parameters: Array) -> PositionServos:
+    """Return the servos of joints with (n, P) parameters; a log's commands are late already."""
+    names = ("stiffness", "speed_limit", "torque_limit", "dead_zone")
+    values = {name: np.minimum(parameters[:, INDEX[name]], FAR) for name in names}
+    return PositionServos(delay=np.zeros(len(parameters)), **values)
 
 
 def simulate_arm(
@@ -93,30 +119,24 @@ def simulate_arm(
     parts = [(k, s) for k, log in enumerate(logs) for s in log.segments if s.stop - s.start > 1]
     out = [np.full_like(log.q, np.nan) for log in logs]
     offset = parameters[:, INDEX["offset"]]
-    q = np.concatenate([log.q for log in logs]) - offset
-    arm = _within(arm, q.min(axis=0), q.max(axis=0))
-    sticking = sticking_arm(arm, parameters, load)
+    arm = reaching(arm, logs, offset)
+    sticking = build(arm, friction_of(arm, parameters, load), timestep=CONTROL_DT)
+    servos, ids = servos_of(parameters), np.arange(len(parts))
+    put_under_servos(sticking, servos)
     longest = max(float(np.ptp(logs[k].t[s])) for k, s in parts)
     steps = int(np.ceil(longest / CONTROL_DT)) + 1
     plant = Plant(sticking, len(parts), threads=threads)
+    drive = ServoDrive(servos, plant)
     start = np.stack([logs[k].q[s.start] - offset for k, s in parts])
-    plant.reset(np.arange(len(parts)), start)
-    stiffness = np.tile(parameters[:, INDEX["stiffness"]], (len(parts), 1))
-    reference = np.stack([_references(logs[k], s, parameters, steps) for k, s in parts]) - offset
-    plant.set_servo(np.arange(len(parts)), stiffness, np.zeros_like(stiffness), start)
-    _preload(plant, reference[:, 0], start, parameters)
-    dead = parameters[:, INDEX["dead_zone"]]
+    command = np.stack([_late(logs[k], s, parameters, steps) for k, s in parts]) - offset
+    plant.reset(ids, start)
+    drive.reset(ids, command[:, 0])
+    _preload(plant, command[:, 0], start, parameters)
     angle = np.empty((len(parts), steps + 1, arm.n))
     angle[:, 0] = start
-    block = DEAD_STEPS if dead.any() else BLOCK
-    torque = np.zeros((len(parts), block, arm.n))
-    for k in range(0, steps, block):
-        setpoint = reference[:, k : k + block]
-        if dead.any():  # the error loses the dead zone
-            error = setpoint - angle[:, k : k + 1]
-            setpoint = setpoint - np.clip(error, -dead, dead)
-        m = setpoint.shape[1]
-        angle[:, k + 1 : k + 1 + m] = plant.run(torque[:, :m], setpoint=setpoint)
+    for k in range(0, steps, BLOCK):
+        part = command[:, k : k + BLOCK]
+        angle[:, k + 1 : k + 1 + part.shape[1]] = drive.run(part, ids)
     grid = np.arange(steps + 1) * CONTROL_DT
     for (k, s), found in zip(parts, angle, strict=True):
         t = logs[k].t[s] - logs[k].t[s.start]
@@ -125,18 +145,8 @@ def simulate_arm(
     return out
 
 
-def _within(arm: Arm, low: Array, high: Array) -> Arm:
-    """Return the arm with joint limits that leave room around logged angles."""
-    position = arm.limits.position.copy()
-    position[:, 0] = np.minimum(position[:, 0], low - ROOM)
-    position[:, 1] = np.maximum(position[:, 1], high + ROOM)
-    if np.array_equal(position, arm.limits.position):
-        return arm
-    return dataclasses.replace(arm, limits=dataclasses.replace(arm.limits, position=position))
-
-
-def _references(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
-    """Return (steps, n) what the servos follow: late and limited in speed [rad]."""
+def _late(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
+    """Return (steps, n) what the servos were told when it acts [rad]."""
     t = log.t[s] - log.t[s.start]
     nodes = np.concatenate([[-lone.STEP - 1.0], t, [max(t[-1], steps * CONTROL_DT) + 1.0]])
     out = np.empty((steps, log.n))
@@ -148,16 +158,7 @@ def _references(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array
         # a command later than the log's first is not known: the first counts
         early = late[:-1] < nodes[0]
         mean[early] = held[0]
-        out[:, j] = _limited(mean, parameters[j, INDEX["speed_limit"]] * CONTROL_DT)
-    return out
-
-
-@compiled
-def _limited(values, most):  # type: ignore[no-untyped-def]
-    """Return values whose change per step is at most ``most``, from the first."""
-    out = values.copy()
-    for k in range(1, len(out)):
-        out[k] = out[k - 1] + max(-most, min(most, values[k] - out[k - 1]))
+        out[:, j] = mean
     return out
 
 

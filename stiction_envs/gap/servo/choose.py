@@ -7,7 +7,7 @@ allows, and by enough to matter.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,37 +15,22 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from stiction_envs.gap.estimates import Estimate
-from stiction_envs.gap.servo.fit import HIGH, LOW, Fit, derivatives, fit
+from stiction_envs.gap.servo.fit import Fit, derivatives, fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS, of_cause
+from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause
+from stiction_envs.gap.servo.settings import ServoSettings
 
 Array = NDArray[np.float64]
 LAG = ("damping", "armature", "delay")
 """Causes whose sum, the lag, a log shows better than each of them."""
-BLOCK_SECONDS = 2.0
-"""Length of a block of time [s]; longer than the memory of a servo's error; assumed."""
-LEAST_T = 3.0
-"""Least mean over standard error of what a cause takes off the blocks' squares [-]; assumed."""
-ONE_WAY = 4.0
-"""Least sum of what blocks lose over what others gain without a cause [-]; assumed."""
-LEAST_GAIN = 0.02
-"""Least share of the joint's root mean square that a cause must take off [-]; assumed."""
-LEAST_NOISE = 1.0
-"""Least root mean square that a cause takes off, over the noise floor [-]; assumed."""
-LINKS_LEAVE = 5.0
-"""Largest error over the noise floor that links of 5 % scatter leave, and that needs no cause [-];
-measured on simulated arms (`hidden.servo_logs`): up to 4."""
-LINKS_OFF = 0.15
-"""Share by which a joint's gravity may be off without a cause: every link is a little off [-];
-assumed."""
-SOFTER = 0.25
-"""Logarithm of the ratio of stiffnesses that links of 5 % scatter may feign [-]; assumed."""
-SHIFTED = 0.12
-"""Offset of an angle that such links may feign [rad]: 5 mm of a centre 40 mm away; assumed."""
-PASSED_SECONDS = 0.1
-"""Time over which a speed counts as passed [s]; assumed."""
-OFTEN = 85.0
-"""Percentile of the distance from the command that no torque limit lies below [%]; assumed."""
+LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
+"""Causes that refine dry friction."""
+TORQUES = ("damping", "armature", "stiction", "torque_limit")
+"""Parameters whose effect on the angle is that of their ratio to the servo's stiffness."""
+Start = dict[str, float]
+"""Values of some parameters by name, SI units."""
+Stage = tuple[tuple[str, ...], Callable[[Fit], list[Start]]]
+"""Causes to add together, and the starts of their parameters given the best fit so far."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,14 +38,39 @@ class JointCauses:
     """What was found on one joint."""
 
     fit: Fit
+    """Of all fitted parameters, those that belong to no named cause included."""
+    bounds: tuple[Array, Array]
+    """(P,) lower and upper bounds of the fit."""
     causes: dict[str, float]
     """Root mean square without the cause less that with it [rad], by name."""
-    free: tuple[str, ...]
-    """Fitted parameters, those that belong to no named cause included."""
+    minor: tuple[str, ...]
+    """Those of them that take off too little to be named."""
     estimates: dict[str, Estimate]
     """By parameter."""
     confused: dict[str, tuple[str, ...]]
     """Causes that this log cannot tell from a cause."""
+    blocks: int
+    """Blocks of time in which its rows are."""
+
+
+def count_named(found: Mapping[int, JointCauses]) -> int:
+    """Return how many causes of all joints are more than minor."""
+    return sum(c not in joint.minor for joint in found.values() for c in joint.causes)
+
+
+def criterion(found: Mapping[int, JointCauses], more: int = 0) -> float:
+    """Return Bayes' information criterion of all joints; blocks of time count as independent.
+
+    Args:
+        found: by joint.
+        more: parameters of the whole arm; a cause counts as one.
+    """
+    blocks = max(joint.blocks for joint in found.values())
+    out = np.log(blocks) * (count_named(found) + more)
+    for joint in found.values():
+        counts = max(1, int(np.count_nonzero(joint.fit.error)))
+        out += joint.blocks * np.log(max(joint.fit.cost / counts, 1e-16))
+    return float(out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,12 +84,15 @@ class Question:
     """Parameters that are fitted and belong to no cause: nobody said what they are."""
     candidates: tuple[str, ...]
     """Causes that this motion could show."""
+    low: Array
+    """(P,) lower bounds of the parameters."""
     counts: NDArray[np.bool_]
     """(T,) rows that count."""
     noise: float
     """Noise floor of the measured angle [rad]."""
     judged: bool
     """Whether the nominal simulation could be right: its servos are known."""
+    settings: ServoSettings
 
 
 class Chooser:
@@ -91,17 +104,11 @@ class Chooser:
         seconds = motion.t - motion.t[0]
         segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
         blocks = np.unique(
-            np.stack([segment, seconds // BLOCK_SECONDS]), axis=1, return_inverse=True
+            np.stack([segment, seconds // question.settings.selection.block_seconds]),
+            axis=1,
+            return_inverse=True,
         )
         self.block = blocks[1].ravel()
-        self.low = LOW.copy()
-        # what is reached most of the time is no limit, and what was passed is none
-        rows = max(1, round(PASSED_SECONDS / float(np.median(np.diff(motion.t)))))
-        speed = np.abs((motion.q[rows:] - motion.q[:-rows]) / (motion.t[rows:] - motion.t[:-rows]))
-        self.low[INDEX["speed_limit"]] = max(1e-3, 0.9 * float(np.percentile(speed, 99)))
-        stretched = float(np.percentile(np.abs(motion.command - motion.q), OFTEN))
-        self.high = HIGH.copy()
-        self.low[INDEX["torque_limit"]] = question.nominal[INDEX["stiffness"]] * stretched
 
     # ---- fitting -----------------------------------------------------------------------------
 
@@ -110,10 +117,7 @@ class Chooser:
         return list(dict.fromkeys(of))
 
     def _fit(self, start: Array, causes: Sequence[str], iterations: int) -> Fit:
-        k = INDEX["compensation"]
-        low, high = self.low.copy(), self.high.copy()
-        if "gravity_compensation_missing" not in causes:
-            low[k], high[k] = -LINKS_OFF, LINKS_OFF
+        low, high = self._bounds(causes)
         return fit(
             self.q.motion,
             start,
@@ -124,9 +128,26 @@ class Chooser:
             high=high,
         )
 
+    def _bounds(self, causes: Sequence[str]) -> tuple[Array, Array]:
+        """Return (P,) lower and upper bounds of a fit with these causes."""
+        k = INDEX["compensation"]
+        low, high = self.q.low.copy(), HIGH.copy()
+        if "gravity_compensation_missing" not in causes:
+            high[k] = self.q.settings.selection.links_off
+            low[k] = -high[k]
+        return low, high
+
     def _without(self, parameters: Array, cause: str) -> Array:
-        """Return parameters with those of a cause as in the nominal simulation."""
+        """Return parameters with those of a cause as in the nominal simulation.
+
+        A perfect servo is so stiff that gravity hardly sags it: its other torques grow with it.
+        """
         out = parameters.copy()
+        if cause == "servo_stiffness" and not self.q.judged:
+            k = INDEX["stiffness"]
+            torques = [k] + [INDEX[name] for name in TORQUES if out[INDEX[name]] < FAR]
+            out[torques] *= self.q.settings.selection.perfect
+            return out
         for name in of_cause(cause):
             out[INDEX[name]] = self.q.nominal[INDEX[name]]
         return out
@@ -136,72 +157,72 @@ class Chooser:
         return self._rough()[0]
 
     def _rough(self) -> tuple[Fit, list[str]]:
-        q, motion = self.q, self.q.motion
+        q, motion, of = self.q, self.q.motion, self.q.settings.starts
         chosen = [c for c in q.candidates if c in ("servo_stiffness", *LAG, "coulomb_friction")]
         error = float(np.sqrt(np.mean((motion.command - motion.q)[q.counts] ** 2)))
         starts = []
-        for lag, armature in ((0.02, 0.003), (0.08, 0.02)):
+        for lag, armature in zip(of.lag_s, of.armature_over_stiffness, strict=True):
             start = q.nominal.copy()
             stiffness = start[INDEX["stiffness"]]
             if "damping" in self._free(chosen):
                 start[INDEX["damping"]] = lag * stiffness
             if "armature" in chosen:
-                start[INDEX["armature"]] = armature * stiffness / 10.0
+                start[INDEX["armature"]] = armature * stiffness
             if "delay" in chosen:
-                start[INDEX["delay"]] = 0.01
+                start[INDEX["delay"]] = of.delay_s
             if "coulomb_friction" in chosen:
-                start[INDEX["stiction"]] = 0.5 * stiffness * error
+                start[INDEX["stiction"]] = of.dry * stiffness * error
             starts.append(start)
-        return min((self._fit(s, chosen, 8) for s in starts), key=lambda f: f.cost), chosen
+        fits = (self._fit(s, chosen, of.rough_iterations) for s in starts)
+        return min(fits, key=lambda f: f.cost), chosen
 
     def everything(self) -> Fit:
         """Return the fit of all candidates, from the best of several starts, stage by stage."""
         best, chosen = self._rough()
-        for more, values in self._stages():
-            more = [c for c in more if c in self.q.candidates]
+        of = self.q.settings.starts
+        for causes, starts in self._stages():
+            more = [c for c in causes if c in self.q.candidates]
             if not more:
                 continue
             tries = [best]
-            for value in values(best):
+            for values in starts(best):
                 start = best.parameters.copy()
-                for name, x in value.items():
+                for name, x in values.items():
                     start[INDEX[name]] = x
-                tries.append(self._fit(start, [*chosen, *more], 8))
+                tries.append(self._fit(start, [*chosen, *more], of.rough_iterations))
             best = min(tries, key=lambda f: f.cost)
             chosen += more
-        return self._fit(best.parameters, chosen, 10)
+        return self._fit(best.parameters, chosen, of.last_iterations)
 
-    def _stages(self):  # type: ignore[no-untyped-def]
-        """Yield causes to add together, and the starts of their parameters given the best fit."""
+    def _stages(self) -> Iterator[Stage]:
         motion = self.q.motion
+        percent, of = self.q.settings.limits.reached_percent, self.q.settings.starts
 
-        def friction(best: Fit) -> list[dict[str, float]]:
+        def friction(best: Fit) -> list[Start]:
             level = best.parameters[INDEX["stiction"]]
-            out = [{"drop": 0.2, "load": 0.0, "stiction": 1.1 * level}]
+            out = [{"drop": of.drop[0], "load": 0.0, "stiction": of.raised * level}]
             if "load_dependent_friction" in self.q.candidates:
                 weight = float(np.abs(motion.gravity).mean())
-                out.append({"drop": 0.3, "load": 0.5 * level / weight, "stiction": 0.5 * level})
+                load, rest = of.loaded * level / weight, (1.0 - of.loaded) * level
+                out.append({"drop": of.drop[1], "load": load, "stiction": rest})
             return out
 
-        def limits(best: Fit) -> list[dict[str, float]]:
+        def limits(best: Fit) -> list[Start]:
             torque = best.parameters[INDEX["stiffness"]] * np.abs(motion.command - motion.q)
             speed = np.abs(np.diff(motion.q) / np.diff(motion.t))
-            t, v = float(np.percentile(torque, 99.5)), float(np.percentile(speed, 99.5))
+            t, v = float(np.percentile(torque, percent)), float(np.percentile(speed, percent))
             # a limit that is not reached has no slope: starts lie where it would be
+            a, b = of.both_limits
             return [
-                {"torque_limit": 0.5 * t},
-                {"torque_limit": 0.8 * t},
+                *({"torque_limit": x * t} for x in of.torque_limit),
                 {"speed_limit": v},
-                {"torque_limit": 0.7 * t, "speed_limit": 1.5 * v},
+                {"torque_limit": a * t, "speed_limit": b * v},
             ]
 
-        yield (
-            ["stribeck_friction", "load_dependent_friction", "presliding_hysteresis"],
-            friction,
-        )
-        yield ["encoder_offset", "gravity_compensation_missing"], lambda _: [{}]
-        yield ["torque_limit", "speed_limit"], limits
-        yield ["dead_zone"], lambda _: [{"dead_zone": 0.003}, {"dead_zone": 0.015}]
+        yield LAW, friction
+        yield ("encoder_offset", "gravity_compensation_missing"), lambda _: [{}]
+        yield ("torque_limit", "speed_limit"), limits
+        yield ("dead_zone",), lambda _: [{"dead_zone": x} for x in of.dead_zone_rad]
 
     # ---- deletion ----------------------------------------------------------------------------
 
@@ -210,47 +231,70 @@ class Chooser:
         kept = list(reversed(self.q.candidates))  # among equals the unusual go first
         if self.q.judged and self._agrees():
             kept = []
-        best = self.everything() if kept else self._fit(self.q.nominal, [], 8)
+        best = self.everything() if kept else self._as_it_is()
         losses = dict.fromkeys(kept, 0.0)
         while True:
             for cause in sorted(kept, key=losses.__getitem__):
-                less = self._less(best, kept, cause)
+                less = self._less(best, kept, [cause])
                 losses[cause] = self._loss(best, less)
                 if not self._needed(best, less) or self._tolerated(cause, best):
                     kept = [c for c in kept if c not in _with(cause)]
-                    best = self._fit(less.parameters, kept, 6)
+                    best = self._fit(less.parameters, kept, self.q.settings.starts.again_iterations)
                     break
             else:
                 break
         estimates, correlation = self._estimates(best)
+        needed = {c: losses[c] for c in kept}
         return JointCauses(
             fit=best,
-            causes={c: losses[c] for c in kept},
-            free=best.free,
+            bounds=self._bounds(kept),
+            causes=needed,
+            minor=self._minor(best, needed),
             estimates=estimates,
+            blocks=len(np.unique(self.block[self.q.counts])),
             confused={c: self._confused(c, best, correlation) for c in kept},
         )
 
     def _agrees(self) -> bool:
         """Return whether the nominal simulation, and what nobody judges, is down to the noise."""
-        best = self._fit(self.q.nominal, [], 8)
         n = max(1, int(self.q.counts.sum()))
-        return bool(np.sqrt(best.cost / n) < LINKS_LEAVE * self.q.noise)
+        enough = self.q.settings.selection.links_leave * self.q.noise
+        return bool(np.sqrt(self._as_it_is().cost / n) < enough)
 
-    def _less(self, best: Fit, kept: Sequence[str], cause: str) -> Fit:
-        """Return the fit without a cause."""
+    def _as_it_is(self) -> Fit:
+        return self._fit(self.q.nominal, [], self.q.settings.starts.rough_iterations)
+
+    def _less(self, best: Fit, kept: Sequence[str], causes: Sequence[str]) -> Fit:
+        """Return the fit without some causes."""
         start = best.parameters
-        for c in _with(cause):
+        gone = {c for cause in causes for c in _with(cause)}
+        for c in sorted(gone):
             start = self._without(start, c)
-        return self._fit(start, [c for c in kept if c not in _with(cause)], 5)
+        rest = [c for c in kept if c not in gone]
+        return self._fit(start, rest, self.q.settings.starts.less_iterations)
+
+    def _minor(self, best: Fit, losses: dict[str, float]) -> tuple[str, ...]:
+        """Return the causes that take off too little to be named, even all of them together.
+
+        Two that stand in for each other lose little each, and much together.
+        """
+        q = self.q
+        nominal = q.motion.simulate(q.nominal[None])[0] if q.judged else q.motion.command
+        error = float(np.sqrt(np.mean((q.motion.q - nominal)[q.counts] ** 2)))
+        most = q.settings.selection.minor * error
+        little = sorted((c for c in losses if losses[c] < most), key=losses.__getitem__)
+        while len(little) > 1 and self._loss(best, self._less(best, [*losses], little)) >= most:
+            little.pop()
+        return tuple(little)
 
     def _tolerated(self, cause: str, best: Fit) -> bool:
         """Return whether links that are a little off would do in its place."""
         stiffness, offset = (best.parameters[INDEX[k]] for k in ("stiffness", "offset"))
+        of = self.q.settings.selection
         ratio = stiffness / self.q.nominal[INDEX["stiffness"]]
         small = {
-            "servo_stiffness": abs(np.log(ratio)) < SOFTER,
-            "encoder_offset": abs(offset) < SHIFTED,
+            "servo_stiffness": abs(np.log(ratio)) < of.softer,
+            "encoder_offset": abs(offset) < of.shifted,
         }
         return self.q.judged and bool(small.get(cause, False))
 
@@ -260,22 +304,22 @@ class Chooser:
 
     def _needed(self, best: Fit, less: Fit) -> bool:
         """Return whether the error without a cause is larger than chance and rounding allow."""
+        of = self.q.settings.selection
         worse = less.error**2 - best.error**2
         blocks = np.bincount(self.block, weights=worse)
         blocks = blocks[np.bincount(self.block, weights=self.q.counts) > 0]
-        if len(blocks) < 4:
+        if len(blocks) < of.least_blocks:
             return False
         spread = blocks.std(ddof=1) / np.sqrt(len(blocks))
         n = max(1, int(self.q.counts.sum()))
         rms = np.sqrt(less.cost / n)
         gain = rms - np.sqrt(best.cost / n)
         up, down = blocks[blocks > 0].sum(), -blocks[blocks < 0].sum()
-        # a limit acts in few blocks: they differ too much for a mean, but all in one direction
-        clear = (blocks > 0).sum() >= 3 and up > ONE_WAY * down
+        clear = (blocks > 0).sum() >= of.one_way_blocks and up > of.one_way * down
         return bool(
-            (blocks.mean() > LEAST_T * spread or clear)
-            and gain > LEAST_GAIN * rms
-            and less.cost - best.cost > n * (LEAST_NOISE * self.q.noise) ** 2
+            (blocks.mean() > of.least_t * spread or clear)
+            and gain > of.least_gain * rms
+            and less.cost - best.cost > n * (of.least_noise * self.q.noise) ** 2
         )
 
     # ---- what is said ------------------------------------------------------------------------
@@ -316,19 +360,19 @@ class Chooser:
         for k in mine:
             for i, name in enumerate(best.free):
                 other = PARAMETERS[name].cause
-                if other != cause and abs(correlation[k, i]) > 0.95:
+                if other != cause and abs(correlation[k, i]) > self.q.settings.selection.alike:
                     found.add(other)
         return tuple(sorted(found))
 
 
 def _with(cause: str) -> tuple[str, ...]:
     """Return a cause and those that only refine it."""
-    return (cause, *_LAW) if cause == "coulomb_friction" else (cause,)
+    return (cause, *LAW) if cause == "coulomb_friction" else (cause,)
 
 
-_LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
 _ALIKE = {
     "servo_stiffness": ("payload", "encoder_offset", "link_parameters"),
+    "coulomb_friction": ("backlash",),
     "dead_zone": ("backlash", "coulomb_friction"),
     "encoder_offset": ("torque_offset", "payload"),
     "gravity_compensation_missing": ("servo_stiffness", "payload"),

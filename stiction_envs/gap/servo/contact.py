@@ -6,52 +6,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.settings import ServoContactSettings
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
-FAR_OFF = 8.0
-"""Least error of the fitted model in contact, over its usual size [-]; assumed."""
-STRETCHED = 1.3
-"""Least distance from the command in contact, over the 99th percentile elsewhere [-]; assumed."""
-SUSPECT = 3.0
-"""Distance from the command over its 85th percentile that is suspected [-]; assumed."""
-STALLED = 0.1
-"""Largest speed in contact, over the usual speed of the motion [-]; assumed."""
-AROUND_SECONDS = 0.5
-"""Left out before and after a contact [s]; assumed."""
-MOST = 0.4
-"""Largest share of the rows: more is no contact but another cause [-]; assumed."""
 
 
-def suspected(motion: JointMotion) -> Rows:
+def suspected(motion: JointMotion, settings: ServoContactSettings) -> Rows:
     """Return (T,) rows in which a joint stands much further from its command than usually.
 
     They would bend a fit to all rows, and are judged by one to the others.
     """
     stretched = np.abs(motion.command - motion.q)
-    out: Rows = stretched > SUSPECT * np.percentile(stretched, 85)
+    out: Rows = stretched > settings.suspect * np.percentile(stretched, settings.usual_percent)
     return out
 
 
-def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
+def in_contact(
+    motion: JointMotion, error: Array, resolution: float, settings: ServoContactSettings
+) -> Rows:
     """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
 
     Args:
         motion: of the joint.
         error: (T,) measured angle less that of a model fitted without suspected rows [rad].
         resolution: step of the measured angle [rad].
+        settings: when it touches.
     """
     usual = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), resolution)
     stretched = np.abs(motion.command - motion.q)
-    off = np.abs(error) > FAR_OFF * usual
-    if not off.any() or off.mean() > MOST:
+    off = np.abs(error) > settings.far_off * usual
+    if not off.any() or off.mean() > settings.most:
         return np.zeros(len(error), dtype=bool)
     speed = np.abs(np.gradient(motion.q, motion.t))
-    moving = speed[speed > np.percentile(speed, 75)]
-    slow = speed < STALLED * float(moving.mean()) if len(moving) else np.ones(len(speed), bool)
-    found = off & slow & (stretched > STRETCHED * np.percentile(stretched[~off], 99))
+    moving = speed[speed > np.percentile(speed, settings.moving_percent)]
+    slow = (
+        speed < settings.stalled * float(moving.mean())
+        if len(moving)
+        else np.ones(len(speed), bool)
+    )
+    elsewhere = np.percentile(stretched[~off], settings.elsewhere_percent)
+    found = off & slow & (stretched > settings.stretched * elsewhere)
     step = float(np.median(np.diff(motion.t)))
-    reach = max(1, round(AROUND_SECONDS / step))
+    reach = max(1, round(settings.around_seconds / step))
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
     wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0
@@ -60,5 +57,26 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
 
 def stretches(t: Array, rows: Rows) -> list[list[float]]:
     """Return first and last time of each run of rows [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    return [[float(t[a]), float(t[b - 1])] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
+
+
+def _runs(rows: Rows) -> list[tuple[int, int]]:
+    """Return first row of each run of rows, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def pushing(current: Array, rows: Rows) -> Rows:
+    """Return those of the rows in contact in which the motor pushes: its current is the witness.
+
+    Args:
+        current: (T,) size of the motor's current [any unit]; NaN where it was not logged.
+        rows: (T,) in contact.
+    """
+    if np.isnan(current).all() or not rows.any() or rows.all():
+        return rows
+    usual = float(np.nanmedian(current[~rows]))
+    out = np.zeros_like(rows)
+    for a, b in _runs(rows):
+        out[a:b] = not np.nanmedian(current[a:b]) <= usual
+    return out

@@ -12,36 +12,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import NamedCause
+from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question
-from stiction_envs.gap.servo.findings import named_causes, verdict_of
+from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question, criterion
+from stiction_envs.gap.servo.findings import named_causes, verdict_of, with_payload
+from stiction_envs.gap.servo.fit import fit
+from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.payload import Tip, believed, proposed
 from stiction_envs.gap.servo.questions import (
-    GRAVITY_SEEN,
-    LEAST_GRAVITY,
-    PLACEHOLDER,
     Servo,
     always_fitted,
-    busiest,
+    lower_bounds,
     nominal_parameters,
     possible_causes,
     resolution_of,
     rest_noise,
     sags,
+    shown,
 )
+from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.gap.servo.whole_arm import (
     ServoCheck,
     check_model,
     folds,
     held_out,
     nominal_angles,
-    refit,
     rms,
     rows,
     touching,
 )
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -54,6 +57,8 @@ class ServoDiagnosis:
     """What servo logs show about a simulation."""
 
     robot: str
+    payload: Tip | None
+    """A body at the flange that was found."""
     verdict: str
     causes: tuple[NamedCause, ...]
     nominal_rms: Array
@@ -108,31 +113,57 @@ class ServoDiagnosis:
         return out
 
 
+def _beyond(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
+    """Return what to say of logged angles beyond the limits of the arm's model."""
+    q = np.concatenate([log.q for log in logs])
+    out = []
+    for j, (low, high) in enumerate(arm.limits.position):
+        least, most = float(q[:, j].min()), float(q[:, j].max())
+        if least < low or most > high:
+            out.append(
+                f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
+                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
+            )
+    return out
+
+
 class _Joints:
     """The joints of one arm along its logs, and what is asked about each."""
 
     def __init__(
-        self, logs: Sequence[ServoLog], arm: Arm, servo: Servo, workers: ThreadPoolExecutor
+        self,
+        logs: Sequence[ServoLog],
+        arm: Arm,
+        servo: Servo,
+        workers: ThreadPoolExecutor,
+        settings: ServoSettings,
+        motions: list[JointMotion] | None = None,
     ) -> None:
-        self.servo, self.workers = servo, workers
-        self.motions = joint_motions(arm, logs)
+        self.logs, self.arm = logs, arm
+        self.servo, self.workers, self.settings = servo, workers, settings
+        asked = settings.questions
+        self.motions = joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([resolution_of(m.q) for m in self.motions])
         self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [rest_noise(m) for m in self.motions]
+            self.resolution / np.sqrt(12.0), [rest_noise(m, asked) for m in self.motions]
         )
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
-        self.nominal = nominal_parameters(servo, self.motions)
+        currents = [
+            np.full_like(log.q, np.nan) if log.current is None else log.current for log in logs
+        ]
+        self.currents = rows(logs, currents)
+        self.nominal = nominal_parameters(servo, self.motions, asked)
         self.scaled = [
-            sags(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)
+            sags(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)
         ]
-        some = [busiest(m) for m in self.motions]
-        # rows and segments on which each joint's causes are chosen
-        self.shown = [
-            np.repeat(k, np.diff(m.bounds)) for k, m in zip(some, self.motions, strict=True)
+        heads = [
+            shown(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)
         ]
-        self.chosen = [m.only(k) for m, k in zip(self.motions, some, strict=True)]
-        self.notes: list[str] = []
+        # rows on which each joint's causes are chosen
+        self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
+        self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
+        self.notes = _beyond(arm, logs)
 
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
@@ -142,28 +173,53 @@ class _Joints:
             nominal=self.nominal[j],
             always=always_fitted(self.servo, scaled),
             candidates=possible_causes(
-                self.servo, self.chosen[j], float(self.resolution[j]), scaled
+                self.servo,
+                self.chosen[j],
+                float(self.resolution[j]),
+                scaled,
+                self.settings.questions,
+            ),
+            low=lower_bounds(
+                self.motions[j],
+                self.chosen[j],
+                float(self.nominal[j, INDEX["stiffness"]]),
+                self.settings.limits,
             ),
             counts=counts,
             noise=float(self.noise[j]),
             judged=not self.servo.perfect,
+            settings=self.settings,
         )
 
     def contacts(self) -> dict[int, Rows]:
         """Return by joint the (T,) rows in which it seems to touch something."""
+        of = self.settings.contact
 
         def rough(j: int) -> Array:
-            counts = ~contact.suspected(self.chosen[j])
-            return self.chosen[j].q - Chooser(self.question(j, counts)).rough().angle
+            counts = ~contact.suspected(self.motions[j], of)[self.shown[j]]
+            rough = Chooser(self.question(j, counts)).rough().parameters
+            return self.motions[j].q - self.motions[j].simulate(rough[None])[0]
 
         out = {}
         for j, error in enumerate(self.workers.map(rough, range(self.n))):
-            touches = contact.in_contact(self.chosen[j], error, float(self.resolution[j]))
+            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]), of)
             if touches.any():
-                out[j] = np.zeros(len(self.shown[j]), dtype=bool)
-                out[j][self.shown[j]] = touches
-        many = bool(out) and np.any([*out.values()], axis=0).mean() > contact.MOST
+                out[j] = touches
+        many = bool(out) and np.any([*out.values()], axis=0).mean() > of.most
         return {} if many else out
+
+    def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
+        """Return the contacts in which the motor pushes; of others the notes say that it rests."""
+        out = {}
+        for j, touches in contacts.items():
+            out[j] = contact.pushing(self.currents[:, j], touches)
+            for begin, end in contact.stretches(self.motions[j].t, touches & ~out[j]):
+                self.notes.append(
+                    f"joint {j + 1} stands far from its command from {begin:.4g} to {end:.4g} s "
+                    "while its motor draws no more current than elsewhere: its servo rests; left "
+                    "out"
+                )
+        return {j: touches for j, touches in out.items() if touches.any()}
 
     def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointCauses]:
         """Return the causes of each joint; ``free`` are the (T,) rows without contact."""
@@ -184,13 +240,14 @@ class _Joints:
 
     def _scale(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
         """Give joints that do not clearly sag the stiffness of the others, and say so."""
-        stiffness = float(np.median(stiffnesses)) if stiffnesses else PLACEHOLDER
+        asked = self.settings.questions
+        stiffness = float(np.median(stiffnesses)) if stiffnesses else asked.unknown_stiffness
         for j in light:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             largest = float(np.abs(self.motions[j].gravity).max())
-            seen = largest > GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = bool(stiffnesses) and bool(seen) and largest > LEAST_GRAVITY
+            seen = largest > asked.gravity_seen * self.resolution[j] * stiffness
+            self.scaled[j] = bool(stiffnesses) and bool(seen) and largest > asked.least_gravity
         without = [j for j in light if not self.scaled[j]]
         if without:
             same = self.servo.same and stiffnesses
@@ -203,10 +260,21 @@ class _Joints:
 
     def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
-        halves = folds(self.motions[0])
+        halves = folds(self.motions[0], self.settings.validation)
+        most = self.settings.starts.again_iterations
 
         def one(j: int, counts: Rows) -> Array:
-            return refit(self.motions[j], found[j].fit.parameters, found[j].free, counts)
+            start = found[j].fit
+            low, high = found[j].bounds
+            return fit(
+                self.motions[j],
+                start.parameters,
+                start.free,
+                counts=counts,
+                iterations=most,
+                low=low,
+                high=high,
+            ).parameters
 
         fits = [
             self.workers.map(partial(one, counts=counts), range(self.n))
@@ -214,6 +282,65 @@ class _Joints:
         ]
         final, *parts = (np.stack(list(x)) for x in fits)
         return final, parts
+
+
+def _with_tip(
+    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointCauses], Tip | None]:
+    """Return joints and causes of the arm with a body at its flange, where that is believed."""
+    of = joints.settings.payload
+    if joints.servo.perfect:  # its stiffness would take up any body
+        return joints, found, None
+    shifted = [j for j in found if "encoder_offset" in found[j].causes]
+    tip = proposed(joints.arm, joints.motions, joints.nominal, free, of, shifted=shifted)
+    if tip is None:
+        return joints, found, None
+    loaded = _Joints(
+        joints.logs,
+        changed_arm(joints.arm, [tip.part(1)]),
+        joints.servo,
+        joints.workers,
+        joints.settings,
+    )
+    again = loaded.choose(free, say)
+    return (loaded, again, tip) if believed(tip, found, again, of) else (joints, found, None)
+
+
+def _with_zero(
+    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointCauses]]:
+    """Return joints and causes where the others know of one joint whose zero is off.
+
+    It changes the gravity of its neighbours, which would otherwise need offsets of their own.
+    """
+    name = "encoder_offset"
+    off = [j for j, r in found.items() if name in r.causes and name not in r.minor]
+    best = joints, found
+    for j in off:
+        zeros = np.zeros(joints.n)
+        zeros[j] = found[j].fit.parameters[INDEX["offset"]]
+        motions = joint_motions(joints.arm, joints.logs, zeros)
+        motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
+        known = _Joints(
+            joints.logs, joints.arm, joints.servo, joints.workers, joints.settings, motions
+        )
+        again = known.choose(free, say)
+        if criterion(again) < criterion(best[1]):
+            best = known, again
+    return best
+
+
+def _lost(joints: _Joints, found: dict[int, JointCauses], free: Rows) -> Array:
+    """Return (n,) error [rad] that the causes found leave on an arm without its payload, more."""
+
+    def one(j: int) -> float:
+        chosen, fit = joints.chosen[j], found[j].fit
+        counts = free[joints.shown[j]]
+        angle = chosen.simulate(fit.parameters[None])[0]
+        with_it = fit.cost / max(1, int(counts.sum()))
+        return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
+
+    return np.array([one(j) for j in range(joints.n)])
 
 
 def diagnose_servo(
@@ -224,6 +351,7 @@ def diagnose_servo(
     check: Sequence[ServoLog] = (),
     threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
+    settings: GapSettings | None = None,
 ) -> ServoDiagnosis:
     """Name what a simulated position servo gets wrong about servo logs.
 
@@ -237,33 +365,52 @@ def diagnose_servo(
         check: logs that take no part and test the model.
         threads: threads, 0 for all processors.
         progress: called with a stage and its part done.
+        settings: constants of the method; None for those of ``settings.toml``.
     """
+    settings = settings or gap_settings()
     say = progress or (lambda *_: None)
     say("inverse dynamics", 0.0)
     with ThreadPoolExecutor(max_workers=threads or None) as workers:
-        joints = _Joints(logs, arm, servo, workers)
+        joints = _Joints(logs, arm, servo, workers, settings.servo)
         say("columns of all causes", 0.0)
         contacts = joints.contacts()
         t = joints.motions[0].t
         free = ~np.any([np.zeros(len(t), dtype=bool), *contacts.values()], axis=0)
         found = joints.choose(free, say)
+        plain = nominal_angles(arm, logs, servo, joints.nominal, joints.load)
+        before = joints
+        joints, found, tip = _with_tip(joints, found, free, say)
+        joints, found = _with_zero(joints, found, free, say)
         say("refitting", 0.0)
         final, parts = joints.refits(found, free)
         say("forward validation", 0.0)
-        jobs = [workers.submit(simulate_arm, arm, logs, p, joints.load, threads=1) for p in parts]
-        plain = nominal_angles(arm, logs, servo, joints.nominal, joints.load)
-        held = held_out(logs, joints.motions[0], [job.result() for job in jobs])
+        first = folds(joints.motions[0], settings.servo.validation)[0]
+        jobs = [
+            workers.submit(simulate_arm, joints.arm, logs, p, joints.load, threads=1) for p in parts
+        ]
+        held = held_out(logs, first, [job.result() for job in jobs])
     q = rows(logs, [log.q for log in logs])
     nominal_rms = rms(q - rows(logs, plain), free)
     extended_rms = rms(q - rows(logs, held), free)
-    causes, minor = named_causes(found, contacts, t, nominal_rms)
+    causes, minor = named_causes(found, joints.pushed(contacts), t, nominal_rms)
+    if tip is not None:
+        causes = with_payload(
+            causes, tip, _lost(before, found, free), nominal_rms, settings.servo.payload
+        )
     checked = None
     if check:
         say("check", 0.0)
-        checked = check_model(arm, check, servo, joints.nominal, final, joints.load, extended_rms)
+        checked = check_model(
+            check,
+            nominal_angles(arm, check, servo, before.nominal, before.load),
+            simulate_arm(joints.arm, check, final, joints.load),
+            extended_rms,
+            settings.servo.validation,
+        )
     return ServoDiagnosis(
         robot=arm.name,
-        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
+        payload=tip,
+        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise, settings),
         causes=causes,
         minor=minor,
         nominal_rms=nominal_rms,

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.servo import contact
-from stiction_envs.gap.servo.choose import LINKS_LEAVE, JointCauses
+from stiction_envs.gap.servo.choose import JointCauses
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.payload import Tip
+from stiction_envs.gap.servo.settings import ServoPayloadSettings
+from stiction_envs.gap.settings import GapSettings
 
 Array = NDArray[np.float64]
-MINOR = 0.06
-"""Share of a joint's nominal error below which what a cause takes off is minor [-]; assumed."""
-CLOSE = 3.0
-"""Largest error over the noise floor that counts as explained [-], as for joint logs."""
 EVIDENCE = {
     "servo_stiffness": "the arm sags under gravity by its torque over {value}",
     "damping": "the angle follows the command late, the more the faster it moves",
@@ -33,6 +32,7 @@ EVIDENCE = {
     "dead_zone": "the joint rests anywhere near its command",
     "encoder_offset": "gravity sags the joint as if it stood at another angle",
     "gravity_compensation_missing": "the arm sags less than its gravity asks for",
+    "payload": "joints sag together, as under a body of {value} at the flange",
     "external_contact": "the joint stalls far from its command in some stretches only",
 }
 """One sentence per cause that a person can check in the plot of angles."""
@@ -118,13 +118,55 @@ def named_causes(
             )
         )
     out.sort(key=lambda c: -c.gain_percent)
-    little = {c for c, of in joints.items() if max(of.values()) < MINOR}
+    little = {c for c, of in joints.items() if all(c in results[j].minor for j in of)}
     named = tuple(c for c in out if c.name not in little)
     return named, tuple(c for c in out if c.name in little)
 
 
-def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:
+def with_payload(
+    causes: Sequence[NamedCause],
+    tip: Tip,
+    lost: Array,
+    nominal_rms: Array,
+    settings: ServoPayloadSettings,
+) -> tuple[NamedCause, ...]:
+    """Return the causes with a body at the flange among them.
+
+    Args:
+        causes: of the joints.
+        tip: the body.
+        lost: (n,) error that it takes off [rad].
+        nominal_rms: (n,) [rad].
+        settings: on which joints it is named.
+    """
+    acts = tip.torque > settings.acts * tip.torque.max()
+    share = np.clip(lost / np.maximum(nominal_rms, 1e-12), 0.0, 1.0)
+    body = NamedCause(
+        name="payload",
+        joints=tuple(int(j) + 1 for j in np.flatnonzero(acts)),
+        gain_percent=100.0 * float(share.mean()),
+        parameters={0: tip.parameters},
+        evidence=EVIDENCE["payload"].format(value=f"{tip.mass:.3g} kg"),
+        confused_with=(
+            "encoder_offset",
+            "gravity_compensation_missing",
+            "link_parameters",
+            "servo_stiffness",
+        ),
+    )
+    return tuple(sorted([*causes, body], key=lambda c: -c.gain_percent))
+
+
+def verdict_of(
+    causes: Sequence[NamedCause],
+    nominal: Array,
+    extended: Array,
+    noise: Array,
+    settings: GapSettings,
+) -> str:
     """Return the verdict; errors and noise floor are (n,) [rad]."""
     if not causes:
-        return "no discrepancy" if (nominal < LINKS_LEAVE * noise).all() else "cannot tell"
-    return "explained" if (extended < CLOSE * noise).all() else "partly explained"
+        enough = settings.servo.selection.links_leave * noise
+        return "no discrepancy" if (nominal < enough).all() else "cannot tell"
+    enough = settings.verdict.close * noise
+    return "explained" if (extended < enough).all() else "partly explained"

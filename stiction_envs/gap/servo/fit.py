@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.parameters import HIGH, INDEX, LOW, STEP
 
 Array = NDArray[np.float64]
-LOW = np.array([p.low for p in PARAMETERS.values()])
-HIGH = np.array([p.high for p in PARAMETERS.values()])
-STEP = np.array([p.step for p in PARAMETERS.values()])
 DIFFERENCE = 0.05
 """Difference of a derivative, over the parameter's step [-]; assumed."""
 DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])

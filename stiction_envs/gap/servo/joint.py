@@ -8,12 +8,12 @@ simulated again by the plant with the whole arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.friction.bristle import bristle_after
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -81,29 +81,26 @@ class JointMotion:
         )
         return out
 
-    def only(self, keep: NDArray[np.bool_]) -> JointMotion:
-        """Return the segments that ``keep`` (S,) names."""
-        parts = [slice(a, b) for a, b in pairwise(self.bounds)]
-        rows = np.concatenate(
-            [np.arange(p.start, p.stop) for p, k in zip(parts, keep, strict=True) if k]
-        )
-        nodes = np.concatenate(
-            [
-                np.arange(p.start + 2 * s, p.stop + 2 * s + 2)
-                for s, (p, k) in enumerate(zip(parts, keep, strict=True))
-                if k
-            ]
-        )
-        lengths = np.diff(self.bounds)[keep]
+    def heads(self, lengths: Index) -> JointMotion:
+        """Return the first rows of each segment; ``lengths`` (S,) of 0 leave one out."""
+        kept = np.flatnonzero(lengths)
+        rows = self.rows_of_heads(lengths)
+        nodes = [self.bounds[s] + 2 * s + np.arange(lengths[s] + 2) for s in kept]
         return JointMotion(
-            bounds=np.concatenate([[0], np.cumsum(lengths)]),
-            command_integral=self.command_integral[nodes],
-            command_times=self.command_times[nodes],
+            bounds=np.concatenate([[0], np.cumsum(lengths[kept])]),
+            command_integral=self.command_integral[np.concatenate(nodes)],
+            command_times=self.command_times[np.concatenate(nodes)],
             **{
                 name: getattr(self, name)[rows]
                 for name in ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
             },
         )
+
+    def rows_of_heads(self, lengths: Index) -> NDArray[np.bool_]:
+        """Return the (T,) rows of `heads`."""
+        since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], np.diff(self.bounds))
+        rows: NDArray[np.bool_] = since < np.repeat(lengths, np.diff(self.bounds))
+        return rows
 
 
 @compiled
@@ -195,9 +192,7 @@ def _segment(  # type: ignore[no-untyped-def]
             g = level * (1.0 - drop + drop * np.exp(-((speed / stribeck) ** 2)))
             a = max(abs(speed) * bristle * h / g, 1e-15)
             force = u - pull - bristle * deflection + damping * (a / h * deflection - speed)
-            # exact solution of the bristle equation at constant speed, as in MuJoCo
-            e = np.expm1(-a)
-            deflection += e * deflection - e / a * h * speed
+            deflection = bristle_after(deflection, speed, a, h)
             # joint damping is implicit, as in MuJoCo's Euler
             speed = (speed + h / mass * force) / (1.0 + h / mass * viscous)
             angle += h * speed

@@ -15,8 +15,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
 from stiction_envs.gap.servo.arm import friction_of
-from stiction_envs.gap.servo.fit import HIGH, LOW
-from stiction_envs.gap.servo.parameters import FAR, INDEX, NAMES, PARAMETERS
+from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
 

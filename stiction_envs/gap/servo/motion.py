@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.signals.prepare import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -23,15 +23,18 @@ OUTSIDE = 1.0
 """Time for which a command counts as held before and after a segment [s]; assumed."""
 
 
-def joint_motions(arm: Arm, logs: Sequence[ServoLog]) -> list[JointMotion]:
+def joint_motions(
+    arm: Arm, logs: Sequence[ServoLog], zeros: Array | float = 0.0
+) -> list[JointMotion]:
     """Return the motion of each joint along all segments of the logs.
 
     Args:
         arm: the rigid arm; gravity acts on it.
         logs: of it.
+        zeros: (n,) offsets of the logged angles [rad], at which the arm is not where they say.
     """
     parts = [(log, s) for log in logs for s in log.segments if s.stop - s.start > 1]
-    of = [_torques(arm, log.t[s], log.q[s]) for log, s in parts]
+    of = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
     bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
     out = []
     for j in range(arm.n):
@@ -67,11 +70,7 @@ def _torques(arm: Arm, t: Array, q: Array) -> tuple[Array, Array, Array, Array]:
     model = arm.model()
     data = mujoco.MjData(model)
     n = arm.n
-    rate = 1.0 / np.median(np.diff(t))
-    smooth = q
-    if len(t) > 3 * 5 and rate > 2.2 * CUTOFF_HZ:
-        sos = butter(2, CUTOFF_HZ / (rate / 2), output="sos")
-        smooth = sosfiltfilt(sos, q, axis=0)
+    smooth = lowpass(q, 1.0 / float(np.median(np.diff(t))), CUTOFF_HZ)
     speed = np.gradient(smooth, t, axis=0)
     acceleration = np.gradient(speed, t, axis=0)
     gravity, slope, inertia, coupling = (np.empty((len(t), n)) for _ in range(4))

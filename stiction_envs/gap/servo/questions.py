@@ -11,20 +11,11 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.choose import LAG
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import INDEX, absent
+from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
+from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
 
 Array = NDArray[np.float64]
-MOST_SECONDS = 240.0
-"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
-GRAVITY_SEEN = 3.0
-"""Least sag of a joint by gravity over the angle's resolution that scales its servo's stiffness
-[-]; assumed."""
-LEAST_GRAVITY = 0.02
-"""Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
-MOVES = 5.0
-"""Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
-PLACEHOLDER = 10.0
-"""Stiffness of a servo of which nothing is known [N·m/rad]; assumed, and said."""
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,12 +37,16 @@ class Servo:
         return self.stiffness is None and self.parameters is None
 
 
-def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
+def nominal_parameters(
+    servo: Servo, motions: Sequence[JointMotion], settings: ServoQuestionSettings
+) -> Array:
     """Return (n, P) parameters of the nominal simulation."""
     if servo.parameters is not None:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
-    out[:, INDEX["stiffness"]] = PLACEHOLDER if servo.stiffness is None else servo.stiffness
+    out[:, INDEX["stiffness"]] = (
+        settings.unknown_stiffness if servo.stiffness is None else servo.stiffness
+    )
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
     elif servo.stiffness is not None:
@@ -71,7 +66,11 @@ def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:
 
 
 def possible_causes(
-    servo: Servo, motion: JointMotion, resolution: float, scaled: bool
+    servo: Servo,
+    motion: JointMotion,
+    resolution: float,
+    scaled: bool,
+    settings: ServoQuestionSettings,
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
@@ -80,8 +79,10 @@ def possible_causes(
         motion: of the joint.
         resolution: step of its angle [rad].
         scaled: whether gravity scales its servo's torque.
+        settings: what moves.
     """
-    if np.ptp(motion.command) < MOVES * resolution or np.ptp(motion.q) < MOVES * resolution:
+    least = settings.moves * resolution
+    if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
         return ()
     out = ["servo_stiffness"] if scaled else []
     out += [*LAG, "coulomb_friction", "stribeck_friction", "presliding_hysteresis"]
@@ -94,13 +95,13 @@ def possible_causes(
     return tuple(cause for cause in out if cause not in unknown)
 
 
-def sags(motion: JointMotion, resolution: float) -> bool:
+def sags(motion: JointMotion, resolution: float, settings: ServoQuestionSettings) -> bool:
     """Return whether the joint sags with gravity, so that gravity scales the servo's torque."""
     g, error = motion.gravity, motion.command - motion.q
-    if np.abs(g).max() < LEAST_GRAVITY:
+    if np.abs(g).max() < settings.least_gravity:
         return False
     sag = float(error @ g) / float(g @ g)
-    return bool(sag * np.sqrt(np.mean(g**2)) > GRAVITY_SEEN * resolution)
+    return bool(sag * np.sqrt(np.mean(g**2)) > settings.gravity_seen * resolution)
 
 
 def resolution_of(q: Array) -> float:
@@ -110,22 +111,59 @@ def resolution_of(q: Array) -> float:
     return float(np.percentile(steps, 10)) if len(steps) else 1e-6
 
 
-def rest_noise(motion: JointMotion) -> float:
+def rest_noise(motion: JointMotion, settings: ServoQuestionSettings) -> float:
     """Return the noise of the angle while the command rests [rad]."""
     still = np.concatenate([[False], np.diff(motion.command) == 0.0])
-    calm = np.convolve(still, np.ones(9), "same") >= 9
+    calm = np.convolve(still, np.ones(settings.calm_rows), "same") >= settings.calm_rows
     jump = motion.q[1:-1] - 0.5 * (motion.q[:-2] + motion.q[2:])
     jump = jump[calm[1:-1]]
-    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > 20 else 0.0
+    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > settings.least_calm else 0.0
 
 
-def busiest(motion: JointMotion) -> NDArray[np.bool_]:
-    """Return (S,) the segments on which a joint's causes are chosen: where it moves most."""
+def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSettings) -> Index:
+    """Return (S,) how many rows of each segment show a joint's causes.
+
+    The heads of all segments in which it moves, equally long: a limit shows in one motion, friction
+    in another.
+    """
+    lengths = np.diff(motion.bounds)
     parts = [slice(a, b) for a, b in pairwise(motion.bounds)]
-    seconds = np.array([float(np.ptp(motion.t[p])) for p in parts])
-    path = np.array([float(np.abs(np.diff(motion.command[p])).sum()) for p in parts])
-    order = np.argsort(-path / np.maximum(seconds, 1e-9), kind="stable")
-    keep = np.zeros(len(seconds), dtype=bool)
-    keep[order[0]] = True
-    keep[order[np.cumsum(seconds[order]) <= MOST_SECONDS]] = True
-    return keep
+    moves = np.array(
+        [np.ptp(motion.command[p]) >= settings.moves * resolution for p in parts], dtype=bool
+    )
+    lengths = np.where(moves, lengths, 0) if moves.any() else lengths
+    most = settings.most_seconds / float(np.median(np.diff(motion.t)))
+    # the longest head of which all segments together have no more than that
+    heads = np.sort(lengths)
+    totals = np.cumsum(heads) + heads * np.arange(len(heads) - 1, -1, -1)
+    if totals[-1] <= most:
+        return lengths
+    k = int(np.argmax(totals > most))
+    head = int((most - heads[:k].sum()) / (len(heads) - k))
+    return np.minimum(lengths, max(head, 1))
+
+
+def lower_bounds(
+    motion: JointMotion, part: JointMotion, stiffness: float, settings: ServoLimitSettings
+) -> Array:
+    """Return (P,) lower bounds: no limit lies below what was passed or needed most of the time.
+
+    Args:
+        motion: of the joint.
+        part: of it, on which causes are chosen.
+        stiffness: of its servo [N·m/rad].
+        settings: what was passed.
+    """
+    low = LOW.copy()
+    step = float(np.median(np.diff(motion.t)))
+    rows = max(1, round(settings.passed_seconds / step))
+    speeds = [
+        np.abs((motion.q[a + rows : b] - motion.q[a : b - rows]) / (rows * step))
+        for a, b in pairwise(motion.bounds)
+        if b - a > rows
+    ]
+    passed = max((float(np.percentile(v, settings.passed_percent)) for v in speeds), default=0.0)
+    low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], settings.passed * passed)
+    stretched = float(np.percentile(np.abs(part.command - part.q), settings.often_percent))
+    low[INDEX["torque_limit"]] = max(low[INDEX["torque_limit"]], stiffness * stretched)
+    return low

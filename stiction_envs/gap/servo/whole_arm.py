@@ -11,18 +11,13 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.settings import ServoValidationSettings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-FOLD_SECONDS = 10.0
-"""Length of the blocks of time that are held out in turn [s]; assumed."""
-WORSE = 1.1
-"""Least error of the extended model over the nominal one on logs to check that is worse [-];
-assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,16 +46,11 @@ class ServoCheck:
         }
 
 
-def refit(motion: JointMotion, start: Array, free: Sequence[str], rows: NDArray[np.bool_]) -> Array:
-    """Return (P,) parameters fitted to some rows, from those of other rows."""
-    return fit(motion, start, free, counts=rows, iterations=6).parameters
-
-
-def folds(motion: JointMotion) -> list[NDArray[np.bool_]]:
+def folds(motion: JointMotion, settings: ServoValidationSettings) -> list[NDArray[np.bool_]]:
     """Return two halves of the rows, in alternating blocks of time."""
     segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
     since = motion.t - motion.t[motion.bounds[segment]]
-    even = (since // FOLD_SECONDS + segment) % 2 == 0
+    even = (since // settings.fold_seconds + segment) % 2 == 0
     return [even, ~even]
 
 
@@ -77,10 +67,9 @@ def rows(logs: Sequence[ServoLog], angles: Sequence[Array]) -> Array:
 
 
 def held_out(
-    logs: Sequence[ServoLog], motion: JointMotion, halves: Sequence[Sequence[Array]]
+    logs: Sequence[ServoLog], of_first: NDArray[np.bool_], halves: Sequence[Sequence[Array]]
 ) -> list[Array]:
     """Return per log the angles of the model that was fitted to the other half of the time."""
-    of_first = folds(motion)[0]
     out, k = [], 0
     for i, log in enumerate(logs):
         angle = halves[0][i].copy()
@@ -124,32 +113,26 @@ def touching(
 
 
 def check_model(
-    arm: Arm,
     logs: Sequence[ServoLog],
-    servo: Servo,
-    nominal: Array,
-    parameters: Array,
-    load: Array,
+    plain: Sequence[Array],
+    model: Sequence[Array],
     fitted_rms: Array,
+    settings: ServoValidationSettings,
 ) -> ServoCheck:
     """Return the errors of both models on logs that took no part.
 
     Args:
-        arm: the rigid arm.
-        logs: of it.
-        servo: what is known of its servos.
-        nominal: (n, P) parameters of the nominal simulation.
-        parameters: (n, P) of the extended model.
-        load: (n,) usual size of gravity [N·m].
+        logs: of the arm.
+        plain: per log, (T, n) angles of the nominal simulation [rad].
+        model: per log, (T, n) angles of the extended model [rad].
         fitted_rms: (n,) held-out error where the model was fitted [rad].
+        settings: what is worse.
     """
-    plain = nominal_angles(arm, logs, servo, nominal, load)
-    model = simulate_arm(arm, logs, parameters, load)
     q = np.concatenate([log.q[s] for log, s in segments(logs)])
     all_rows = np.ones(len(q), dtype=bool)
     before = rms(q - rows(logs, plain), all_rows)
     after = rms(q - rows(logs, model), all_rows)
-    worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
+    worse = np.flatnonzero((after > settings.worse * before) & (after > fitted_rms))
     return ServoCheck(
         nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
     )

@@ -39,7 +39,7 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.linear.grams import share_found
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.selection.candidates import certain
+from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare

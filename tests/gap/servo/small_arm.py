@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,11 @@ TWO_LINKS = """<mujoco model="two_links"><compiler angle="radian"/><worldbody>
 </body></body></worldbody></mujoco>"""
 
 
-def two_links(folder: Path) -> Arm:
+def two_links(folder: Path, *, payload: Sequence[float] | None = None) -> Arm:
     """Return the arm, written into a folder."""
     path = folder / "two_links.xml"
     path.write_text(TWO_LINKS)
-    return load_arm(path)
+    return load_arm(path, payload=payload)
 
 
 def motion(

@@ -1,26 +1,21 @@
 import numpy as np
 import pytest
+from scipy.signal import step
 
 from stiction_envs.gap.servo.joint import STEP
 from tests.gap.servo.small_arm import motion, parameters
 
 
-def test_without_friction_a_step_is_answered_as_by_a_second_order_system() -> None:
+@pytest.mark.parametrize("damping", [0.4, 2.0])
+def test_without_friction_a_step_is_answered_as_by_a_second_order_system(damping: float) -> None:
+    """With overshoot, and without."""
     command = np.where(np.arange(200) < 20, 0.0, 0.3)
-    damping, stiffness, inertia = 0.4, 20.0, 0.02
-    got = motion(command, inertia=inertia).simulate(parameters(damping=damping)[None])[0]
-    t = 0.01 * (np.arange(200) - 20)
-    roots = np.roots([inertia, damping, stiffness]).astype(complex)
-    a, b = roots
-    late = np.maximum(t, 0.0)
-    exact = (
-        0.3 * (1 + (b * np.exp(a * late) - a * np.exp(b * late)).real / (a - b).real)
-        if (abs((a - b).imag) < 1e-9)
-        else 0.3 * (1 + ((b * np.exp(a * late) - a * np.exp(b * late)) / (a - b)).real)
-    )
-    exact[t < 0] = 0.0
-    # semi-implicit Euler is late by about a step
-    assert np.abs(got - exact).max() < 0.3 * 35 * STEP / 2
+    got = motion(command, inertia=0.02).simulate(parameters(damping=damping)[None])[0]
+    _, answer = step(([20.0], [0.02, damping, 20.0]), T=0.01 * np.arange(180))
+    exact = 0.3 * np.concatenate([np.zeros(20), answer])
+    fastest = np.abs(np.gradient(exact, 0.01)).max()
+    # semi-implicit Euler is off by less than half a step in time
+    assert np.abs(got - exact).max() < fastest * STEP / 2
 
 
 def test_gravity_sags_a_joint_without_friction_by_its_torque_over_the_stiffness() -> None:
@@ -91,6 +86,24 @@ def test_an_offset_of_the_encoder_shows_only_through_gravity() -> None:
     assert (heavy[0] - heavy[1])[-1] == pytest.approx(-2.0 * 0.1 / 22.0, rel=0.05)
 
 
+def test_backlash_of_a_slow_servo_is_dry_friction() -> None:
+    """Play of a gap stops and starts an angle as friction of stiffness·gap/2 does."""
+    step, gap = 0.01, 0.04
+    t = step * np.arange(6000)
+    command = 0.3 * np.sin(2 * np.pi * t / 30.0)
+    rubbed = motion(command, step=step).simulate(
+        parameters(stiction=20.0 * gap / 2, damping=0.1)[None]
+    )[0]
+    played = np.zeros_like(command)
+    for k in range(1, len(t)):
+        played[k] = np.clip(played[k - 1], command[k] - gap / 2, command[k] + gap / 2)
+    assert np.sqrt(np.mean((played - command) ** 2)) > 0.4 * gap
+    # the servo lags by damping/stiffness times the speed; at reversals the bristle gives
+    lag = 0.1 / 20.0 * 0.3 * 2 * np.pi / 30.0
+    assert np.median(np.abs(rubbed - played)) < 2 * lag
+    assert np.abs(rubbed - played).max() < 0.1 * gap
+
+
 def test_parts_of_a_motion_answer_as_they_do_in_the_whole() -> None:
     command = 0.3 * np.sin(0.05 * np.arange(300))
     one, p = motion(command), parameters(damping=0.5, stiction=0.1)[None]
@@ -106,5 +119,8 @@ def test_parts_of_a_motion_answer_as_they_do_in_the_whole() -> None:
     )
     alone = one.simulate(p)[0]
     assert np.array_equal(both.simulate(p)[0], np.concatenate([alone, alone]))
-    second = both.only(np.array([False, True]))
+    second = both.heads(np.array([0, 300]))
     assert np.array_equal(second.simulate(p)[0], alone)
+    heads = both.heads(np.array([120, 300]))
+    assert np.array_equal(heads.simulate(p)[0], np.concatenate([alone[:120], alone]))
+    assert np.array_equal(heads.t, both.t[both.rows_of_heads(np.array([120, 300]))])

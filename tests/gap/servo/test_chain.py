@@ -1,0 +1,42 @@
+"""Servo logs of one leg of a robot whose base floats in its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy.blind_servo_logs import robot_file
+from benchmarks.accuracy.servo_peers import GO2
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
+from stiction_envs.hidden.servo_logs import hide
+from stiction_envs.robots import load_arm
+
+ROBOT = str(Path(robot_file("so101")).parents[2] / GO2)
+
+
+@pytest.mark.slow
+def test_a_leg_is_cut_out_and_its_base_held(tmp_path: Path) -> None:
+    leg = load_arm(ROBOT, chain=("base", "FL_foot"))
+    case = hide(leg, ["coulomb_friction"], seed=3, seconds=30.0, scatter=0.0)
+    columns = np.column_stack([case.log.t, case.log.q_cmd, case.log.q])
+    names = ["t", *(f"{x}{j}" for x in ("q_cmd", "q") for j in (1, 2, 3))]
+    path = tmp_path / "leg.csv"
+    np.savetxt(path, columns, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    known = {
+        "servo_stiffness": case.stiffness.tolist(),
+        "servo_damping": case.damping.tolist(),
+    }
+    result = diagnose([path], robot=ROBOT, chain=("base", "FL_foot"), threads=1, **known)
+    found = result.diagnosis
+    assert isinstance(found, ServoDiagnosis)
+    assert found.robot == "go2-base-FL_foot"
+    named = {(c.name, j) for c in found.causes for j in c.joints}
+    assert named == set(case.hidden)
+    assert found.extended_rms.max() < 2e-3
+    # the file as a whole is refused, and the message says how to choose a leg
+    with pytest.raises(StictionError, match="take one arm: chain base FL_calf"):
+        diagnose([path], robot=ROBOT)
