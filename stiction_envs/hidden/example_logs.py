@@ -7,7 +7,6 @@ A Panda with joint friction, rotors and a payload, none of which a rigid simulat
 
 from __future__ import annotations
 
-import argparse
 import io
 import sys
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.hidden.example_command import run_writer
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -69,21 +69,13 @@ def csv_text(log: JointLog) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code: 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(
-        prog="python -m stiction_envs.hidden.example_logs",
-        description="Write two simulated logs of a Panda that a rigid simulation gets wrong.",
+    return run_writer(
+        "stiction_envs.hidden.example_logs",
+        "Write two simulated logs of a Panda that a rigid simulation gets wrong.",
+        write_example,
+        "log.csv, other.csv; the truth is in hidden.json",
+        arguments,
     )
-    parser.add_argument(
-        "folder", nargs="?", type=Path, default=Path("example"), help="default: example"
-    )
-    folder = parser.parse_args(arguments).folder
-    try:
-        write_example(folder)
-    except StictionError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 2
-    print(f"written to {folder}: log.csv, other.csv; the truth is in hidden.json")
-    return 0
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import unknown
 from stiction_envs.friction.model import link_inertia
+from stiction_envs.gap.causes.body.bodies import sphere, with_payload
+from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, absent
@@ -34,6 +36,8 @@ SAG = 0.04
 """Usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed."""
 BANDWIDTH = 30.0
 """Least natural frequency of a servo with its link [rad/s]; assumed."""
+MOST_LOAD = 0.4
+"""Largest friction over load [-]: gears that carry back; assumed."""
 WEAKEST = 0.1
 """Least stiffness of a joint's servo over that of the strongest [-]; assumed."""
 LAG = 0.05
@@ -50,6 +54,7 @@ CAUSES = (
     "speed_limit",
     "encoder_offset",
     "dead_zone",
+    "payload",
 )
 """Causes that can be hidden."""
 OF_GRAVITY = {"servo_stiffness", "load_dependent_friction", "encoder_offset"}
@@ -66,7 +71,9 @@ class HiddenServoLog:
     damping: Array
     """(n,) likewise [N·m·s/rad]."""
     hidden: tuple[tuple[str, int], ...]
-    """Causes and their joints, from 1."""
+    """Causes and their joints, from 1; 0 for a payload."""
+    payload: tuple[float, float, float, float] | None = None
+    """Hidden mass [kg] and centre of mass x, y, z in the flange frame [m]."""
 
 
 def hide(
@@ -99,7 +106,7 @@ def hide(
     rng = np.random.default_rng([seed, 11])
     n = arm.n
     t = np.arange(0.0, seconds, 1.0 / rate_hz)
-    command = _commands(arm, t, rng, start)
+    command = commands(arm, t, rng, start)
     plain = ServoLog(source="plan", t=t, q=command.copy(), dq=None, q_cmd=command)
     motions = joint_motions(arm, [plain])
     gravity = np.array([float(np.abs(m.gravity).max()) for m in motions])
@@ -112,11 +119,18 @@ def hide(
     parameters[:, INDEX["damping"]] = damping
     heavy = np.flatnonzero(gravity > 0.2 * gravity.max())
     hidden = []
+    tool: tuple[float, float, float, float] | None = None
     for cause in causes:
+        if cause == "payload":
+            tool = _tool(arm, gravity)
+            hidden.append((cause, 0))
+            continue
         j = int(rng.choice(heavy if cause in OF_GRAVITY else np.arange(n)))
         _hide(parameters[j], cause, motions[j].gravity, command[:, j], t, inertia[j])
         hidden.append((cause, j + 1))
     real = with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))
+    if tool is not None:
+        real = with_payload(real, sphere(tool[0], np.array(tool[1:])), LEAST_INERTIA)
     load = np.array([float(np.abs(m.gravity).mean()) for m in motions])
     angle = simulate_arm(real, [plain], parameters, load, threads=1)[0]
     late = np.stack([np.interp(t + LATE, t, angle[:, j]) for j in range(n)], axis=1)
@@ -128,10 +142,24 @@ def hide(
         dq=None,
         q_cmd=command,
     )
-    return HiddenServoLog(log=log, stiffness=stiffness, damping=damping, hidden=tuple(hidden))
+    return HiddenServoLog(
+        log=log, stiffness=stiffness, damping=damping, hidden=tuple(hidden), payload=tool
+    )
 
 
-def _commands(arm: Arm, t: Array, rng: np.random.Generator, start: Array | None) -> Array:
+def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
+    """Return a body at the flange whose gravity is a quarter of the arm's own; assumed.
+
+    Args:
+        arm: without it.
+        gravity: (n,) largest gravity of each joint [N·m].
+    """
+    model = arm.model()
+    reach = float(np.linalg.norm(model.body_pos[1:], axis=1).sum())
+    return (0.25 * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
+
+
+def commands(arm: Arm, t: Array, rng: np.random.Generator, start: Array | None) -> Array:
     """Return (T, n) commands: slow waves, steps with rests between them, fast waves."""
     low, high = np.clip(arm.limits.position, -np.pi, np.pi).T
     middle = (low + high) / 2 + 0.15 * (high - low) if start is None else start
@@ -178,7 +206,7 @@ def _hide(p: Array, cause: str, gravity: Array, command: Array, t: Array, inerti
         p[INDEX["stribeck_velocity"]] = 0.05
     elif cause == "load_dependent_friction":
         p[INDEX["stiction"]] = max(p[INDEX["stiction"]], 0.3 * level)
-        p[INDEX["load"]] = 0.8 * level / float(np.abs(gravity).mean())
+        p[INDEX["load"]] = min(0.8 * level / float(np.abs(gravity).mean()), MOST_LOAD)
     elif cause == "torque_limit":
         needed = np.abs(gravity).max() + stiffness * 0.05
         p[INDEX["torque_limit"]] = 1.02 * float(needed)

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.logs import (
-    check_channels,
-    check_finite,
-    check_pace,
-    check_speeds,
-    check_units,
-)
-from stiction_envs.measured.logs.clock import correct_clock
+from stiction_envs.measured.checks.logs import check_channels, check_finite, check_units
 from stiction_envs.measured.logs.corrections import (
     Correction,
     Rows,
@@ -33,7 +26,7 @@ from stiction_envs.measured.logs.files import read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import JointLog
-from stiction_envs.measured.logs.timing import begin, ignored, split
+from stiction_envs.measured.logs.timing import begin, end, ignored, read_each
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
@@ -67,18 +60,12 @@ def read_logs(
         StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
             The message names file, row and column.
     """
-    if not paths:
-        raise StictionError("no log given: expected one or more files")
-    motion = motion or measured_settings().motion
-    logs: list[JointLog] = []
-    for path in paths:
-        raw = read_raw(path, n_joints, naming=naming)
-        log = _corrected(raw, limits, motion)
-        for other in logs:
-            if np.array_equal(other.q, log.q) and np.array_equal(other.tau, log.tau):
-                raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
-        logs.append(log)
-    return logs
+    thresholds = motion or measured_settings().motion
+
+    def read(path: Path) -> JointLog:
+        return _corrected(read_raw(path, n_joints, naming=naming), limits, thresholds)
+
+    return read_each(paths, read)
 
 
 def read_poses(
@@ -129,12 +116,5 @@ def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> 
     warnings += check_units(rows, raw.place, limits)
     warnings += check_channels(rows, raw.place, motion)
     corrections += drop_repeats(rows) + correct_stale(rows)
-    more, jitter = correct_clock(rows)
-    corrections, warnings = corrections + more, warnings + jitter
-    breaks, longest, step = split(raw.source, rows, corrections)
-    try:
-        check_pace(longest, step, limits)
-        warnings += check_speeds(longest, step, motion)
-    except StictionError as error:
-        raise StictionError(f"{raw.source}: {error}") from None
-    return _log(raw, rows, corrections, warnings, breaks=breaks, date=date)
+    breaks, more, found = end(raw.source, rows, limits, motion)
+    return _log(raw, rows, corrections + more, warnings + found, breaks=breaks, date=date)

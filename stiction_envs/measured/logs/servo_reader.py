@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.logs import check_pace, check_speeds
 from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
-from stiction_envs.measured.logs.clock import correct_clock
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.corrections import SERVO_CORE
 from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import RobotLog, ServoLog
-from stiction_envs.measured.logs.timing import begin, ignored, split
+from stiction_envs.measured.logs.timing import begin, end, ignored, read_each
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
@@ -58,17 +56,13 @@ def read_servo_logs(
         StictionError: a file cannot be read, is no servo log of this robot, or cannot be a
             measurement. The message names file, row and column.
     """
-    if not paths:
-        raise StictionError("no log given: expected one or more files")
-    motion = motion or measured_settings().motion
-    logs: list[ServoLog] = []
-    for path in paths:
-        log = _corrected(read_raw(path, n_joints, naming=naming, drive=POSITION), limits, motion)
-        for other in logs:
-            if np.array_equal(other.q, log.q) and np.array_equal(other.q_cmd, log.q_cmd):
-                raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
-        logs.append(log)
-    return logs
+    thresholds = motion or measured_settings().motion
+
+    def read(path: Path) -> ServoLog:
+        raw = read_raw(path, n_joints, naming=naming, drive=POSITION)
+        return _corrected(raw, limits, thresholds)
+
+    return read_each(paths, read)
 
 
 def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
@@ -96,14 +90,7 @@ def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> 
     rows, date, corrections, warnings = begin(raw, SERVO_CORE)
     warnings += check_servo_units(rows, raw.place, limits)
     warnings += check_servo_channels(rows, raw.place, motion)
-    more, jitter = correct_clock(rows, SLOWEST_CLOCK)
-    corrections, warnings = corrections + more, warnings + jitter
-    breaks, longest, step = split(raw.source, rows, corrections)
-    try:
-        check_pace(longest, step, limits)
-        warnings += check_speeds(longest, step, motion)
-    except StictionError as error:
-        raise StictionError(f"{raw.source}: {error}") from None
+    breaks, more, found = end(raw.source, rows, limits, motion, slowest=SLOWEST_CLOCK)
     data = dict(rows.data)
     current = data.pop("current_abs", None)
     return ServoLog(
@@ -115,8 +102,8 @@ def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> 
         tau=data.pop("tau", None),
         current=None if current is None else np.abs(current),
         extra=data,
-        corrections=(*raw.notes, *corrections),
-        warnings=(*ignored(raw), *warnings),
+        corrections=(*raw.notes, *corrections, *more),
+        warnings=(*ignored(raw), *warnings, *found),
         breaks=breaks,
         date=date,
     )

@@ -1,16 +1,31 @@
-"""What all logs go through: one rising time for all recordings of a file, and segments of it."""
+"""What all logs go through: one rising time for all recordings of a file, and segments of it.
+
+Logs of one robot are read one after another, and none of them twice.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.logs import check_finite, check_time
-from stiction_envs.measured.logs.clock import find_gaps, usual_step
+from stiction_envs.measured.checks.logs import check_finite, check_pace, check_speeds, check_time
+from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
 from stiction_envs.measured.logs.corrections import CORE, Correction, Rows, fill_missing
 from stiction_envs.measured.logs.formats.base import RawLog
+from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.settings import MotionThresholds
+
+if TYPE_CHECKING:
+    from stiction_envs.robots.tables import Limits
+
+Path = str | os.PathLike[str]
+LogT = TypeVar("LogT", bound=RobotLog)
 
 LEAST_SECONDS = 1.0
 """Shorter logs are refused [s]; assumed."""
@@ -20,6 +35,25 @@ EPOCH = 1e6
 """Times above this are dates, and counted from the first row instead [s]; assumed."""
 IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
+
+
+def read_each(paths: Sequence[Path], read: Callable[[Path], LogT]) -> list[LogT]:
+    """Return the logs of ``paths``, each read by ``read``.
+
+    Raises:
+        StictionError: no path, two logs with the same numbers, or what ``read`` raises.
+    """
+    if not paths:
+        raise StictionError("no log given: expected one or more files")
+    logs: list[LogT] = []
+    for path in paths:
+        log = read(path)
+        for other in logs:
+            same = np.array_equal(other.q, log.q)
+            if same and np.array_equal(other.driven_by, log.driven_by):
+                raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
+        logs.append(log)
+    return logs
 
 
 def begin(
@@ -49,7 +83,40 @@ def begin(
     return rows, date, corrections + more, warnings
 
 
-def split(
+def end(
+    source: str,
+    rows: Rows,
+    limits: Limits | None,
+    motion: MotionThresholds,
+    *,
+    slowest: float = math.inf,
+) -> tuple[tuple[int, ...], list[Correction], list[str]]:
+    """Correct the clock of ``rows`` in place, find their segments and check their speeds.
+
+    Args:
+        source: the log, the beginning of every message.
+        rows: a log whose values have been corrected.
+        limits: of the robot; None where it is not known.
+        motion: when a joint moves.
+        slowest: as of `correct_clock` [s].
+
+    Returns:
+        First row of each segment but the first, what was corrected, and warnings.
+
+    Raises:
+        StictionError: less than `LEAST_SECONDS` in all, or speeds that cannot be.
+    """
+    corrections, warnings = correct_clock(rows, slowest)
+    breaks, longest, step = _split(source, rows, corrections)
+    try:
+        check_pace(longest, step, limits)
+        warnings += check_speeds(longest, step, motion)
+    except StictionError as error:
+        raise StictionError(f"{source}: {error}") from None
+    return breaks, corrections, warnings
+
+
+def _split(
     source: str, rows: Rows, corrections: list[Correction]
 ) -> tuple[tuple[int, ...], Rows, float]:
     """Find the segments of a log whose clock has been corrected; gaps join the corrections.

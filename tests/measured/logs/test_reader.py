@@ -4,14 +4,13 @@ import dataclasses
 import gzip
 import re
 import resource
-import string
 import time
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import parquet
 
@@ -20,17 +19,13 @@ from stiction_envs.measured.logs.formats import base, csv_file
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import BAD_FILES, GOOD, HEADER, SIX, good_values, text_of
+from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains
 
 LIMITS = load_arm("panda").limits
 
 
 def read(path: Path, n: int = 7) -> JointLog:
     return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
-
-
-def put(path: Path, text: str | bytes) -> Path:
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return path
 
 
 # ---- bad input ----
@@ -306,33 +301,9 @@ def test_a_minute_at_1_khz_is_read_in_seconds(tmp_path: Path) -> None:
 
 # ---- fuzz ----
 
-CELLS = st.one_of(
-    st.floats(width=32).map(repr),
-    st.integers(-3, 3).map(str),
-    st.sampled_from(["", "nan", "inf", "-1e999", "1_0", "0x1", "a", '"', " ", "\0", "é", "1e300"]),
-)
 
-
-def reads_or_complains(path: Path, n: int = 2) -> None:
-    try:
-        log = read_logs([path], n)[0]
-    except StictionError as error:
-        message = str(error)
-    else:
-        message = ""
-        assert np.all(np.diff(log.t) > 0)
-        assert all(np.isfinite(x).all() for x in (log.t, log.q, log.tau))
-    assert "\n" not in message
-
-
-def fuzz(examples: int) -> settings:
-    return settings(
-        max_examples=examples,
-        deadline=5000,
-        derandomize=True,
-        database=None,
-        suppress_health_check=[HealthCheck.function_scoped_fixture],
-    )
+def check_read(path: Path, n: int = 2) -> None:
+    reads_or_complains(lambda: read_logs([path], n)[0])
 
 
 @fuzz(150)
@@ -342,7 +313,7 @@ def fuzz(examples: int) -> settings:
     st.binary(max_size=400),
 )
 def test_fuzz_bytes(tmp_path: Path, name: str, start: bytes, data: bytes) -> None:
-    reads_or_complains(put(tmp_path / name, start + data))
+    check_read(put(tmp_path / name, start + data))
 
 
 @fuzz(150)
@@ -356,7 +327,7 @@ def test_fuzz_cells(
     tmp_path: Path, names: list[str], width: int, rows: list[list[str]], end: str
 ) -> None:
     text = end.join(",".join(row[:width]) for row in [names, *rows])
-    reads_or_complains(put(tmp_path / "log.csv", text))
+    check_read(put(tmp_path / "log.csv", text))
 
 
 @fuzz(120)
@@ -382,17 +353,10 @@ def test_fuzz_numbers(
         v[rows // 3 :] = v[rows // 3]
     held = np.maximum.accumulate(np.where(rng.random(rows) < holes, 0, np.arange(rows)))
     text = text_of(np.column_stack([t, v[held]]), "t,q1,q2,dq1,dq2,tau1,tau2")
-    reads_or_complains(put(tmp_path / "log.csv", text))
+    check_read(put(tmp_path / "log.csv", text))
 
 
 @fuzz(60)
 @given(st.data())
 def test_fuzz_a_damaged_good_log(tmp_path: Path, data: st.DataObject) -> None:
-    """One to five bytes of a good log, packed or not, are changed."""
-    packed = data.draw(st.booleans())
-    raw = text_of(good_values(120)).encode()
-    raw = bytearray(gzip.compress(raw, mtime=0) if packed else raw)
-    for _ in range(data.draw(st.integers(1, 5))):
-        place = data.draw(st.integers(0, len(raw) - 1))
-        raw[place] = data.draw(st.sampled_from(string.printable.encode() + b"\0\xff"))
-    reads_or_complains(put(tmp_path / ("log.csv.gz" if packed else "log.csv"), bytes(raw)), 7)
+    check_read(damaged_csv(data, tmp_path, text_of(good_values(120))), 7)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import io
 import re
-import string
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.sources import log_sources
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import GOOD
-from tests.measured.logs.test_reader import CELLS, fuzz, put
+from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains
 from tests.measured.logs.test_robot_logs import real
 
 N = 7
@@ -303,16 +302,8 @@ def test_what_is_not_one_log(tmp_path: Path) -> None:
 # ---- fuzz ----
 
 
-def reads_or_complains(path: Path, n: int = 2) -> None:
-    try:
-        log = read_servo_logs([path], n)[0]
-    except StictionError as error:
-        message = str(error)
-    else:
-        message = ""
-        assert np.all(np.diff(log.t) > 0)
-        assert all(np.isfinite(x).all() for x in log.arrays if x is not None)
-    assert "\n" not in message
+def check_read(path: Path, n: int = 2) -> None:
+    reads_or_complains(lambda: read_servo_logs([path], n)[0])
 
 
 @fuzz(100)
@@ -323,7 +314,7 @@ def reads_or_complains(path: Path, n: int = 2) -> None:
 )
 def test_fuzz_cells(tmp_path: Path, names: list[str], width: int, rows: list[list[str]]) -> None:
     text = "\n".join(",".join(row[:width]) for row in [names, *rows])
-    reads_or_complains(put(tmp_path / "log.csv", text))
+    check_read(put(tmp_path / "log.csv", text))
 
 
 @fuzz(80)
@@ -344,19 +335,13 @@ def test_fuzz_numbers(
     v[rng.random(rows) < holes / 20] = np.nan
     v[rng.random(v.shape) < holes / 20] = np.nan
     names = header_of("q_cmd", "q", "tau", "current_abs", n=2)
-    reads_or_complains(put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), names)))
+    check_read(put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), names)))
 
 
 @fuzz(60)
 @given(st.data())
 def test_fuzz_a_damaged_good_log(tmp_path: Path, data: st.DataObject) -> None:
-    packed = data.draw(st.booleans())
-    raw = text_of(servo_values(120)).encode()
-    raw = bytearray(gzip.compress(raw, mtime=0) if packed else raw)
-    for _ in range(data.draw(st.integers(1, 5))):
-        place = data.draw(st.integers(0, len(raw) - 1))
-        raw[place] = data.draw(st.sampled_from(string.printable.encode() + b"\0\xff"))
-    reads_or_complains(put(tmp_path / ("log.csv.gz" if packed else "log.csv"), bytes(raw)), N)
+    check_read(damaged_csv(data, tmp_path, text_of(servo_values(120))), N)
 
 
 # ---- real robots ----

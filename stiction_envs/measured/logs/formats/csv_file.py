@@ -23,7 +23,7 @@ from stiction_envs.measured.logs.formats.base import (
     renamed_notes,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
-from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
+from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, About, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.text import TextRows, decode_header
@@ -66,7 +66,7 @@ def _our_names(where: str, naming: Naming) -> list[str]:
     names = header_of(where)
     if not names:
         raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
-    return known_header(names).ours(names, where, None, naming)
+    return known_header(names).ours(names, About(where=where, naming=naming))
 
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
@@ -92,7 +92,8 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
                     kind = known_header(header)
                     if not kind.has_names:
                         _check_unnamed(where, wanted.naming)
-                    names = kind.ours(header, where, wanted.n_joints, wanted.naming)
+                    about = About(where=where, naming=wanted.naming, n_joints=wanted.n_joints)
+                    names = kind.ours(header, about)
                     columns = sort_columns(
                         where, names, wanted.n_joints, time=time, drive=wanted.drive
                     )

@@ -9,6 +9,18 @@ from stiction_envs.measured.logs.joint_names import Naming
 
 
 @dataclass(frozen=True, kw_only=True)
+class About:
+    """What is known of a log besides its columns."""
+
+    where: str
+    """The file, the beginning of every message."""
+    naming: Naming
+    """Names of its joints."""
+    n_joints: int | None = None
+    """Joints of the robot; None where none is known."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Header:
     """Columns of one kind of CSV log."""
 
@@ -27,20 +39,8 @@ class Header:
     sparse: bool = False
     """Whether a row has only what changed."""
 
-    def ours(
-        self,
-        names: Sequence[str],
-        where: str = "",
-        n_joints: int | None = None,
-        naming: Naming | None = None,
-    ) -> list[str]:
-        """Return our names of its columns.
-
-        Args:
-            names: those of the file.
-            where: the file, the beginning of every message.
-            n_joints: joints of the robot; None where none is known.
-            naming: names of its joints.
+    def ours(self, names: Sequence[str], about: About) -> list[str]:
+        """Return our names of the columns ``names`` of a file.
 
         Raises:
             StictionError: joints that have names cannot be found.

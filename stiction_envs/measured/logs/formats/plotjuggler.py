@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.logs.formats.header import Header
-from stiction_envs.measured.logs.joint_names import Naming, find_joints
+from stiction_envs.measured.logs.formats.header import About, Header
+from stiction_envs.measured.logs.joint_names import find_joints
 
 TIME = "__time"
 _STATE = re.compile(r"(?P<topic>.+)/(?P<joint>[^/]+)/(?P<field>position|velocity|effort)")
@@ -44,21 +44,14 @@ class PlotJuggler(Header):
     has_names: bool = True
     sparse: bool = True
 
-    def ours(
-        self,
-        names: Sequence[str],
-        where: str = "",
-        n_joints: int | None = None,
-        naming: Naming | None = None,
-    ) -> list[str]:
+    def ours(self, names: Sequence[str], about: About) -> list[str]:
         """See `Header.ours`."""
-        naming = naming or Naming()
         states, commands = _curves([n.strip() for n in names])
         found = {TIME: "t"}
-        topic = _topic(where, states, n_joints, naming)
+        topic = _topic(about, states)
         if topic is not None:
             motors = [j for j, channels in states[topic].items() if "q" in channels]
-            joints = _joints(where, motors, n_joints, naming)
+            joints = _joints(about, motors)
             for number, joint in enumerate(joints, 1):
                 found |= {
                     name: f"{channel}{number}" for channel, name in states[topic][joint].items()
@@ -83,32 +76,31 @@ def _curves(names: Sequence[str]) -> tuple[_Curves, _Curves]:
     return states, commands
 
 
-def _topic(where: str, states: _Curves, n_joints: int | None, naming: Naming) -> str | None:
+def _topic(about: About, states: _Curves) -> str | None:
     """Return the topic with the arm's states, named joints first; None where there is none."""
-    if naming.topic is not None:
-        if naming.topic not in states:
-            raise StictionError(f"{where}: {unknown('topic', naming.topic, states)}")
-        return naming.topic
-    least = n_joints or max((len(x) for x in states.values()), default=0)
+    asked = about.naming.topic
+    if asked is not None:
+        if asked not in states:
+            raise StictionError(f"{about.where}: {unknown('topic', asked, states)}")
+        return asked
+    least = about.n_joints or max((len(x) for x in states.values()), default=0)
     full = {k: v for k, v in states.items() if len(v) >= least}
     # a controller's feedback repeats the joint states, under numbers
     named = [k for k, v in full.items() if not all(re.fullmatch(r"joint\d+", x) for x in v)]
     topics = named or list(full)
     if len(topics) > 1:
         raise StictionError(
-            f"{where}: several topics with states of joints: {', '.join(topics)}: expected one; "
-            "name the topic"
+            f"{about.where}: several topics with states of joints: {', '.join(topics)}: "
+            "expected one; name the topic"
         )
     return topics[0] if topics else None
 
 
-def _joints(
-    where: str, motors: Sequence[str], n_joints: int | None, naming: Naming
-) -> tuple[str, ...]:
+def _joints(about: About, motors: Sequence[str]) -> tuple[str, ...]:
     try:
-        return find_joints(where, motors, n_joints, naming)
+        return find_joints(about.where, motors, about.n_joints, about.naming)
     except StictionError:
-        if n_joints is not None or naming.joints:
+        if about.n_joints is not None or about.naming.joints:
             raise
         return tuple(motors)  # without a robot they are only counted
 
