@@ -217,6 +217,17 @@ def add_drive_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_servo_option(parser: Parser) -> None:
+    """Add the option that says what drives the joints of an experiment."""
+    parser.add_argument(
+        "--drive",
+        choices=("torque", "position"),
+        help="what drives the joints: torques, gravity compensated; or the position servos of "
+        "--friction, a model.toml of servo logs: dither is a sine on the commanded angle "
+        "(default: position where that file has [servo])",
+    )
+
+
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add the arm to simulate and what is known of its mounting."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())
@@ -290,7 +301,16 @@ def add_video_option(parser: Parser, what: str) -> None:
 NOT_RECORDED = {
     *("command", "run", "show", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
-    *("out", "force", "json", "threads", "slots", "video"),  # no result depends on them
+    *(
+        "out",
+        "force",
+        "json",
+        "threads",
+        "slots",
+        "video",
+        "rrd",
+        "mcap",
+    ),  # no result depends on them
 }
 
 

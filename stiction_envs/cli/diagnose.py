@@ -13,6 +13,9 @@ from stiction_envs.errors import StictionError
 NEWER = ("drive", "units", "calibration", "servo_stiffness", "servo_damping", "same_servo")
 """Options that are in the run's identity only where they are given."""
 
+VIEWERS = ("rrd", "mcap")
+"""Options of files for viewers."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the command."""
@@ -99,6 +102,20 @@ def add_parser(subparsers: Any) -> None:
         metavar="NAME",
         help="the causes to hide with --rehearse (default: all)",
     )
+    parser.add_argument(
+        "--rrd",
+        type=Path,
+        metavar="FILE.rrd",
+        help="also measured and simulated over time, the causes and the arm in 3-D, for Rerun's "
+        "viewer (needs the extra rerun)",
+    )
+    parser.add_argument(
+        "--mcap",
+        type=Path,
+        metavar="FILE.mcap",
+        help="also the same series as messages of ROS 2, for Foxglove and PlotJuggler (needs the "
+        "extra ros)",
+    )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
@@ -117,6 +134,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     del args.rehearse, args.rehearse_causes
     from stiction_envs.gap.diagnose import default_nominal, diagnose
     from stiction_envs.gap.stages import Stages
+    from stiction_envs.gap.viewers.files import write_viewer_file
     from stiction_envs.robots.registry import robot_files
 
     inputs |= common.log_inputs("log", [*args.logs, *args.poses])
@@ -125,6 +143,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.nominal = default_nominal(args.logs)
     inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
     folder = common.output_folder(args, common.arm_name(args), inputs)
+    viewer_files = _viewer_files(args, folder.path)
     with Progress() as progress:
         say = Stages(progress.whole, without=() if args.check else ("check",))
         # an error up to here is one of the data: bad input
@@ -141,12 +160,32 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
         with common.working(), folder:
             result.write(folder.path, progress=say)
+            for path in viewer_files.values():
+                write_viewer_file(result.series(), path)
     return {
         "command": "diagnose",
         "out": str(folder.path),
         "summary": result.summary,
+        **{name: str(path) for name, path in viewer_files.items()},
         **result.to_json(),
     }
+
+
+def _viewer_files(args: argparse.Namespace, folder: Path) -> dict[str, Path]:
+    """Return the files for viewers by their option, without a dash.
+
+    Raises:
+        StictionError: one that cannot be written, or of torque tables.
+    """
+    from stiction_envs.gap.viewers.files import check_viewer_file
+    from stiction_envs.measured.kinds import TABLE, file_kind
+
+    asked = {name: getattr(args, name) for name in VIEWERS if getattr(args, name) is not None}
+    for name, path in asked.items():
+        for table in (x for x in args.logs if file_kind(x) == TABLE):
+            raise StictionError(f"--{name}: {table} is a torque table: expected logs")
+        check_viewer_file(path, f".{name}", force=args.force, made=folder)
+    return asked
 
 
 def _about_the_logs(args: argparse.Namespace) -> dict[str, Any]:
@@ -170,6 +209,7 @@ def _rehearse(args: argparse.Namespace, newer: list[str]) -> dict[str, Any]:
         ("--check", args.check),
         ("--poses", args.poses),
         ("--method lsm", args.method != "auto"),
+        *((f"--{name}", getattr(args, name) is not None) for name in VIEWERS),
         *((f"--{name.replace('_', '-')}", True) for name in newer),
     ):
         if given:
@@ -207,4 +247,5 @@ def show(result: dict[str, Any]) -> str:
     from stiction_envs.gap.report.result import describe
 
     text = describe(result["verdict"], result["summary"], result["causes"])
-    return f"{text}\nwritten to {result['out']}: report.html"
+    also = "".join(f"\nwritten: {result[name]}" for name in VIEWERS if name in result)
+    return f"{text}\nwritten to {result['out']}: report.html{also}"

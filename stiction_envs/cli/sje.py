@@ -27,6 +27,7 @@ def add_parser(subparsers: Any) -> None:
         show=show,
     )
     common.add_robot_options(parser)
+    common.add_servo_option(parser)
     parser.add_argument(
         "--joint", nargs="+", type=common.whole(1), metavar="N", help="joints from 1 (default: all)"
     )
@@ -90,15 +91,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from stiction_envs.control.torque_path import TorqueInterface
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-    from stiction_envs.experiments.sje.protocol import load_protocol
 
-    protocol = load_protocol(arm.registered_name)
-    if args.ramp_rate is not None:
-        protocol = protocol.replace(ramp_rate=args.ramp_rate)
     experiment = SingleJointExperiment(
         arm,
         friction=args.friction,
-        protocol=protocol,
+        drive=args.drive,
         interface=TorqueInterface.of(
             arm, controller_rate_hz=args.controller_rate, lowpass_hz=args.lowpass
         ),
@@ -106,6 +103,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         seed=args.seed,
         threads=args.threads,
     )
+    if args.ramp_rate is not None:
+        protocol = experiment.protocol.replace(ramp_rate=args.ramp_rate)
+        experiment = experiment.replace(protocol=protocol)
     jobs = experiment.jobs(
         args.joint, loads=args.load, directions=args.direction, dither=args.dither
     )

@@ -115,7 +115,9 @@ def test_interrupt_says_how_to_go_on(failing):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_standard_output_on_a_full_disk(tmp_path):
+def test_standard_output_on_a_full_disk(tmp_path, monkeypatch):
+    """Where it is buffered: what is left in the buffer is an error again when Python ends."""
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
     argv = [sys.executable, "-c", code, "export", "panda", "--out", tmp_path / "a"]
     with open("/dev/full", "w") as full:

@@ -3,8 +3,9 @@
 import json
 import math
 
-from stiction_envs.experiments.sje import protocol
+from stiction_envs.experiments.sje import experiment, protocol
 from stiction_envs.measured import read_sje
+from tests.servo_arm import servo_arm
 
 QUICK = ["--joint", 7, "--iterations", 1]
 ONE = ["--load", "load", "--direction", "+"]
@@ -120,7 +121,9 @@ def test_other_run_is_replaced_only_by_force(cli, work):
 
 def test_all_configurations_stuck(cli, work, monkeypatch):
     base = protocol.load_protocol("panda")
-    monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.5))
+    monkeypatch.setattr(
+        experiment, "load_protocol", lambda robot, **_: base.replace(give_up_factor=0.5)
+    )
     ran = cli("sje", "panda", *QUICK, "--out", "a")
     assert ran.code == 1
     assert len(ran.lines) == 1
@@ -132,7 +135,9 @@ def test_all_configurations_stuck(cli, work, monkeypatch):
 def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypatch):
     base = protocol.load_protocol("panda")
     # too little without dither, enough with it
-    monkeypatch.setattr(protocol, "load_protocol", lambda robot: base.replace(give_up_factor=0.8))
+    monkeypatch.setattr(
+        experiment, "load_protocol", lambda robot, **_: base.replace(give_up_factor=0.8)
+    )
     options = ["--no-scatter", "--dither", dither, "--out", "a", "--json"]
     ran = cli("sje", "panda", *QUICK, *ONE, *options)
     assert ran.code == 1
@@ -144,3 +149,17 @@ def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypa
     assert not row.is_base
     assert math.isnan(row.reduction)
     assert result["rows"][0]["reduction"] is None
+
+
+def test_a_model_of_servo_logs_is_driven_by_its_servos(cli, work):
+    _, model = servo_arm(work)
+    options = [*QUICK[2:], *ONE, "--joint", 2, "--friction", model, "--json"]
+    ran = cli("sje", "two_links.xml", *options, "--out", "a")
+    assert ran.code == 0
+    row = json.loads(ran.out)["rows"][0]
+    assert math.isclose(row["tau_nm"], 0.3, rel_tol=0.1)
+    assert "τ/K [mrad]" in (work / "a" / "report.md").read_text("utf-8")
+    refused = cli("sje", "panda", "--drive", "position", "--out", "b")
+    assert refused.code == 2
+    assert "[servo]" in refused.err
+    assert not (work / "b").exists()

@@ -21,7 +21,7 @@ FREE = ("waveform", "offset")
 GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", "feedforward", "push")
 PRICES = ("shaking", "power", "torque_rate")
-THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter")
+THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
     *("search", "gates", "compensation", "without_dither", "ask", "tell"),
@@ -42,6 +42,7 @@ def add_parser(subparsers: Any) -> None:
         show=show,
     )
     common.add_robot_options(parser)
+    common.add_servo_option(parser)
     parser.add_argument(
         "--protocol",
         choices=("thesis", "search"),
@@ -197,6 +198,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             storage=args.storage,
             study=args.study,
             friction=args.friction,
+            drive=args.drive,
             threads=args.threads,
             progress=progress.set,
         )

@@ -96,12 +96,15 @@ def _dithered(
     }
 
 
-def _choices(choices: list[Choice], robot: str | None) -> str:
+def _choices(tuner: ThesisTuner, choices: list[Choice], robot: str | None) -> str:
     by_joint: dict[int, dict[str, Any]] = {}
     if robot in thesis_robots("4.9"):
         by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
     header = ["joint", "f [Hz]", "scale", "intermediate: load +, −; no load +, − [N·m]"]
     header += ["final A [N·m]", "why"]
+    servos = tuner.experiment.servos is not None
+    if servos:
+        header.append("A/K [mrad]")
     if by_joint:
         header += ["thesis: f [Hz], final A [N·m]"]
     rows = []
@@ -109,6 +112,8 @@ def _choices(choices: list[Choice], robot: str | None) -> str:
         cells = [str(c.row.joint), f"{c.row.frequency_hz:g}", f"{c.scale:g}"]
         cells += [", ".join(f"{a:.3f}" for a in c.intermediate.ravel())]
         cells += [f"{c.row.amplitude_nm:.4f}", c.reason]
+        if servos:
+            cells.append(f"{1e3 * tuner.angle(c):.1f}")
         if by_joint:
             r = by_joint[c.row.joint]
             cells += [f"{r['frequency_Hz']:g}, {abs(r['tau_final_Nm']):g}"]
@@ -189,7 +194,8 @@ def write_report(
         least=min(reductions, key=reductions.__getitem__),
         count=len(verified["final"]),
         caveats=_caveats(tuner, reductions, warnings),
-        choices=_choices(choices, name),
+        choices=_choices(tuner, choices, name),
+        servos=tuner.experiment.servos is not None,
         base=_base_table(tuner, measured),
         measured=measured is not None,
         own_verification="" if "4.10" in numbers else _own_verification(tuner, verified),
@@ -204,6 +210,7 @@ def write_report(
         "robot": robot,
         "final": [
             {name: getattr(c.row, name) for name in ("joint", "frequency_hz", "amplitude_nm")}
+            | ({} if tuner.experiment.servos is None else {"amplitude_rad": tuner.angle(c)})
             for c in choices
         ],
         "mean_reduction_percent": mean,

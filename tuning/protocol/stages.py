@@ -32,6 +32,8 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.experiments.sje.results import sje_rows
 from stiction_envs.measured import AmplitudeRow, write_final, write_sje
+from stiction_envs.measured.csv_text import table_text
+from stiction_envs.reporting.atomic import write_text_atomic
 from tuning.protocol.measurements import as_data, from_data
 from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
@@ -144,6 +146,8 @@ class ThesisTuner:
     def choose(self) -> list[Choice]:
         """Return the final choice of every joint; write final.csv and final.yaml.
 
+        Under position servos also final_command.csv: amplitudes of the commanded angle.
+
         It is the frequency with the lowest mean |τ|/|τ_base| at scale 1.0, then the best scale.
         """
         choices = []
@@ -176,7 +180,17 @@ class ThesisTuner:
             )
         names = self.experiment.sticking.arm.joint_names
         write_final(self.out, [c.row for c in choices], names)
+        if self.experiment.servos is not None:
+            rows = [(c.row.joint, c.row.frequency_hz, self.angle(c)) for c in choices]
+            text = table_text(("joint", "frequency_hz", "amplitude_rad"), rows)
+            write_text_atomic(self.out / "final_command.csv", text)
         return choices
+
+    def angle(self, choice: Choice) -> float:
+        """Return the amplitude [rad] of a dither on the command of a position servo."""
+        assert self.experiment.servos is not None
+        row = choice.row
+        return float(row.amplitude_nm / self.experiment.servos.stiffness[row.joint - 1])
 
     def verify(self, choices: list[Choice]) -> Verified:
         """Measure the intermediate and the final amplitudes again, with another seed.

@@ -86,9 +86,12 @@ class Tuning(Result):
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a tuning as a readable table."""
+    servos = any("amplitude_rad" in r for r in summary["final"])
     lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
+    lines[0] += f"{'of command [mrad]':>20}" if servos else ""
     lines += [
         f"{r['joint']:<8}{r['frequency_hz']:>16g}{r['amplitude_nm']:>18.4f}"
+        + (f"{1e3 * r['amplitude_rad']:>20.1f}" if servos else "")
         for r in summary["final"]
     ]
     mean = summary["mean_reduction_percent"]
@@ -112,6 +115,7 @@ def tune(
     study: str | None = None,
     sampler: str = "grid",
     friction: Friction | None = None,
+    drive: str | None = None,
     protocol: Protocol | None = None,
     threads: int = 0,
     progress: Progress | None = None,
@@ -138,6 +142,8 @@ def tune(
         study: prefix of the studies' names; None for the arm's name.
         sampler: "grid": the protocol is a grid.
         friction: parameters to start from, or their TOML; None for the robot's own.
+        drive: "torque", or "position": servos, as of `SingleJointExperiment`; they also write
+            final_command.csv, amplitudes of the commanded angle. None: what the TOML has.
         protocol: protocol of the experiment; None for the robot's.
         threads: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
@@ -151,8 +157,16 @@ def tune(
     if sampler != "grid":
         raise StictionError(f"sampler {sampler!r} with protocol 'thesis': expected grid")
     experiment = SingleJointExperiment(
-        robot, friction=friction, protocol=protocol, scatter=scatter, seed=seed, threads=threads
+        robot,
+        friction=friction,
+        drive=drive,
+        protocol=protocol,
+        scatter=scatter,
+        seed=seed,
+        threads=threads,
     )
+    if experiment.servos is not None and table is not None:
+        raise StictionError("table of base torques: expected drive torque, not position servos")
     arm = experiment.sticking.arm
     chosen = override(tuning_settings(), settings)
     s = chosen.thesis

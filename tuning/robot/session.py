@@ -87,7 +87,7 @@ class Session:
         """
         self.settings = override(tuning_settings(), settings)
         self.experiment = SingleJointExperiment(
-            robot, friction=friction, protocol=protocol, seed=seed, threads=threads
+            robot, friction=friction, drive="torque", protocol=protocol, seed=seed, threads=threads
         )
         e, arm = self.experiment, self.experiment.sticking.arm
         self.bounds = bounds_of(e, bounds, self.settings.bounds)

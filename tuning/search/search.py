@@ -110,7 +110,7 @@ def search(
     )
     s = override(tuning_settings(), settings)
     sje = SingleJointExperiment(
-        robot, friction=friction, protocol=protocol, seed=seed, threads=threads
+        robot, friction=friction, drive="torque", protocol=protocol, seed=seed, threads=threads
     )
     arm = sje.sticking.arm
     where = bounds_of(sje, bounds, s.bounds)

@@ -113,6 +113,7 @@ def open_run(
         "interface": dataclasses.asdict(experiment.interface),
         "scatter": experiment.scatter,
         "seed": experiment.seed,
+        **experiment.drive_record,
         **defining,
     }
     if not isinstance(out, OutputFolder):

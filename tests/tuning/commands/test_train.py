@@ -46,6 +46,7 @@ def rows(path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_train_writes_what_the_contract_says(train, cli, work):
     ran = train("--out", "out", "--json", "--distil")
     assert ran.code == 0

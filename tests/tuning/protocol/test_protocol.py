@@ -1,14 +1,19 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
+from pathlib import Path
 
 import numpy as np
 import optuna
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
+from tests.servo_arm import servo_arm
+from tests.tuning.conftest import small
 from tests.tuning.study.searches import killed, run_to_its_end, tune_small
 from tuning.protocol import figures
 from tuning.protocol.rules import final_amplitude, frequencies_of
@@ -54,6 +59,19 @@ class Interrupt:
         self.left -= 1
         if self.left == 0:
             raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """A whole run: its folder, and what it found; nobody changes them."""
+    folder = tmp_path_factory.mktemp("first")
+    return folder / "out", run(*small(folder), folder / "out")
+
+
+@pytest.fixture
+def whole(first, tmp_path) -> Path:
+    """A copy of the folder of a whole run."""
+    return Path(shutil.copytree(first[0], tmp_path / "whole"))
 
 
 @pytest.mark.slow
@@ -107,10 +125,9 @@ def test_killed_at_random_moments_it_gives_the_same_files(small_arm, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_studies_are_the_record(small_arm, fast, tmp_path):
+def test_the_studies_are_the_record(small_arm, fast, whole):
     """Tables follow from the trials alone: a value that is changed there is found in them."""
-    out = tmp_path / "out"
-    run(small_arm, fast, out)
+    out = whole
     before = contents(out)
     with sqlite3.connect(out / "optuna.db") as database:
         query = "UPDATE trial_user_attributes SET value_json = ? WHERE trial_user_attribute_id = ?"
@@ -129,9 +146,8 @@ def test_the_studies_are_the_record(small_arm, fast, tmp_path):
     assert all(before[f"{name}.csv"] != after[f"{name}.csv"] for name in ("base", "scale"))
 
 
-def test_what_was_drawn_is_not_drawn_again(small_arm, fast, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    run(small_arm, fast, out)
+def test_what_was_drawn_is_not_drawn_again(small_arm, fast, whole, monkeypatch):
+    out = whole
     before = contents(out)
     drawn = []
     draw = figures.save_full
@@ -165,18 +181,18 @@ def test_a_journal_holds_the_studies_too(small_arm, fast, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-def test_the_tables_are_consistent(small_arm, fast, tmp_path):
-    found = run(small_arm, fast, tmp_path / "out")
-    base = {(r.joint, r.load, r.direction): r for r in read_sje(tmp_path / "out" / "base.csv")}
+def test_the_tables_are_consistent(first):
+    out, found = first
+    base = {(r.joint, r.load, r.direction): r for r in read_sje(out / "base.csv")}
     assert len(base) == 8
-    scale = read_sje(tmp_path / "out" / "scale.csv")
+    scale = read_sje(out / "scale.csv")
     assert len(scale) == 8 * 2 * 3
     for row in scale:
         b = base[row.joint, row.load, row.direction]
         ratio = row.amplitude_nm / abs(b.tau_nm)
         assert min(abs(ratio - s) for s in (0.8, 1.0, 1.2)) < 1e-12
         assert row.reduction == pytest.approx(1 - abs(row.tau_nm) / abs(b.tau_nm), abs=1e-12)
-    final = read_amplitudes(tmp_path / "out" / "final.csv", n_joints=2)
+    final = read_amplitudes(out / "final.csv", n_joints=2)
     for row in final:
         mine = [r for r in scale if r.joint == row.joint]
         at_one = {
@@ -273,3 +289,20 @@ def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_pa
 def test_frequencies_are_the_thesis_ones():
     assert frequencies_of("panda") == (80.0, 50.0, 30.0, 15.0)
     assert frequencies_of("iiwa7") == (200.0, 100.0, 50.0, 20.0)
+
+
+def test_dither_of_commands_is_tuned_under_position_servos(tmp_path):
+    arm, model = servo_arm(tmp_path)
+    quick = load_protocol(None, position=True).replace(ramp_rate=1.0, return_time=0.3)
+    options = {"friction": model, "frequencies": [10.0], "scales": [1.0], "iterations": 1}
+    found = tune(arm, protocol=quick, out=tmp_path / "a", threads=1, **options)
+    assert found.summary["mean_reduction_percent"] > 50
+    lines = (tmp_path / "a" / "final_command.csv").read_text("utf-8").splitlines()
+    assert lines[0] == "joint,frequency_hz,amplitude_rad"
+    for line, row, stiffness in zip(lines[1:], found.final, (80.0, 30.0), strict=True):
+        assert float(line.split(",")[2]) == pytest.approx(row.amplitude_nm / stiffness)
+    assert "of command [mrad]" in str(found)
+    assert "A/K [mrad]" in (tmp_path / "a" / "report.md").read_text("utf-8")
+    with pytest.raises(StictionError, match="expected drive torque"):
+        tune(arm, table=tmp_path / "no.csv", out=tmp_path / "b", **options)
+    assert not (tmp_path / "b").exists()

@@ -157,6 +157,7 @@ def test_a_study_of_another_search_is_not_continued(small, tmp_path):
             small("two", storage=storage, evaluations=2, **other)
 
 
+@pytest.mark.slow
 def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
     """A storage may serve several folders: results of one table never belong to another."""
     storage = f"sqlite:///{tmp_path / 'study.db'}"
