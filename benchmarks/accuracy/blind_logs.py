@@ -39,7 +39,7 @@ from benchmarks.accuracy.blind_logs_page import SCATTERS, draw, line, page
 from benchmarks.harness import LOGS, Benchmark, Row
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
-from stiction_envs.gap.selection.candidates import certain
+from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden.hidden_effects import EFFECTS

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row
+from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_logs import CAUSES, hide
@@ -33,7 +34,7 @@ MADE_BY = (
 )
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
-FIRST = 5000
+FIRST = 6000
 """Seeds of the study begin here; those below are for development."""
 ROBOTS = {
     "so101": "so_arm_description/urdf/so101.urdf",
@@ -90,11 +91,16 @@ def search(job: Job) -> Row:
     return {
         "robot": job.robot,
         "hidden": [list(x) for x in case.hidden],
-        "named": [[c.name, j] for c in found.causes for j in c.joints],
+        "named": [[c.name, j] for c in found.causes for j in _joints(c)],
         "verdict": found.verdict,
         "nominal_rad": found.nominal_rms.tolist(),
         "extended_rad": found.extended_rms.tolist(),
     }
+
+
+def _joints(cause: NamedCause) -> tuple[int, ...]:
+    """Return the joints of a cause; 0 for one of the whole arm."""
+    return (0,) if 0 in cause.parameters else cause.joints
 
 
 def score(row: Row) -> tuple[int, int, int]:

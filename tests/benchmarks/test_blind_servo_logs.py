@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.accuracy.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score
+import pytest
+
+from benchmarks.accuracy.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score, search
+from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 
 
@@ -46,3 +51,37 @@ def test_every_robot_is_there_and_every_fourth_log_hides_nothing() -> None:
     causes = [Job(k).causes for k in range(40)]
     assert [not c for c in causes] == [k % 4 == 0 for k in range(40)]
     assert {len(c) for c in causes} == {0, 1, 2, 3}
+
+
+@pytest.mark.slow
+def test_causes_that_stand_in_for_each_other_are_not_both_minor() -> None:
+    """Without its dry friction a wider dead zone explains nearly as much, and the other way round:
+    each takes off little, together nearly all of 36 mrad."""
+    arm = load_arm(robot_file("xarm7"))
+    case = hide(arm, ["coulomb_friction", "dead_zone", "servo_stiffness"], seed=3015)
+    assert case.hidden[:2] == (("coulomb_friction", 1), ("dead_zone", 1))
+    found = diagnose_servo([case.log], arm, Servo(stiffness=case.stiffness, damping=case.damping))
+    assert found.nominal_rms[0] > 0.03
+    assert found.extended_rms[0] < 0.001
+    named = {(c.name, j) for c in found.causes for j in c.joints}
+    assert {("coulomb_friction", 1), ("dead_zone", 1)} & named
+
+
+@pytest.mark.slow
+def test_links_a_little_off_are_no_payload() -> None:
+    """A body of 14 g would take off error, and spares no cause."""
+    found = search(Job(3012))
+    assert Job(3012).causes == ()
+    assert found["named"] == []
+
+
+@pytest.mark.slow
+def test_a_zero_that_is_off_is_named_once() -> None:
+    """It changes the gravity of its neighbour, which needs no offset of its own."""
+    case = hide(
+        load_arm(robot_file("so100")), ["delay", "torque_limit", "encoder_offset"], seed=5023
+    )
+    assert ("encoder_offset", 3) in case.hidden
+    servo = Servo(stiffness=case.stiffness, damping=case.damping)
+    found = diagnose_servo([case.log], load_arm(robot_file("so100")), servo)
+    assert [c.joints for c in found.causes if c.name == "encoder_offset"] == [(3,)]
