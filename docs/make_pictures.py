@@ -1,4 +1,4 @@
-"""Make the pictures of the site: `python docs/make_pictures.py [sje panda log policies]`.
+"""Make the pictures of the site: `python docs/make_pictures.py [sje panda log policies so101]`.
 
 The first picture of each way in is what the commands of its page wrote.
 """

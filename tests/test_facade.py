@@ -163,6 +163,7 @@ def test_one_arm_by_name_file_arm_and_model(place):
     assert st.SingleJointExperiment("panda").sticking.arm.name == "panda"
 
 
+@pytest.mark.slow
 def test_the_base_torques_are_tuned_to(place, base):
     files_of = {"table": place / "base" / "base.csv", "out": place / "tuned"}
     settings = {"frequencies": [15.0], "scales": [1.0], "protocol": FAST}

@@ -1,4 +1,4 @@
-"""Pages written from the code before Sphinx reads: environments, commands, causes, benchmarks.
+"""Pages written before Sphinx reads: environments, commands, causes, benchmarks, the notebook.
 
 They lie in ``docs/generated/``, which git ignores, so that no page can drift from its source.
 """
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
+from notebook_page import notebook_page
 from sphinx.application import Sphinx
 
 import stiction_envs
@@ -23,6 +24,7 @@ from stiction_envs.reporting.markdown import table_text
 
 DOCS = Path(__file__).parents[1]
 OUT = DOCS / "generated"
+NOTEBOOK = DOCS / "first_look.ipynb"
 BENCHMARKS = DOCS.parent / "benchmarks"
 
 
@@ -34,7 +36,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 def write_all() -> None:
     """Write every page that has changed and remove those without a source."""
-    pages = {**environment_pages(), **command_pages(), **cause_pages(), **benchmark_pages()}
+    OUT.mkdir(exist_ok=True)
+    look = {f"{NOTEBOOK.stem}.md": notebook_page(NOTEBOOK, OUT / f"{NOTEBOOK.stem}.md")}
+    pages = {**environment_pages(), **command_pages(), **cause_pages(), **benchmark_pages(), **look}
     for name, text in pages.items():
         path = OUT / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -19,7 +20,9 @@ SHIPPED = sorted(Path(stiction_envs.__file__).parent.rglob("*.toml"))
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
 def test_shipped_tables_come_back(path):
     table = tomllib.loads(path.read_text("utf-8"))
-    assert tomllib.loads(toml_text(table, head="two\nlines")) == table
+    again = tomllib.loads(toml_text(table, head="two\nlines"))
+    # as text, in which one nan is another
+    assert json.dumps(again, sort_keys=True) == json.dumps(table, sort_keys=True)
 
 
 def test_floats_come_back_to_the_last_bit():
