@@ -126,7 +126,7 @@ class CartesianImpedance:
 
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike) -> None:
         """Move all references to (N, 3) [m] and (N, 4) w, x, y, z, in the base frame."""
-        self._put_pose(self._everyone, position, quaternion, now=False)
+        self._put_pose(slice(None), position, quaternion, now=False)
 
     def set_stiffness(
         self,
@@ -167,7 +167,9 @@ class CartesianImpedance:
     def _rows(self, ids: Ids) -> Index:
         return self._everyone if ids is None else self._everyone[np.asarray(ids)]
 
-    def _put_pose(self, rows: Index, position: ArrayLike, quaternion: ArrayLike, now: bool) -> None:
+    def _put_pose(
+        self, rows: Index | slice, position: ArrayLike, quaternion: ArrayLike, now: bool
+    ) -> None:
         self._position_target[rows], self._quaternion_target[rows] = position, quaternion
         if now or self._filter_step == 1.0:
             self._position[rows], self._quaternion[rows] = position, quaternion

@@ -171,7 +171,8 @@ class Segment:
 
 def _sized(values: ArrayLike, *shape: int) -> Array:
     """Return values of a shape; compiled code does not check sizes."""
-    return np.broadcast_to(np.asarray(values, dtype=float), shape).copy()
+    array = np.ascontiguousarray(values, dtype=float)
+    return array if array.shape == shape else np.broadcast_to(array, shape).copy()
 
 
 class GoalSequencer:

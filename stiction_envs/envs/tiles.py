@@ -1,15 +1,18 @@
-"""A batch in tiles: as many arms at a time as the processor's caches hold.
+"""A batch in tiles: as many arms at a time as a core's cache holds; threads own tiles.
 
 An arm has some ten kilobytes of engine state. Every control step reads them, and a control interval
-has a hundred steps. The state of a tile stays in a core's cache for the whole interval; that of a
-larger batch would be loaded again in every step. Results do not depend on the tiles.
+has a hundred steps. A thread takes a tile through the whole interval: its state stays in the core's
+cache, and no thread waits for another in between. Engine and compiled code release Python's lock.
+Results do not depend on the tiles, nor on the threads.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +20,17 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.episodes import Episodes, Index, Outcome
 
 
-class Tiles:
-    """N simulations in several tiles, stepped one after the other, each with all threads.
+T = TypeVar("T")
+FEWEST = 4
+"""Arms of a tile that is made only to give every thread one: with fewer, what Python does in a
+control step would outweigh them; assumed."""
 
-    Arguments ``ids`` (M,) are numbers of simulations, sorted.
+
+class Tiles:
+    """N simulations in several tiles; each thread takes one of them at a time.
+
+    Where a tile fails, the others complete what was asked of them. Then the error of the first that
+    failed is raised; so is an interrupt. Arguments ``ids`` (M,) are numbers of simulations, sorted.
     """
 
     def __init__(self, make_core: type[Episodes], num_envs: int, **arguments: Any) -> None:
@@ -32,10 +42,13 @@ class Tiles:
             arguments: of the tiles.
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
-        count = max(1, -(-num_envs // (make_core.arms_per_thread * threads)))
+        count = max(1, -(-num_envs // make_core.arms_per_thread))
+        even = -(-count // threads) * threads  # every thread has as many tiles
+        count = max(count, min(even, num_envs // FEWEST))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)
+        self._pool = ThreadPoolExecutor(min(threads, count)) if count > 1 else None
 
     def _parts(self, ids: Index) -> Iterator[tuple[Any, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
@@ -54,16 +67,32 @@ class Tiles:
         options: Sequence[Mapping[str, Any] | None],
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
-        for core, _, part in self._parts(ids):
+        parts = list(self._parts(ids))
+        for core, _, part in parts:
             core.check_reset(options[part])  # all, before any is changed
-        for core, mine, part in self._parts(ids):
-            core.reset(mine, rngs[part], options[part])
+        # one after the other: what the first tile finds for all, the others look up
+        drawn = [core.draw(rngs[part], options[part]) for core, _, part in parts]
+        self._each(
+            [partial(core.begin, mine, d) for (core, mine, _), d in zip(parts, drawn, strict=True)]
+        )
 
     def step(self, ids: Index, action: NDArray[Any]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
         for core, mine, part in self._parts(ids):
             core.check_step(mine, action[part])  # all, before any moves
-        return _joined([core.step(mine, action[part]) for core, mine, part in self._parts(ids)])
+        parts = self._parts(ids)
+        return _joined(self._each([partial(c.step, mine, action[part]) for c, mine, part in parts]))
+
+    def _each(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
+        """Return what tasks return, one of each tile, run by all threads."""
+        if self._pool is None:
+            return [task() for task in tasks]
+        futures = [self._pool.submit(task) for task in tasks]
+        try:
+            wait(futures)
+        finally:
+            wait(futures)  # after an interrupt: no tile stays behind the others
+        return [future.result() for future in futures]
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""

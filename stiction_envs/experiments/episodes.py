@@ -40,6 +40,8 @@ ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
 Options = Mapping[str, Any]
 """Of a reset, by name."""
+Drawn = tuple[list[Any], list[ScatterKey], list[Any], Array | None]
+"""Of M episodes: cases, seeds of the scatter, what they are without dither, factors of friction."""
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
@@ -98,7 +100,7 @@ class Episodes(ABC):
     groups: ClassVar[tuple[Group, ...]]
     """The observation."""
     arms_per_thread: ClassVar[int]
-    """Arms of a tile per thread, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
+    """Most arms of a tile, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""
@@ -223,6 +225,16 @@ class Episodes(ABC):
         Raises:
             StictionError: an option that does not exist.
         """
+        self.begin(ids, self.draw(rngs, options))
+
+    def draw(
+        self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
+    ) -> Drawn:
+        """Draw an episode from each generator, and find what it is without dither.
+
+        Raises:
+            StictionError: an option that does not exist.
+        """
         checked = self.check_reset(options)
         drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
         cases, keys = [case for case, _ in drawn], [key for _, key in drawn]
@@ -231,14 +243,19 @@ class Episodes(ABC):
             # further episodes will draw as well: one batch for all is the fastest
             wanted |= self._cases(self.fixed_options)
         base = self._undithered(sorted(wanted))
-        if self._spreads:
-            factors = np.stack([draw(rng, self.n) for rng in rngs])
-            friction = randomised(self._true, self._spreads, factors)
+        spread = np.stack([draw(rng, self.n) for rng in rngs]) if self._spreads else None
+        return cases, keys, [base[case] for case in cases], spread
+
+    def begin(self, ids: Index, drawn: Drawn) -> None:
+        """Start the episodes that were drawn, in simulations ``ids``."""
+        cases, keys, base, spread = drawn
+        if spread is not None:
+            friction = randomised(self._true, self._spreads, spread)
             self.rig.plant.set_friction(ids, friction)
         elif self._true is not self._nominal:
             self.rig.plant.set_friction(ids, self._true.tile(len(ids)))
         self.action[ids] = self._low
-        self._begin(ids, cases, keys, [base[case] for case in cases])
+        self._begin(ids, cases, keys, base)
         self.steps[ids], self.alive[ids] = 0, True
 
     def step(self, ids: Index, action: Any) -> Outcome:

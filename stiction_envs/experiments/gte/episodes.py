@@ -127,7 +127,7 @@ class GTEEpisodes(Episodes):
         self._shaking_unit = self.reward_settings().shaking_unit
         given = a.compensation
         self.compensation = e.compensation(given) if isinstance(given, str) else given
-        self.rig = e.rig(count, CAPACITY)
+        self.rig = e.replace(threads=1).rig(count, CAPACITY)
         self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
         self.recorder = Recorder(
             self.rig, e.protocol, steps=self.interval_steps, record=a.record, capacity=CAPACITY

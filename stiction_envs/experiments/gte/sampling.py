@@ -62,9 +62,9 @@ class Sampler:
         self._state = np.zeros((len(self._band), nsim, 6, 2))
         self._rest = np.zeros((nsim, 3))
         self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
-        self._moved = np.zeros((steps, nsim, 6))
-        self._poses = np.zeros((2, nsim, self.size, 7))
         self._tick = 0
+        self._position, self._quaternion = np.zeros((steps, nsim, 3)), np.zeros((steps, nsim, 4))
+        self._reference = np.zeros((self.size, nsim, 7))
         self.start(np.arange(nsim))
 
     def start(self, ids: Index) -> None:
@@ -76,12 +76,18 @@ class Sampler:
     def advance(self) -> Samples:
         """Let all arms follow for one block."""
         self._tick = 0
-        self._rig.advance(len(self._moved), self._watch)
-        shaken = np.ascontiguousarray(self._moved.transpose(1, 2, 0))
+        self._rig.advance(len(self._position), self._watch)
+        shaken = np.empty((self._rig.nsim, 6, len(self._position)))
+        _add_motion(
+            *(self._position, self._rest, self._quaternion, self._lever),
+            *(self._before, self._turned, shaken),
+        )
         # the filter's state runs on from block to block
         filter_sections(self._band, shaken, self._state)
         shaken = shaken.reshape(*shaken.shape[:2], self.size, self.stride)
-        poses = np.concatenate([self._poses[..., :3], to_rpy(self._poses[..., 3:])], axis=-1)
+        actual = self._position[:: self.stride], self._quaternion[:: self.stride]
+        poses = np.stack([np.concatenate(actual, axis=-1), self._reference]).swapaxes(1, 2)
+        poses = np.concatenate([poses[..., :3], to_rpy(poses[..., 3:])], axis=-1)
         return Samples(
             actual=poses[0],
             error=pose_error(poses[0], poses[1]),
@@ -92,14 +98,11 @@ class Sampler:
     def _watch(self) -> None:
         """One control step, before the arms move."""
         rig, k = self._rig, self._tick
-        pose = rig.end_effector
-        _add_motion(
-            *(pose.position, self._rest, pose.quaternion, self._lever),
-            *(self._before, self._turned, self._moved[k]),
-        )
+        # all else waits for the end of the block: between control steps every call costs
+        self._position[k] = rig.end_effector.position
+        self._quaternion[k] = rig.end_effector.quaternion
         if k % self.stride == 0:
-            actual, reference = self._poses[:, :, k // self.stride]
-            actual[:, :3], actual[:, 3:] = pose.position, pose.quaternion
+            reference = self._reference[k // self.stride]
             reference[:, :3], reference[:, 3:] = rig.controller.reference
         self._tick = k + 1
 
@@ -114,32 +117,34 @@ def _add_motion(
     turned: Array,
     moved: Array,
 ) -> None:
-    """Write position from rest, and lever times the turns so far, into ``moved`` (N, 6) [m].
+    """Write position from rest, and lever times the turns so far, into ``moved`` (N, 6, K) [m].
 
-    Turns (angle · axis in the base frame) of single control steps are small, so their sum
-    ``turned`` (N, 3) [rad], changed, is smooth wherever the path turns to; ``before`` (N, 4) is the
-    orientation of the last step, changed.
+    Positions (K, N, 3) [m] and quaternions (K, N, 4) are those of K control steps. Turns (angle ·
+    axis in the base frame) of single control steps are small, so their sum ``turned`` (N, 3) [rad],
+    changed, is smooth wherever the path turns to; ``before`` (N, 4) is the orientation of the last
+    step, changed.
     """
-    for i in range(len(position)):
-        w, x, y, z = quaternion[i]
-        a, b, c, d = before[i]
-        # quaternion ⊗ before⁻¹
-        cosine = w * a + x * b + y * c + z * d
-        side = 2.0 if cosine >= 0.0 else -2.0
-        turn = (
-            a * x - w * b + z * c - y * d,
-            a * y - w * c + x * d - z * b,
-            a * z - w * d + y * b - x * c,
-        )
-        sine = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-        if sine > 0.0:
-            side *= np.arctan2(sine, abs(cosine)) / sine
-        for k in range(3):
-            turned[i, k] += side * turn[k]
-            moved[i, k] = position[i, k] - rest[i, k]
-            moved[i, 3 + k] = lever * turned[i, k]
-        for k in range(4):
-            before[i, k] = quaternion[i, k]
+    for s in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            w, x, y, z = quaternion[s, i]
+            a, b, c, d = before[i]
+            # quaternion ⊗ before⁻¹
+            cosine = w * a + x * b + y * c + z * d
+            side = 2.0 if cosine >= 0.0 else -2.0
+            turn = (
+                a * x - w * b + z * c - y * d,
+                a * y - w * c + x * d - z * b,
+                a * z - w * d + y * b - x * c,
+            )
+            sine = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+            if sine > 0.0:
+                side *= np.arctan2(sine, abs(cosine)) / sine
+            for k in range(3):
+                turned[i, k] += side * turn[k]
+                moved[i, k, s] = position[s, i, k] - rest[i, k]
+                moved[i, 3 + k, s] = lever * turned[i, k]
+            for k in range(4):
+                before[i, k] = quaternion[s, i, k]
 
 
 class RunLog(Sampler):
