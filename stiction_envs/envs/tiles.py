@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any, TypeVar
 
@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.episodes import Episodes, Index, Outcome
-
 
 T = TypeVar("T")
 FEWEST = 4
@@ -48,7 +47,8 @@ class Tiles:
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)
-        self._pool = ThreadPoolExecutor(min(threads, count)) if count > 1 else None
+        self._threads = min(threads, count)
+        self._pool = ThreadPoolExecutor(self._threads) if count > 1 else None
 
     def _parts(self, ids: Index) -> Iterator[tuple[Any, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
@@ -87,11 +87,24 @@ class Tiles:
         """Return what tasks return, one of each tile, run by all threads."""
         if self._pool is None:
             return [task() for task in tasks]
-        futures = [self._pool.submit(task) for task in tasks]
+        futures: list[Future[T]] = [Future() for _ in tasks]
+        left = iter(list(zip(futures, tasks, strict=True)))
+
+        def work() -> None:
+            for future, task in left:
+                try:
+                    future.set_result(task())
+                except BaseException as error:
+                    future.set_exception(error)
+
         try:
+            for _ in range(min(self._threads, len(tasks))):
+                self._pool.submit(work)
             wait(futures)
         finally:
-            wait(futures)  # after an interrupt: no tile stays behind the others
+            # after an interrupt no tile stays behind: also one that no thread was asked to take
+            work()
+            wait(futures)
         return [future.result() for future in futures]
 
     def observe(self, ids: Index) -> NDArray[np.float32]:

@@ -227,9 +227,7 @@ class Episodes(ABC):
         """
         self.begin(ids, self.draw(rngs, options))
 
-    def draw(
-        self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
-    ) -> Drawn:
+    def draw(self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]) -> Drawn:
         """Draw an episode from each generator, and find what it is without dither.
 
         Raises:

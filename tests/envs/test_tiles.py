@@ -1,0 +1,138 @@
+"""Threads that own tiles: the same bits for any number of them, also where a tile fails."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from stiction_envs.envs import tiles
+from stiction_envs.envs.tiles import Tiles
+from stiction_envs.errors import ExperimentError
+from stiction_envs.experiments.episodes import Outcome
+from tests.envs.helpers import GTE, Kind, same
+
+
+class Core:
+    """A tile that counts its steps; ``doing`` is called in each of them."""
+
+    arms_per_thread = 2
+
+    def __init__(self, num_envs: int, doing=lambda core: None, **_) -> None:
+        self.num_envs, self.doing, self.count = num_envs, doing, 0
+
+    def check_step(self, ids, action) -> None:
+        pass
+
+    def step(self, ids, action) -> Outcome:
+        self.doing(self)
+        self.count += 1
+        of, no = np.full(len(ids), float(self.count)), np.zeros(len(ids), dtype=bool)
+        return Outcome(terms={"count": of}, terminated=no, truncated=no, measures={})
+
+
+def made(count: int, threads: int, doing) -> Tiles:
+    return Tiles(Core, count, threads=threads, doing=doing)  # type: ignore[arg-type]
+
+
+def stepped(found: Tiles) -> np.ndarray:
+    ids = np.arange(sum(c.num_envs for c in found.cores))
+    return found.step(ids, np.zeros((len(ids), 1))).reward
+
+
+def test_every_thread_has_a_tile_at_a_time():
+    together = threading.Barrier(3)
+    found = made(6, 3, lambda core: together.wait(timeout=30))
+    assert stepped(found).tolist() == [1.0] * 6
+
+
+def test_one_thread_takes_one_tile_after_the_other():
+    running: list[int] = []
+
+    def alone(core) -> None:
+        running.append(1)
+        time.sleep(0.01)
+        assert len(running) == 1
+        running.pop()
+
+    assert stepped(made(7, 1, alone)).tolist() == [1.0] * 7
+
+
+def test_an_error_of_a_tile_is_raised_once_and_the_others_go_on():
+    def fails(core) -> None:
+        if core in (found.cores[1], found.cores[3]) and not core.failed:
+            core.failed = True
+            raise ExperimentError(f"tile {found.cores.index(core)}")
+
+    found = made(9, 2, fails)
+    for core in found.cores:
+        core.failed = False
+    with pytest.raises(ExperimentError, match=r"^tile 1$"):
+        stepped(found)
+    assert [c.count for c in found.cores] == [1, 0, 1, 0, 1]
+    stepped(found)
+    assert [c.count for c in found.cores] == [2, 1, 2, 1, 2]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_waits_for_every_tile(threads):
+    def interrupts(core) -> None:
+        if core is found.cores[0]:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        time.sleep(0.05)
+
+    found = made(6, threads, interrupts)
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            stepped(found)
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    assert [c.count for c in found.cores] == [1, 1, 1]
+
+
+def small(monkeypatch, kind: Kind, count: int, threads: int, per_tile: int):
+    """Return environments whose tiles have at most ``per_tile`` arms."""
+    with monkeypatch.context() as m:
+        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
+        m.setattr(tiles, "FEWEST", 1)
+        return kind.make_vec(count, threads=threads, fixed_options=kind.options)
+
+
+def test_more_threads_than_cores_change_no_bit(kind, monkeypatch):
+    """Seven arms in one tile, in 4 and 3 on two threads, in seven on sixteen; resets included."""
+    envs = [small(monkeypatch, kind, 7, t, k) for t, k in ((1, 7), (2, 7), (16, 3))]
+    sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
+    assert sizes == [[7], [4, 3], [1] * 7]
+    space, rng, ended = envs[0].single_action_space, np.random.default_rng(3), 0
+    first = envs[0].reset(seed=5)
+    assert all(same(list(e.reset(seed=5)), list(first)) for e in envs[1:])
+    share = np.linspace(0.0, 0.4, 7)[:, None]
+    for _ in range(40):
+        drawn = rng.uniform(size=(7, *space.shape))
+        action = (space.low + share * drawn * (space.high - space.low)).astype(np.float32)
+        expected = envs[0].step(action)
+        assert all(same(list(e.step(action)), list(expected)) for e in envs[1:])
+        ended += int((expected[2] | expected[3]).sum())
+    assert ended > 0
+
+
+def test_an_arm_that_the_engine_stops_harms_no_other_tile(monkeypatch):
+    env, other = (small(monkeypatch, GTE, 4, 2, 2) for _ in range(2))
+    action = np.tile(env.single_action_space.low, (4, 1))
+    for e in (env, other):
+        e.reset(seed=1)
+        e.step(action)
+    env.unwrapped.tiles.cores[0].rig.plant.state[0][1] = np.nan
+    with pytest.raises(ExperimentError, match="simulation 1 stopped by the engine"):
+        env.step(action)
+    other.step(action)
+    beside = np.arange(2, 4)
+    for _ in range(2):
+        seen = [e.unwrapped.tiles.observe(beside) for e in (env, other)]
+        assert same(*seen)
+        steps = [e.unwrapped.tiles.step(beside, action[2:]) for e in (env, other)]
+        assert same(steps[0].measures, steps[1].measures)
