@@ -303,7 +303,7 @@ class Plant:
         control = self._batch.bind("ctrl")
         control[:, self._servo_columns] = self._setpoint
         torque = control[:, self._torque_columns]
-        k = 0
+        step, stage, k = self._batch.step, int(mujoco.mjtStage.mjSTAGE_VEL), 0
         while k < steps:
             phase = self._steps % SLOW_STEPS
             self._write_slow(ids[phase == 0])
@@ -313,7 +313,7 @@ class Plant:
                 if self._asymmetric:
                     self._write_direction(ids)
                 torque[:] = law()
-                self._batch.step(nstep=self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+                step(nstep=self._substeps, stage=stage)
             self._steps += block
             k += block
         _raise_if_stopped(self._batch)

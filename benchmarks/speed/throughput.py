@@ -2,7 +2,8 @@
 
     python -m benchmarks.speed.throughput [--rounds 9]
 
-Each pair is measured back to back, round after round, so that a slow moment meets both.
+Each pair is measured back to back, round after round, so that a slow moment meets both. What more
+cores would give follows from processor seconds: other programs lengthen them little.
 """
 
 from __future__ import annotations
@@ -29,12 +30,18 @@ from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
 STUDY = Benchmark(__file__, __doc__)
-TARGETS = {"sje": 0.9, "gte": 0.5, "training": 0.5}
+TARGETS = {"sje": 0.92, "gte": 0.6, "one": 0.62, "two": 1.85, "training": 0.5}
 """Speed over the bare rollout's, or over an environment's alone [-]; assumed."""
 STEPS = 100
 """Control steps of an environment step, as by default."""
 NSIM_GTE = 64
 """Arms; assumed."""
+MANY, CORES, FEW = 1024, 16, 8
+"""Environments and cores of the prediction, and arms of a small tile; assumed."""
+BATCHES = (1, 64, 1024)
+"""Environments whose calls from Python are measured; assumed."""
+GTE_START = {"trajectory": "pentagon", "stiffness": (200, 20, 0)}
+SJE_START = {"joint": 1, "load": "load", "direction": "+"}
 
 
 def pairs(rounds: int, *parts: Callable[[], object]) -> np.ndarray:
@@ -107,22 +114,126 @@ def naive_loop(seconds: float = 3.0) -> float:
     return steps / (time.perf_counter() - start)
 
 
-def gte(robot: str, rounds: int, threads: int) -> tuple[float, float, float]:
-    """Compare environment steps, controller and measures included, with a rollout."""
-    env: Any = gym.make_vec(f"stiction_envs:{robot}GTE-v0", num_envs=NSIM_GTE, threads=threads)
-    env.reset(seed=0, options={"trajectory": "pentagon", "stiffness": (200, 20, 0)})
-    plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
-    model = plants[0].sticking.model
-    action = np.tile(np.repeat([0.3, 30.0], 7), (NSIM_GTE, 1)).astype(np.float32)
-    bare = Batch(model, NSIM_GTE, threads)
-    bare.state[:] = np.concatenate([p.batch.state for p in plants])
-    control = np.zeros((NSIM_GTE, STEPS, model.nu))
-    found = pairs(
-        rounds,
-        lambda: env.step(action),
-        lambda: bare.rollout(STEPS, control=control, record=("qpos",)),
+def env_and_rollout(
+    name: str, count: int, threads: int
+) -> tuple[Any, Callable[[], object], Callable[[], object]]:
+    """Return environments, and functions: one step of them all, the same of the bare engine."""
+    env: Any = gym.make_vec(
+        f"stiction_envs:{name}-v0", num_envs=count, threads=threads, autoreset_mode="Disabled"
     )
-    return rates(found, NSIM_GTE * STEPS)
+    start = GTE_START if "GTE" in name else SJE_START
+    env.reset(seed=0, options=start)
+    plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
+    model, space = plants[0].sticking.model, env.single_action_space
+    action = np.tile(space.low + 0.1 * (space.high - space.low), (count, 1)).astype(np.float32)
+    bare = Batch(model, count, threads)
+    bare.state[:] = np.concatenate([p.batch.state for p in plants])
+    control = np.zeros((count, STEPS, model.nu))
+
+    def step() -> None:
+        over = env.step(action)[2:4]
+        assert not np.any(over), "an episode ended: what follows would be less work"
+
+    return env, step, lambda: bare.rollout(STEPS, control=control, record=("qpos",))
+
+
+def envs(name: str, rounds: int, threads: int) -> list[tuple[float, float, float, float]]:
+    """Compare environment steps with rollouts, on one thread and on all.
+
+    Returns:
+        For each number of threads `rates` of the two, and the speed over that on one thread.
+    """
+    counts = sorted({1, threads})
+    parts = [env_and_rollout(name, NSIM_GTE, t)[1:] for t in counts]
+    found = pairs(rounds, *(part for both in parts for part in both))
+    return [
+        (
+            *rates(found[:, [2 * k, 2 * k + 1]], NSIM_GTE * STEPS),
+            float(np.median(found[:, 0] / found[:, 2 * k])),
+        )
+        for k in range(len(counts))
+    ]
+
+
+def serial_part(name: str, rounds: int) -> tuple[float, float, float]:
+    """Return what a step of `MANY` environments takes, on one thread, in processor seconds.
+
+    Returns:
+        What Python does for all of them between the tiles' steps; what it does within these, with
+        its lock held: what a tile takes whatever its size; the rest, which grows with the arms.
+    """
+    large, step, _ = env_and_rollout(name, MANY, 1)
+    small = env_and_rollout(name, FEW, 1)[0]
+    tiles = [env.unwrapped.tiles.cores[0] for env in (large, small)]
+    actions = [np.tile(np.repeat([0.3, 30.0], 7), (core.num_envs, 1)) for core in tiles]
+    many, few = (core.num_envs for core in tiles)
+    found = []
+    for _ in range(rounds + 1):
+        times = [time.thread_time()]
+        step()  # other threads take the tiles
+        times.append(time.thread_time())
+        for core, action in zip(tiles, actions, strict=True):
+            core.step(np.arange(core.num_envs), action)
+            times.append(time.thread_time())
+        found.append(np.diff(times))
+    between, of_many, of_few = np.median(found[1:], axis=0)
+    each = (of_many - of_few) / (many - few)
+    count = len(large.unwrapped.tiles.cores)
+    return float(between), float(count * (of_few - few * each)), float(MANY * each)
+
+
+def amdahl(serial: float, parallel: float, cores: int) -> float:
+    """Return how many times as fast as one core ``cores`` are, by Amdahl's law."""
+    return (serial + parallel) / (serial + parallel / cores)
+
+
+def prediction(name: str, rounds: int) -> list[str]:
+    """Return a row on `CORES` cores: with all of Python serial, and with what is between tiles."""
+    between, locked, free = serial_part(name, rounds)
+    whole = between + locked + free
+    fewest = amdahl(between + locked, free, CORES)
+    # threads in engine or controller go on while one is in Python, but only one can be
+    most = whole / (between + max((locked + free) / CORES, locked))
+    return [
+        name,
+        f"{100 * between / whole:.1f} %",
+        f"{100 * locked / whole:.1f} %",
+        f"{amdahl(between + locked, free, 2):.2f}",
+        f"{fewest:.1f} to {most:.1f}",
+        f"{MANY * STEPS * fewest / whole:,.0f} to {MANY * STEPS * most / whole:,.0f}",
+    ]
+
+
+def calls(rounds: int) -> list[list[str]]:
+    """Return rows on what one call of `step` takes beside its physics, on one thread."""
+    rows = []
+    for name in ("PandaSJE", "PandaGTE", "Ant-v5"):
+        for count in BATCHES:
+            make = ant if name == "Ant-v5" else env_and_rollout
+            env, step, physics = make(name, count, 1)
+            whole, inside = (1e3 * np.median(x) for x in pairs(rounds, step, physics).T)
+            env.close()
+            each = 1e3 * (whole - inside) / count
+            cells = [f"{whole:,.2f}", f"{inside:,.2f}", f"{each:,.0f}", f"{whole / inside:.2f}"]
+            rows.append([name, str(count), *cells])
+    return rows
+
+
+def ant(
+    name: str, count: int, threads: int
+) -> tuple[Any, Callable[[], object], Callable[[], object]]:
+    """As `env_and_rollout` for Gymnasium's own environments, which have one thread."""
+    assert threads == 1
+    env: Any = gym.make_vec(name, num_envs=count, vectorization_mode="sync")
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    ants = [e.unwrapped for e in env.envs]
+
+    def physics() -> None:
+        for a in ants:
+            mujoco.mj_step(a.model, a.data, nstep=a.frame_skip)
+
+    return env, lambda: env.step(action), physics
 
 
 def training(experiment: str, rounds: int, threads: int) -> tuple[float, float, float, float]:
@@ -168,14 +279,18 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     options = parser.parse_args()
     rounds, threads = options.rounds, options.threads
+    load = os.getloadavg()[0]
     ours, bare, share = sje(rounds, threads)
     naive = naive_loop()
     environments, trainings = [], []
-    for robot in ("Panda", "Iiwa"):
-        for count in sorted({1, threads}):
-            mine, rollout, x = gte(robot, rounds, count)
-            cells = [f"{rollout:,.0f}", f"{mine:,.0f}", ratio(x, TARGETS["gte"])]
-            environments.append([robot, str(count), *cells])
+    for name in ("PandaGTE", "IiwaGTE", "PandaSJE"):
+        for count, found in zip(sorted({1, threads}), envs(name, rounds, threads), strict=True):
+            mine, rollout, x, faster = found
+            aim = TARGETS["sje" if "SJE" in name else "one" if count == 1 else "gte"]
+            cells = [f"{rollout:,.0f}", f"{mine:,.0f}", ratio(x, aim)]
+            cells.append("" if count == 1 else ratio(faster, TARGETS["two"]))
+            environments.append([name, str(count), *cells])
+    predictions = [prediction(name, rounds) for name in ("PandaGTE", "IiwaGTE", "PandaSJE")]
     for experiment in ("sje", "gte"):
         rollout, alone, x, updated = training(experiment, rounds, threads)
         cells = [f"{alone:,.0f}", f"{rollout:,.0f}", ratio(x, TARGETS["training"])]
@@ -194,9 +309,29 @@ def main() -> None:
                 ["one `MjData`, control in Python", f"{naive:,.0f}", f"{naive / bare:.3f}"],
             ],
         ),
-        gte=table_text(
-            ["robot", "threads", "`Batch.rollout` [steps/s]", "`env.step` [steps/s]", "ratio"],
+        envs=table_text(
+            [
+                *("environment", "threads", "`Batch.rollout` [steps/s]", "`env.step` [steps/s]"),
+                *("ratio", "over one thread"),
+            ],
             environments,
+        ),
+        load=load,
+        cores=CORES,
+        many=MANY,
+        predictions=table_text(
+            [
+                *("environment", "Python between tiles", "within tiles"),
+                *("2 cores", f"{CORES} cores", "steps/s"),
+            ],
+            predictions,
+        ),
+        calls=table_text(
+            [
+                *("environment", "environments", "`env.step` [ms]", "its physics alone [ms]"),
+                *("the rest, per environment [µs]", "times the physics"),
+            ],
+            calls(rounds),
         ),
         training=table_text(
             [
