@@ -125,6 +125,22 @@ class Plant:
         return self._load_sensor.read(slice(None))
 
     @property
+    def joint_torque(self) -> Array:
+        """(N, n) torque behind the gears in the last physics step, without gravity [N·m].
+
+        It is what a torque sensor there reads less the weight that the robot compensates: of an
+        elastic joint the spring's, of a rigid one what friction and rotor leave; what `offset`
+        balances is no part of it. Of a plant that is ``closed_loop``.
+        """
+        s, field = self.sticking, self._batch.bind
+        passive = field("qfrc_passive") - field("qfrc_gravcomp")
+        out = field("qfrc_actuator")[:, s.motor] + passive[:, s.motor]
+        out -= self._p["rotor_inertia"] * field("qacc")[:, s.motor]
+        elastic = s.spring >= 0
+        out[:, elastic] = passive[:, s.spring[elastic]]
+        return np.ascontiguousarray(out)
+
+    @property
     def offset(self) -> Array:
         """(N, n) torque that balances the arm beyond its gravity compensation [N·m]."""
         return self._offset(np.arange(self.nsim), self.load[0])

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 
 
+IDEAL = "ideal"
+"""Senses where none are given."""
 IN_FOLDER = Path("in --out")
 """Value of ``--video`` without a file."""
 
@@ -252,6 +254,17 @@ def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
         )
 
 
+def add_sensing_option(parser: Parser) -> None:
+    """Add the option that says what the controller sees."""
+    parser.add_argument(
+        "--sensing",
+        default=IDEAL,
+        metavar="ideal|robot|FILE.toml",
+        help="what the controller sees: the true state at once, what the robot's own sensors and "
+        "delays leave of it, or those of a TOML with a table [sensing] (default: %(default)s)",
+    )
+
+
 def add_experiment_options(parser: Parser) -> None:
     """Add the options of an experiment's repeats."""
     parser.add_argument(
@@ -427,6 +440,8 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
     for later in ("chain", "drive", "units", "calibration"):
         if recorded.get(later, ()) is None:
             del recorded[later]  # so that digests are those of versions without it
+    if recorded.get("sensing") == IDEAL:
+        del recorded["sensing"]  # likewise
     return provenance(
         args.command,
         recorded,
@@ -436,9 +451,11 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
 
 
 def model_files(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the files of the arm and of its friction."""
+    """Return the files of the arm, of its friction and of its senses."""
     from stiction_envs.friction.sticking import friction_file
     from stiction_envs.robots.registry import robot_files
 
     friction = friction_file(args.robot, getattr(args, "friction", None))
-    return {**robot_files(args.robot), "friction": friction}
+    out = {**robot_files(args.robot), "friction": friction}
+    sensing = Path(getattr(args, "sensing", IDEAL))
+    return {**out, "sensing": sensing} if sensing.is_file() else out

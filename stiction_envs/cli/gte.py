@@ -41,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
         show=show,
     )
     common.add_robot_options(parser)
+    common.add_sensing_option(parser)
     names = "|".join(TRAJECTORIES)
     parser.add_argument(
         "--trajectory",
@@ -169,6 +170,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         tool=args.tool,
         paths={} if own is None else {own.name: own},
         controller_model=controller_model,
+        sensing=args.sensing,
         scatter=not args.no_scatter,
         seed=args.seed,
         threads=args.threads,

@@ -28,6 +28,7 @@ def add_parser(subparsers: Any) -> None:
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
+    common.add_sensing_option(parser)
     parser.add_argument(
         "--joint", nargs="+", type=common.whole(1), metavar="N", help="joints from 1 (default: all)"
     )
@@ -99,6 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         interface=TorqueInterface.of(
             arm, controller_rate_hz=args.controller_rate, lowpass_hz=args.lowpass
         ),
+        sensing=args.sensing,
         scatter=not args.no_scatter,
         seed=args.seed,
         threads=args.threads,

@@ -69,6 +69,90 @@ def site_kinematics(
 
 
 @compiled
+def chain_kinematics(
+    q: Array,
+    shift: Array,
+    turn: Array,
+    joint_shift: Array,
+    joint_axis: Array,
+    zero: Array,
+    anchor: Array,
+    axis: Array,
+    xpos: Array,
+    xquat: Array,
+) -> None:
+    """Write what `site_kinematics` needs of serial arms at angles q, as MuJoCo computes it.
+
+    Args:
+        q: (N, n) [rad].
+        shift: (n + 1, 3) from the body of the joint before to that of each joint, and to the site
+            [m].
+        turn: (n + 1, 4) the same turns, w, x, y, z.
+        joint_shift: (n, 3) of each joint in its body [m].
+        joint_axis: (n, 3) there.
+        zero: (n,) angles at which bodies are as `turn` has them [rad].
+        anchor: (N, n, 3), written [m].
+        axis: (N, n, 3), written.
+        xpos: (N, 3) of the site, written [m].
+        xquat: (N, 4) of its body, written.
+    """
+    place, spin, moved = np.empty(3), np.empty(4), np.empty(3)
+    own, turned = np.empty(4), np.empty(4)
+    for i in range(q.shape[0]):
+        for k in range(3):
+            place[k] = 0.0
+        spin[0], spin[1], spin[2], spin[3] = 1.0, 0.0, 0.0, 0.0
+        for j in range(q.shape[1] + 1):
+            _rotate(spin, shift[j], moved)
+            for k in range(3):
+                place[k] += moved[k]
+            _multiply(spin, turn[j], turned)
+            for k in range(4):
+                spin[k] = turned[k]
+            if j == q.shape[1]:
+                break
+            _rotate(spin, joint_shift[j], moved)
+            for k in range(3):
+                anchor[i, j, k] = place[k] + moved[k]
+            _rotate(spin, joint_axis[j], moved)
+            for k in range(3):
+                axis[i, j, k] = moved[k]
+            half = 0.5 * (q[i, j] - zero[j])
+            own[0] = np.cos(half)
+            for k in range(3):
+                own[1 + k] = np.sin(half) * joint_axis[j, k]
+            _multiply(spin, own, turned)
+            for k in range(4):
+                spin[k] = turned[k]
+            _rotate(spin, joint_shift[j], moved)
+            for k in range(3):
+                place[k] = anchor[i, j, k] - moved[k]
+        for k in range(3):
+            xpos[i, k] = place[k]
+        for k in range(4):
+            xquat[i, k] = spin[k]
+
+
+@compiled
+def _rotate(q: Array, v: Array, out: Array) -> None:
+    """Write v (3,) turned by a quaternion: v + 2 w (u × v) + 2 u × (u × v)."""
+    w, a, b, c = q[0], q[1], q[2], q[3]
+    x, y, z = 2.0 * (b * v[2] - c * v[1]), 2.0 * (c * v[0] - a * v[2]), 2.0 * (a * v[1] - b * v[0])
+    out[0] = v[0] + w * x + (b * z - c * y)
+    out[1] = v[1] + w * y + (c * x - a * z)
+    out[2] = v[2] + w * z + (a * y - b * x)
+
+
+@compiled
+def _multiply(p: Array, q: Array, out: Array) -> None:
+    """Write the product of quaternions p ⊗ q."""
+    out[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
+    out[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
+    out[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
+    out[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0]
+
+
+@compiled
 def impedance_cycle(
     position: Array,
     quaternion: Array,

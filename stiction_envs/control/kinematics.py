@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.kernels import site_kinematics
+from stiction_envs.control.kernels import chain_kinematics, site_kinematics
 from stiction_envs.control.rotation import right_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
@@ -32,11 +33,23 @@ class EndEffector:
         """
         model = sticking.model
         site = model.site(sticking.arm.end_effector).id
+        self._make(sticking, batch.nsim)
+        moved = (
+            batch.bind("xanchor"),
+            batch.bind("xaxis"),
+            batch.bind("site_xpos")[:, site],
+            batch.bind("xquat")[:, model.site_bodyid[site]],
+        )
+        # numbered along the chain; an elastic joint's spring turns about the same axis
+        self._set(moved, model.dof_jntid[sticking.motor], tool)
+
+    def _make(self, sticking: StickingModel, nsim: int) -> None:
+        """Make what `read` writes."""
         # q ⊗ site ⊗ hand as a matrix on q
-        half = 0.5 * sticking.arm.hand_yaw
+        half, model = 0.5 * sticking.arm.hand_yaw, sticking.model
         turn = right_matrix(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
-        turn = turn @ right_matrix(model.site_quat[site])
-        nsim, n = batch.nsim, sticking.n
+        self._turn = turn @ right_matrix(model.site_quat[model.site(sticking.arm.end_effector).id])
+        n = sticking.n
         self.position = np.zeros((nsim, 3))
         """(N, 3) position of the tool point in the world [m]."""
         self.quaternion = np.zeros((nsim, 4))
@@ -44,14 +57,11 @@ class EndEffector:
         self.jacobian = np.zeros((nsim, 6, n))
         """(N, 6, n) geometric Jacobian, translation above rotation [m/rad, 1]."""
 
+    def _set(self, moved: tuple[Any, ...], joints: Any, tool: ArrayLike) -> None:
         self.arguments: tuple[Any, ...] = (
-            batch.bind("xanchor"),
-            batch.bind("xaxis"),
-            batch.bind("site_xpos")[:, site],
-            batch.bind("xquat")[:, model.site_bodyid[site]],
-            # numbered along the chain; an elastic joint's spring turns about the same axis
-            model.dof_jntid[sticking.motor],
-            turn,
+            *moved,
+            joints,
+            self._turn,
             np.array(tool, dtype=float),
             self.position,
             self.quaternion,
@@ -62,6 +72,57 @@ class EndEffector:
     def read(self) -> None:
         """Update the arrays from the present kinematics of all simulations."""
         site_kinematics(*self.arguments)
+
+
+class MeasuredEndEffector(EndEffector):
+    """The end effector where angles say that it is, which a controller has measured."""
+
+    def __init__(self, sticking: StickingModel, angles: Array, tool: ArrayLike = (0, 0, 0)) -> None:
+        """Make it; arguments are those of `EndEffector`, but for the live ``angles`` (N, n)."""
+        nsim, n = angles.shape
+        self._make(sticking, nsim)
+        moved = (
+            *np.zeros((2, nsim, n, 3)),
+            np.zeros((nsim, 3)),
+            np.zeros((nsim, 4)),
+        )
+        self._chain = (angles, *_chain_of(sticking.arm.bare_model(), sticking.arm.end_effector))
+        self._moved = moved
+        self._set(moved, np.arange(n), tool)
+
+    def read(self) -> None:
+        """Update the arrays from the present angles."""
+        chain_kinematics(*self._chain, *self._moved)
+        super().read()
+
+
+def _chain_of(model: Any, site_name: str) -> tuple[Array, Array, Array, Array, Array]:
+    """Return what `kernels.chain_kinematics` needs of a serial arm's rigid model.
+
+    Bodies without joints are put together with the one that they are fixed to.
+    """
+    site = model.site(site_name).id
+    chain, body = [], int(model.site_bodyid[site])
+    while body:
+        chain.append(body)
+        body = int(model.body_parentid[body])
+    shift, turn = np.zeros((model.njnt + 1, 3)), np.zeros((model.njnt + 1, 4))
+    turn[:, 0] = 1.0
+    j = 0
+    for body in reversed(chain):
+        _then(shift[j], turn[j], model.body_pos[body], model.body_quat[body])
+        j += int(model.body_jntnum[body])
+    _then(shift[j], turn[j].copy(), model.site_pos[site], np.array([1.0, 0.0, 0.0, 0.0]))
+    return shift, turn, model.jnt_pos.copy(), model.jnt_axis.copy(), model.qpos0.copy()
+
+
+def _then(shift: Array, turn: Array, more: Array, quaternion: Array) -> None:
+    """Put a shift (3,) and a turn (4,) behind others, in place."""
+    moved, turned = np.zeros(3), np.zeros(4)
+    mujoco.mju_rotVecQuat(moved, more, turn)
+    mujoco.mju_mulQuat(turned, turn, quaternion)
+    shift += moved
+    turn[:] = turned
 
 
 def tool_point(tool: ArrayLike | None) -> Array:

@@ -181,6 +181,9 @@ class GTEEnv(ArmEnv):
     * `random_paths`: how many random paths are drawn from. Default 64, whose undithered runs (4
       iterations each) are shipped for the builtin arms; another arm's take minutes when they are
       first asked for.
+    * `sensing`: what controller and observation have of the arm: `"ideal"`, `"robot"` (the senses
+      of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards and
+      measures are of the true arm. Default `"ideal"`.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
     * `settling_weight`: w, 0 to 1. Default 0.75: friction decides where the arm stops, the
       impedance law how far it lags.
@@ -191,7 +194,8 @@ class GTEEnv(ArmEnv):
     * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
       in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
       joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
-      observation and reward, bounds and controller remain the nominal arm's. Default none.
+      observation and reward, bounds and controller remain the nominal arm's. `"senses"` is the
+      spread of one factor of noise and delays, where `sensing` is not ideal. Default none.
     * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
       units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.

@@ -19,6 +19,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stiction_envs.control.sensing import SensingLike
 from stiction_envs.envs.render.env_frames import RENDER_MODES, Renderer, check_render_mode
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
@@ -40,6 +41,7 @@ class ArmArguments(TypedDict, total=False):
     chain: Sequence[str] | None
     scatter: bool
     friction: str | Path | FrictionParameters | None
+    sensing: SensingLike
     control_interval_s: float
     power_weight: float | None
     torque_rate_weight: float | None

@@ -105,6 +105,9 @@ class SJEEnv(ArmEnv):
     * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
     * `scatter`: whether episodes of a configuration differ. Default True.
     * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
+    * `sensing`: what controller and observation have of the arm: `"ideal"`, `"robot"` (the senses
+      of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards and
+      measures are of the true arm. Default `"ideal"`.
     * `control_interval_s`: time of a step, a multiple of 0.05 s. Default 0.1 s.
     * `power_weight`, `torque_rate_weight`: weights of the penalties [-]. Default 0.01 each.
     * `shaking_weight`: likewise [-]. Default 100000: 0.47 mrad all along would cost the whole
@@ -115,7 +118,8 @@ class SJEEnv(ArmEnv):
     * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
       in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
       joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
-      observation and reward, bounds and controller remain the nominal arm's. Default none.
+      observation and reward, bounds and controller remain the nominal arm's. `"senses"` is the
+      spread of one factor of noise and delays, where `sensing` is not ideal. Default none.
     * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
       units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.

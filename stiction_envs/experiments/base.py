@@ -14,6 +14,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Self
 
+from stiction_envs.control.sensing import Sensing, SensingLike, load_sensing
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import unknown
 from stiction_envs.friction.model import StickingModel
@@ -25,6 +26,8 @@ class Experiment:
 
     sticking: StickingModel
     interface: TorqueInterface
+    sensing: Sensing
+    """What the controller sees."""
     scatter: bool
     seed: int
     threads: int
@@ -34,6 +37,7 @@ class Experiment:
         sticking: StickingModel,
         *,
         interface: TorqueInterface | None = None,
+        sensing: SensingLike = "ideal",
         scatter: bool = False,
         seed: int = 0,
         threads: int = 0,
@@ -43,13 +47,18 @@ class Experiment:
         Args:
             sticking: the model.
             interface: what the robot does to commanded torques; None for the robot's own.
+            sensing: what its controller sees; see `load_sensing`.
             scatter: whether iterations differ by pose, friction and dither.
             seed: of that scatter.
             threads: threads, 0 for all processors.
+
+        Raises:
+            StictionError: senses that are not known, or not of this arm.
         """
         if interface is None:
             interface = TorqueInterface.of(sticking.arm)
         self._set(sticking=sticking, interface=interface)
+        self._set(sensing=load_sensing(sticking.arm, sensing))
         self._set(scatter=scatter, seed=seed, threads=threads)
 
     def _set(self, **fields: Any) -> None:
@@ -65,6 +74,11 @@ class Experiment:
         out = copy.copy(self)
         out._set(**changes)
         return out
+
+    @property
+    def sensing_record(self) -> dict[str, Any]:
+        """What a provenance says of senses; nothing where they are ideal."""
+        return {} if self.sensing.is_ideal else {"sensing": dataclasses.asdict(self.sensing)}
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"

@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.observation import (
@@ -26,7 +27,13 @@ from stiction_envs.experiments.observation import (
     observation_bounds,
     observation_names,
 )
-from stiction_envs.experiments.randomise import check_spreads, draw, randomised, true_friction
+from stiction_envs.experiments.randomise import (
+    check_spreads,
+    draw,
+    randomised,
+    randomised_senses,
+    true_friction,
+)
 from stiction_envs.experiments.rig import count_blocks
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
@@ -55,6 +62,7 @@ class Arguments:
     chain: Sequence[str] | None = None
     scatter: bool = True
     friction: str | Path | FrictionParameters | None = None
+    sensing: SensingLike = "ideal"
     control_interval_s: float = 0.1
     power_weight: float | None = None
     torque_rate_weight: float | None = None
@@ -122,7 +130,10 @@ class Episodes(ABC):
         friction = a.friction
         if isinstance(friction, (str, Path)):
             friction = load_friction(Path(friction), arm.n)
-        self.experiment = e = self._experiment(a, arm, friction)
+        e = self._experiment(a, arm, friction)
+        self._spreads = check_spreads(a.randomise, e.sticking)
+        senses = randomised_senses(load_sensing(arm, a.sensing), a.randomise)
+        self.experiment = e = e.replace(sensing=senses)
         block = self.block_steps(e)
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block
@@ -130,7 +141,6 @@ class Episodes(ABC):
         """Of the dither."""
         self._nominal = e.sticking.parameters
         self._true = true_friction(e.sticking, a.friction_factor)
-        self._spreads = check_spreads(a.randomise, e.sticking)
         self.n, self.num_envs = arm.n, num_envs
         self.max_episode_steps = int(a.max_episode_steps)
         self.fixed_options = self._check_options(a.fixed_options)

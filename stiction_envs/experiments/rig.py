@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.control.sensing import CommandLine, Senses, seeds_of
 from stiction_envs.control.torque_path import TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
@@ -70,6 +71,14 @@ class Rig:
         self.step = np.zeros(nsim, dtype=np.int64)
         """(N,) control steps of the present stage."""
         self._path = TorquePath(self.interface, nsim, self.columns)
+        self.senses: Senses | None = None
+        """What the controllers see; None where that is the plant itself."""
+        self._line: CommandLine | None = None
+        if not experiment.sensing.is_ideal:
+            hold, senses = self.interface.hold_steps, experiment.sensing
+            self.senses = Senses(senses, nsim, self.n, hold_steps=hold)
+            self._line = CommandLine(senses, nsim, self.columns, hold_steps=hold)
+        self._sense_seed = np.zeros(nsim, dtype=np.uint64)
         self._servos = Servos(sticking, approach)
 
     # ---- where arms are put ------------------------------------------------------------------
@@ -94,6 +103,30 @@ class Rig:
         """Draw phases and seed of the dither of arm ``i``."""
         self.dither_phase[i] = rng.uniform(0, 2 * np.pi, size=self.n)
         self.dither_seed[i] = rng.integers(2**32)
+
+    # ---- senses ------------------------------------------------------------------------------
+
+    @property
+    def seen_position(self) -> Array:
+        """(N, n) link angles as the controllers have them [rad]."""
+        return self.plant.position if self.senses is None else self.senses.q
+
+    @property
+    def seen_velocity(self) -> Array:
+        """(N, n) link speeds as the controllers have them [rad/s]."""
+        return self.plant.velocity if self.senses is None else self.senses.dq
+
+    def _seed_senses(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
+        """Draw the seeds of the senses of arms ``ids`` from their keys."""
+        if self.senses is not None:
+            own = keys if self.scatter else [()] * len(keys)
+            self._sense_seed[ids] = seeds_of(self.seed, own)
+
+    def _rest_senses(self, ids: Index) -> None:
+        """Let the controllers of arms ``ids``, which rest, begin without a command."""
+        if self.senses is not None and self._line is not None:
+            self.senses.reset(ids, self.plant.position[ids], self._sense_seed[ids])
+            self._line.reset(ids, self._sense_seed[ids])
 
     # ---- dither ------------------------------------------------------------------------------
 
@@ -141,7 +174,7 @@ class Rig:
 
     def _gate_speed(self) -> Array | None:
         """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
-        return self.plant.velocity if self.dither.gated else None
+        return self.seen_velocity if self.dither.gated else None
 
 
 def dither_arrays(

@@ -73,6 +73,7 @@ FILES = {
     "prose.urdf": "this is no XML",
     "friction.toml": "[stiction]\nvalue = [1.0]\n",
     "no.toml": "[stiction",
+    "senses.toml": "[sensing]\nangle_noise = -1e-5\n",
 }
 ROBOTS = "iiwa14, iiwa7, panda"
 TRIANGLE = "--trajectory triangle --stiffness 200 20 0"
@@ -97,6 +98,7 @@ BAD = {
         "iiwa7 --dither {fast_iiwa.csv}": "at most 200 Hz",
         "{one.xml}": "2 to 9",
         "{massless.xml}": "no mass or inertia",
+        "{two.xml} --sensing robot": "but of iiwa14, iiwa7, panda",
         "{slide.xml}": "slide",
         "{broken.xml}": "not a readable MJCF",
         "nowhere.xml": "nowhere.xml: no such file",
@@ -128,6 +130,8 @@ BAD = {
         "--friction nowhere.toml": "nowhere.toml",
         "--friction panda": ".toml",
         "--friction {no.toml}": "not a TOML file",
+        "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",
+        "--sensing {friction.toml}": "expected a table [sensing]",
         "--out {good.csv}": "is a file",
         "--out {good.csv}/x": "not a folder",
     },
@@ -207,6 +211,7 @@ BAD = {
         "--compensate-payload nan 0 0 0": "finite",
         "--compensate-tilt 0.1": "2 arguments",
         "--friction nowhere.toml": "nowhere.toml",
+        "--sensing human": "sensing human: expected ideal, robot, or a TOML that is there",
         "--iterations 0": "whole numbers from 1",
         "--seed -1": "whole numbers from 0",
         "--out {good.csv}": "is a file",
@@ -222,6 +227,7 @@ BAD = {
     "tune panda": {
         "--frequencies 15 1001": "at most 1000 Hz",
         "--frequencies 0": "above 0",
+        "--sensing human": "expected ideal, robot, or a TOML",
         "--frequencies 15 15": "once",
         "--ask": "--ask: not with --protocol thesis",
         "--scales -1": "above 0",
@@ -234,6 +240,7 @@ BAD = {
     "tune panda --protocol search": {
         "--ask 0": "whole numbers from 1",
         "--ask --sampler gp": "--sampler: not with --ask or --tell",
+        "--ask --sensing robot": "--sensing: not with --ask or --tell",
         "--ask --storage mysql://me:secret@x": "storage",
         "--tell nothing.csv": "expected a readable CSV file",
         "--tell {good.csv}": "missing column 'robot'",

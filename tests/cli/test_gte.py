@@ -106,6 +106,25 @@ def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
     assert "thesis: without" in gte.show(result)
 
 
+def test_senses_change_a_run_and_are_in_its_provenance(cli, work, path, inputs):
+    (inputs / "late.toml").write_text("[sensing]\nmeasurement_delay = 0.005\n")
+    shapes = {
+        "ideal": (),
+        "named": ("--sensing", "ideal"),
+        "late": ("--sensing", inputs / "late.toml"),
+    }
+    for name, more in shapes.items():
+        options = [*STIFF, "--iterations", 1, *more, "--out", name]
+        assert cli("gte", "panda", "--trajectory", path, *options).code == 0
+    ideal, named, late = (read(work / name / "errors.csv") for name in shapes)
+    assert ideal == named != late
+    found = {name: json.loads((work / name / "provenance.json").read_text()) for name in shapes}
+    assert "sensing" not in found["ideal"]["arguments"]
+    assert found["named"]["arguments"] == found["ideal"]["arguments"]
+    assert found["late"]["arguments"]["sensing"].endswith("late.toml")
+    assert "sensing" in found["late"]["inputs"]
+
+
 @pytest.mark.slow
 def test_options_reach_the_experiment(cli, work, path, table):
     """Each changes the dithered run, and what it should leave alone it does."""

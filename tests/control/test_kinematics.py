@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.control.kinematics import EndEffector
+from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+from tests.robots.arms import write_arms
 
 
 @pytest.mark.parametrize("robot", ["panda", "iiwa7"])
@@ -34,3 +36,24 @@ def test_pose_and_jacobian_are_mujocos(robot):
         turned = Rotation.from_matrix(data.site_xmat[site].reshape(3, 3)) * yaw
         found = Rotation.from_quat(hand.quaternion[i], scalar_first=True)
         assert (found * turned.inv()).magnitude() < 1e-9
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "tilted", "three.xml", "two.urdf"])
+def test_measured_angles_have_the_engines_pose(robot, tmp_path):
+    """Own kinematics of the angles are the engine's, elastic joints and fixed bodies included."""
+    if robot == "tilted":
+        arm = load_arm("panda", tilt=(0.1, -0.2), payload=(1.0, 0.0, 0.1, 0.2))
+    else:
+        arm = load_arm(write_arms(tmp_path) / robot if "." in robot else robot)
+    model = sticking_model(arm)
+    plant = Plant(model, 3, threads=1, closed_loop=True)
+    tool = (0.01, -0.02, 0.1)
+    true = EndEffector(model, plant.batch, tool)
+    low, high = np.clip(arm.limits.position, -3.0, 3.0).T
+    q = low + (high - low) * np.random.default_rng(0).random((3, model.n))
+    plant.reset(np.arange(3), q)
+    true.read()
+    seen = MeasuredEndEffector(model, plant.position, tool)
+    seen.read()
+    for name in ("position", "quaternion", "jacobian"):
+        np.testing.assert_allclose(getattr(seen, name), getattr(true, name), atol=1e-12)

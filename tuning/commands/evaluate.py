@@ -56,6 +56,7 @@ def add_parser(subparsers: Any) -> None:
 def add_task_options(parser: common.Parser) -> None:
     """Add the options of an environment: arm, experiment, episodes, arguments."""
     common.add_robot_options(parser)
+    common.add_sensing_option(parser)
     parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
     parser.add_argument(
         "--trajectory",
@@ -105,6 +106,8 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
     for name in ("payload", "chain", "friction", "friction_factor"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
+    if args.sensing != common.IDEAL:
+        arguments["sensing"] = args.sensing
     if any(args.tilt):
         arguments["tilt"] = tuple(args.tilt)
     if options := {**more, **read_options(args)}:

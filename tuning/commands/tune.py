@@ -43,6 +43,7 @@ def add_parser(subparsers: Any) -> None:
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
+    common.add_sensing_option(parser)
     parser.add_argument(
         "--protocol",
         choices=("thesis", "search"),
@@ -198,6 +199,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             storage=args.storage,
             study=args.study,
             friction=args.friction,
+            sensing=args.sensing,
             drive=args.drive,
             threads=args.threads,
             progress=progress.set,
@@ -214,6 +216,8 @@ def _check_options(args: argparse.Namespace) -> None:
         for name in SEARCH_ONLY:
             if name not in WITH_A_ROBOT and getattr(args, name) is not None:
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
+        if args.sensing != common.IDEAL:
+            raise StictionError("--sensing: not with --ask or --tell")
 
 
 def _folder(args: argparse.Namespace, arm: Any, inputs: dict[str, Path | None]) -> OutputFolder:
@@ -260,6 +264,7 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
             storage=args.storage,
             study=args.study,
             friction=args.friction,
+            sensing=args.sensing,
             threads=args.threads,
             progress=say,
         )

@@ -103,7 +103,7 @@ class PathRunner:
 
         def steer() -> None:
             nonlocal action
-            rig.end_effector.read()
+            rig.seen_end_effector.read()
             seen = self._observer.observe(rig, ids, action=action, stiffness=stiffness, goals=goals)
             chosen, _ = self._agent.predict(seen)
             action = np.clip(np.asarray(chosen, dtype=float), self._low, self._high)

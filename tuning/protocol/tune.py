@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction_envs.control.sensing import SensingLike
 from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
@@ -115,6 +116,7 @@ def tune(
     study: str | None = None,
     sampler: str = "grid",
     friction: Friction | None = None,
+    sensing: SensingLike = "ideal",
     drive: str | None = None,
     protocol: Protocol | None = None,
     threads: int = 0,
@@ -142,6 +144,7 @@ def tune(
         study: prefix of the studies' names; None for the arm's name.
         sampler: "grid": the protocol is a grid.
         friction: parameters to start from, or their TOML; None for the robot's own.
+        sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
         drive: "torque", or "position": servos, as of `SingleJointExperiment`; they also write
             final_command.csv, amplitudes of the commanded angle. None: what the TOML has.
         protocol: protocol of the experiment; None for the robot's.
@@ -161,6 +164,7 @@ def tune(
         friction=friction,
         drive=drive,
         protocol=protocol,
+        sensing=sensing,
         scatter=scatter,
         seed=seed,
         threads=threads,

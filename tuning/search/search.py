@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from stiction_envs.control.sensing import SensingLike
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -57,6 +58,7 @@ def search(
     storage: str | None = None,
     study: str | None = None,
     friction: Friction | None = None,
+    sensing: SensingLike = "ideal",
     protocol: Protocol | None = None,
     threads: int = 0,
     progress: Progress | None = None,
@@ -89,6 +91,7 @@ def search(
         storage: URL or journal file of the study; None for a SQLite file in ``out``.
         study: prefix of the studies' names; None for the arm's name.
         friction: of the arm, or its TOML; None for the robot's own.
+        sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
         protocol: of the SJE; None for the robot's.
         threads: threads, 0 for all processors.
         progress: called with (stage, done, total).
@@ -110,7 +113,13 @@ def search(
     )
     s = override(tuning_settings(), settings)
     sje = SingleJointExperiment(
-        robot, friction=friction, drive="torque", protocol=protocol, seed=seed, threads=threads
+        robot,
+        friction=friction,
+        drive="torque",
+        protocol=protocol,
+        sensing=sensing,
+        seed=seed,
+        threads=threads,
     )
     arm = sje.sticking.arm
     where = bounds_of(sje, bounds, s.bounds)

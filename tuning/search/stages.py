@@ -269,8 +269,9 @@ class Stages:
 
     def _gte(self, seed: int, **options: Any) -> GeneratedTrajectoryExperiment:
         """Return the experiment of this arm."""
-        sticking, threads = self.sje.sticking, self.sje.threads
-        return GeneratedTrajectoryExperiment(sticking, seed=seed, threads=threads, **options)
+        sje = self.sje
+        common = {"sensing": sje.sensing, "threads": sje.threads}
+        return GeneratedTrajectoryExperiment(sje.sticking, seed=seed, **common, **options)
 
     # ---- what was found ----------------------------------------------------------------------
 

@@ -114,6 +114,7 @@ def open_run(
         "scatter": experiment.scatter,
         "seed": experiment.seed,
         **experiment.drive_record,
+        **experiment.sensing_record,
         **defining,
     }
     if not isinstance(out, OutputFolder):

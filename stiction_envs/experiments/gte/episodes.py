@@ -216,6 +216,8 @@ class GTEEpisodes(Episodes):
     def _advance(self, ids: Index) -> None:
         self.recorder.advance()
         self.rig.end_effector.read()
+        if self.rig.senses is not None:
+            self.rig.seen_end_effector.read()
         if self.recorder.trace is not None:
             self.recorder.keep(ids, self.action[:, : self.n])
 

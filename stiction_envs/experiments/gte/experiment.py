@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation, read_compensation
 from stiction_envs.control.kinematics import tool_point
+from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
@@ -73,6 +74,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         settings: ImpedanceSettings | None = None,
         motion: MotionLimits | None = None,
         interface: TorqueInterface | None = None,
+        sensing: SensingLike = "ideal",
         start: ArrayLike | None = None,
         tool: ArrayLike | None = None,
         paths: Mapping[str, Path] | None = None,
@@ -91,6 +93,8 @@ class GeneratedTrajectoryExperiment(GTESetup):
             settings: of the controller; None for the robot's controller rate and the defaults.
             motion: of the trajectory generator.
             interface: None for the robot's.
+            sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`. Errors and
+                vibration that are reported are always the true ones.
             start: (n,) joint angles at the start [rad]; None for the robot's.
             tool: (3,) the controlled and measured point from the flange, in the hand's frame [m];
                 None for the flange. The Panda's hand has (0, 0, 0.1034).
@@ -102,10 +106,18 @@ class GeneratedTrajectoryExperiment(GTESetup):
             threads: threads, 0 for all processors.
 
         Raises:
-            StictionError: anything wrong with the arm, its friction, the start or the tool point.
+            StictionError: anything wrong with the arm, its friction or senses, the start or the
+                tool point.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
-        super().__init__(sticking, interface=interface, scatter=scatter, seed=seed, threads=threads)
+        super().__init__(
+            sticking,
+            interface=interface,
+            sensing=sensing,
+            scatter=scatter,
+            seed=seed,
+            threads=threads,
+        )
         arm = sticking.arm
         if settings is None:
             settings = ImpedanceSettings(rate_hz=float(self.interface.controller_rate_hz))
@@ -229,6 +241,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
                     "settings": dataclasses.asdict(self.settings),
                     "motion": dataclasses.asdict(self.motion),
                     "interface": dataclasses.asdict(self.interface),
+                    **self.sensing_record,
                     "start": self.start,
                     "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},

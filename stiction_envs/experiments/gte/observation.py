@@ -95,7 +95,7 @@ class GTEObserver:
         """Return the observations (M, observations) of arms ``ids``: a fresh array.
 
         Args:
-            rig: its end effector was read.
+            rig: its end effector was read, as the controllers have it.
             ids: (M,) arms.
             action: (N, 2n) last action of every arm [N·m, Hz].
             stiffness: (N, 3) translational [N/m], rotational, nullspace [N·m/rad].
@@ -104,23 +104,22 @@ class GTEObserver:
         sequencer, limits = rig.sequencer, self._limits
         t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
         x, quaternion, velocity, turning = sequencer.reference(t)
-        pose = np.concatenate(
-            [rig.end_effector.position, to_rpy(rig.end_effector.quaternion)], axis=1
-        )
+        hand = rig.seen_end_effector
+        pose = np.concatenate([hand.position, to_rpy(hand.quaternion)], axis=1)
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
         at = np.minimum(sequencer.index, goals - 1)
         since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
         amplitude, frequency = observed_action(action[ids], self._low, self._high)
         share = stiffness[ids, :2] / self._stiffness_unit
         values = {
-            "displacement": rig.plant.position[ids] - rig.start,
-            "velocity": rig.plant.velocity[ids],
+            "displacement": rig.seen_position[ids] - rig.start,
+            "velocity": rig.seen_velocity[ids],
             "torque": rig.undithered_torque[ids] / self.stiction,
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
             "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
-            "goal": (sequencer.goal[0] - rig.end_effector.position)[ids],
+            "goal": (sequencer.goal[0] - hand.position)[ids],
             "onward": sequencer.onward[ids],
             "goals_left": sequencer.goals_left[ids],
             "translational": share[:, 0],

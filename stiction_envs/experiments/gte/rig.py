@@ -18,7 +18,9 @@ from stiction_envs.compiled import compiled
 from stiction_envs.control.compensation import Compensator, compensate
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
-from stiction_envs.control.kinematics import EndEffector
+from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
+from stiction_envs.control.sensing import CommandLine, Senses, Sensing
+from stiction_envs.control.sensing_kernels import send
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.dither.kernels import sine
@@ -46,6 +48,23 @@ class JointArrays(NamedTuple):
     motor: Index
     spring: Index
     """As in `link_angles`."""
+
+
+class SeenArrays(NamedTuple):
+    """What the controller has measured of N arms, and how its commands get to them."""
+
+    active: bool
+    """False: it has the plant's own state, and its commands act at once."""
+    pose: tuple[Array, Array, Array]
+    """Position (N, 3), quaternion (N, 4) and Jacobian (N, 6, n) at the angles that it has."""
+    q: Array
+    """(N, n) [rad]."""
+    dq: Array
+    """(N, n) [rad/s]."""
+    torque: Array
+    """(N, n) [N·m]."""
+    line: tuple[Any, ...]
+    """The last of `sensing_kernels.send`; what arrives is its last."""
 
 
 class DitherArrays(NamedTuple):
@@ -79,6 +98,8 @@ class StepArrays(NamedTuple):
     """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
     joints: tuple[Any, ...]
     """`JointArrays`."""
+    seen: tuple[Any, ...]
+    """`SeenArrays`."""
     step: Index
     """(N,) control steps since the arm began to follow."""
     dither: tuple[Any, ...]
@@ -110,14 +131,20 @@ def control_step(due: bool, arrays: tuple[Any, ...]) -> None:
     """
     a = StepArrays(*arrays)
     site_kinematics(*a.site)
+    seen = SeenArrays(*a.seen)
     if due:
-        position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
         joints, dither, impedance = JointArrays(*a.joints), DitherArrays(*a.dither), a.impedance
+        if seen.active:
+            position, quaternion, jacobian = seen.pose
+            q, dq = seen.q, seen.dq
+        else:
+            position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
+            q = link_angles(joints.qpos, joints.motor, joints.spring)
+            dq = link_angles(joints.qvel, joints.motor, joints.spring)
         compensation = CompensationArrays(*a.compensation)
         if dither.only_sines:
             time = a.step.astype(np.float64) * CONTROL_DT
             sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
-        dq = link_angles(joints.qvel, joints.motor, joints.spring)
         added = dither.torque
         if compensation.active:
             reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
@@ -130,9 +157,12 @@ def control_step(due: bool, arrays: tuple[Any, ...]) -> None:
             for i in range(added.shape[0]):
                 for j in range(added.shape[1]):
                     added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
-        q = link_angles(joints.qpos, joints.motor, joints.spring)
         impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
-    pass_torque(a.impedance[-1], *a.path, a.applied)
+    command = a.impedance[-1]
+    if seen.active:
+        send(due, a.step, command, seen.line)
+        command = seen.line[-1]
+    pass_torque(command, *a.path, a.applied)
     for i in range(a.torque.shape[0]):
         for j in range(a.torque.shape[1]):
             a.torque[i, j] = a.applied[i, j] + a.missing[i, j]
@@ -182,6 +212,11 @@ class GTERig(Rig):
         )
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
+        self.seen_end_effector = self.end_effector
+        """What the controllers have of it."""
+        if self.senses is not None:
+            seen = MeasuredEndEffector(sticking, self.senses.q, setup.tool)
+            self.seen_end_effector = seen
         self._model = ControllerModel(setup.controller_model or arm, sticking, nsim, setup.threads)
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
@@ -197,6 +232,9 @@ class GTERig(Rig):
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
+        # compiled code takes arrays that it does not use as well
+        nothing = Sensing.ideal()
+        self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
 
@@ -222,6 +260,7 @@ class GTERig(Rig):
         origin = target.copy()
         factor = np.ones((m, self.n))
         self.dither_phase[ids], self.dither_seed[ids] = 0.0, 0
+        self._seed_senses(ids, keys)
         for row, (i, key) in enumerate(zip(ids, keys, strict=True)):
             rng = np.random.default_rng([self.seed, *key])
             # the arm comes back from where the path was: from any side
@@ -247,9 +286,11 @@ class GTERig(Rig):
 
     def _hand_over(self, ids: Index, paths: Sequence[Path], stiffness: Array) -> None:
         """Let the controller take over the arms where they are."""
+        self._rest_senses(ids)
         self.end_effector.read()
-        x, quaternion = self.end_effector.position[ids], self.end_effector.quaternion[ids]
-        q = self.plant.position
+        pose = self.seen_end_effector
+        pose.read()
+        x, quaternion, q = pose.position[ids], pose.quaternion[ids], self.seen_position
         self.controller.set_stiffness(
             ids,
             translational=stiffness[:, 0],
@@ -258,7 +299,7 @@ class GTERig(Rig):
         )
         self.controller.reset(ids, x, quaternion, q[ids])
         self._model.update(q)
-        self.controller.update_model(ids, self.end_effector.jacobian[ids], self._model.mass[ids])
+        self.controller.update_model(ids, pose.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0
         for row, i in enumerate(ids):
@@ -286,6 +327,10 @@ class GTERig(Rig):
         step, hold = self._count, self._hold_steps
         self._count = step + 1
         due = step % hold == 0
+        if self.senses is not None:
+            plant = self.plant
+            state = plant.position, plant.velocity, plant.joint_torque
+            self.senses.read(due, self.step, *state)
         # a slow controller takes at its next cycle what fell due since its last
         model, goals = step % self._model_period < hold, step % self._goal_period < hold
         if due and (model or goals):
@@ -298,10 +343,10 @@ class GTERig(Rig):
 
     def _look_ahead(self, model: bool, goals: bool) -> None:
         """Update the controller's model of the arm and its reference, where due."""
-        pose, t = self.end_effector, self._command_time()
+        pose, t = self.seen_end_effector, self._command_time()
         pose.read()
         if model:
-            self._model.update(self.plant.position)
+            self._model.update(self.seen_position)
             self.controller.update_model(None, pose.jacobian, self._model.mass)
         if goals:
             self.sequencer.accept(pose.position, pose.quaternion, t)
@@ -312,6 +357,8 @@ class GTERig(Rig):
 
     def _control_step(self, due: bool) -> None:
         if due:
+            if self.senses is not None:
+                self.seen_end_effector.read()
             self.controller.advance_filter()
             if self.dither.sines is None:
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
@@ -323,11 +370,23 @@ class GTERig(Rig):
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
         joints = JointArrays(*self.plant.state, sticking.motor, sticking.spring)
         shaking = DitherArrays(dither.sines is not None, *sines, self.dither_torque)
-        compensator = self.compensator
+        compensator, pose = self.compensator, self.seen_end_effector
+        measured, line = self.senses, self._line
+        if measured is None or line is None:
+            measured, line = self._no_senses
+        seen = SeenArrays(
+            active=self.senses is not None,
+            pose=(pose.position, pose.quaternion, pose.jacobian),
+            q=measured.q,
+            dq=measured.dq,
+            torque=measured.torque,
+            line=line.arguments,
+        )
         return tuple(
             StepArrays(
                 site=self.end_effector.arguments,
                 joints=tuple(joints),
+                seen=tuple(seen),
                 step=self.step,
                 dither=tuple(shaking),
                 compensation=(compensator.active, compensator.arguments, self._added),

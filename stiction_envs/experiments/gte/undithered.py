@@ -57,6 +57,7 @@ def fingerprint(
         *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
         *(() if compensation is None else (compensation,)),
+        *(() if e.sensing.is_ideal else (e.sensing,)),
     )
 
 

@@ -208,8 +208,8 @@ class SJEEpisodes(Episodes):
         tested[rows, rig.joint[ids]] = 1.0
         amplitude, frequency = observed_action(self.action[ids], self._low, self._high)
         values = {
-            "displacement": (rig.plant.position[ids] - rig.pose[ids]) / threshold,
-            "velocity": rig.plant.velocity[ids] / threshold,
+            "displacement": (rig.seen_position[ids] - rig.pose[ids]) / threshold,
+            "velocity": rig.seen_velocity[ids] / threshold,
             "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
             "torque": asked / self.stiction,
             "ramp": torque / base,

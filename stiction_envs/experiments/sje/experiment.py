@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.position_servo import PositionServos, put_under_servos, read_servos
+from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import find_poses
@@ -62,6 +63,7 @@ class SingleJointExperiment(SJESetup):
         drive: str | None = None,
         protocol: Protocol | None = None,
         interface: TorqueInterface | None = None,
+        sensing: SensingLike = "ideal",
         scatter: bool = True,
         seed: int = 0,
         timestep: float | None = None,
@@ -76,16 +78,26 @@ class SingleJointExperiment(SJESetup):
                 table ``[servo]``, which `diagnose` writes of servo logs. None: what the TOML has.
             protocol: None for the robot's.
             interface: None for the robot's.
+            sensing: what the controller sees, which says when a joint has broken away and gates
+                dither: "ideal", "robot", a TOML, or `Sensing`.
             scatter: whether iterations differ.
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
             threads: threads, 0 for all processors.
 
         Raises:
-            StictionError: anything wrong with the arm, its friction, its servos or its poses.
+            StictionError: anything wrong with the arm, its friction, its senses, its servos or its
+                poses.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
-        super().__init__(sticking, interface=interface, scatter=scatter, seed=seed, threads=threads)
+        super().__init__(
+            sticking,
+            interface=interface,
+            sensing=sensing,
+            scatter=scatter,
+            seed=seed,
+            threads=threads,
+        )
         arm = sticking.arm
         servos = _servos_of(friction, arm.n, drive)
         if servos is not None:
@@ -220,6 +232,7 @@ class SingleJointExperiment(SJESetup):
                     "model_sha256": model_sha256(self.sticking),
                     "protocol": dataclasses.asdict(self.protocol),
                     "interface": dataclasses.asdict(self.interface),
+                    **self.sensing_record,
                     "scatter": self.scatter,
                     "iterations": iterations,
                     "jobs": [dataclasses.asdict(job) for job in jobs],

@@ -113,6 +113,7 @@ class SJERig(Rig):
         """Move arms back to their pose; ``keys`` seed the scatter of this iteration."""
         p = self.protocol
         self._origin[ids] = self.plant.motor_position[ids]
+        self._seed_senses(ids, keys)
         target, factor = self.pose[ids].copy(), np.ones((len(ids), self.n))
         for row, (i, key) in enumerate(zip(ids, keys, strict=True)):
             self.dither_phase[i], self.noise[i], self._torque_noise[i] = 0.0, 0.0, 0.0
@@ -153,8 +154,8 @@ class SJERig(Rig):
         return self._read_speed
 
     def displacement(self) -> Array:
-        """Return (N,) angle of the joint under test since its ramp started [rad]."""
-        q = self.plant.position[np.arange(self.nsim), self.joint]
+        """Return (N,) angle of the joint under test since its ramp started, as measured [rad]."""
+        q = self.seen_position[np.arange(self.nsim), self.joint]
         return q - self.start_angle
 
     @property
@@ -183,7 +184,9 @@ class SJERig(Rig):
         joint = self.joint[ids]
         angle = np.empty((m, BLOCK + 1))
         angle[:, 0] = self.plant.position[ids, joint]
-        seen = np.empty((m, BLOCK, self.n)) if self.watch is not None else None
+        every = self.watch is not None or self.senses is not None
+        seen = np.empty((m, BLOCK, self.n)) if every else None
+        measured = np.empty((len(rows), BLOCK, self.n)) if self.senses is not None else None
         part = self._steps_at_once(ids[rows])
         for k in range(0, BLOCK, part):
             here = slice(k, k + part)
@@ -195,6 +198,9 @@ class SJERig(Rig):
             found = self._drive(torque, ids, moved_to, only)
             if seen is not None:
                 seen[:, here] = found
+                if self.senses is not None and measured is not None:
+                    after = step[rows, here] + 1
+                    measured[:, here] = self.senses.read_block(ids[rows], after, found[rows])
                 found = found[np.arange(m), :, joint]
             angle[:, 1 + k : 1 + k + part] = found
         self.step[ids] += BLOCK
@@ -204,7 +210,10 @@ class SJERig(Rig):
         self._add_speeds(ids[rows], angle[rows])
         if self.watch is not None and seen is not None:
             self.watch(ids[rows], seen[rows])
-        return self._finish(ids[rows], step[rows], angle[rows, 1:])
+        last = angle[rows, 1:]
+        if measured is not None:
+            last = measured[np.arange(len(rows)), :, joint[rows]]
+        return self._finish(ids[rows], step[rows], last)
 
     def _drive(
         self, torque: Array, ids: Index, setpoint: Array | None, joint: Index | None
@@ -245,6 +254,8 @@ class SJERig(Rig):
             for k in range(0, length, stride):
                 shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
                 command[:, k : k + stride] += shaken[:, None]
+        if self._line is not None:
+            self._line.send_block(ids, step, command)
         out = self._path.run(command, ids)
         if self.columns > 1:
             torque[rows] = out
@@ -287,7 +298,8 @@ class SJERig(Rig):
                 f"{resists:.3g} N·m: change its friction, limits.torque in the arm's "
                 "TOML, or hold_stiffness of the protocol"
             )
-        self.start_angle[ids] = q[rows, joint]
+        self._rest_senses(ids)
+        self.start_angle[ids] = self.seen_position[ids, joint]
         offset = self.plant.offset[ids][rows, joint]
         stiction = self.plant.stiction[ids][rows, joint]
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
@@ -295,6 +307,8 @@ class SJERig(Rig):
         start = np.zeros((len(ids), self.columns))
         start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
         self._path.reset(ids, start)
+        if self._line is not None:
+            self._line.reset(ids, self._sense_seed[ids], start)
         self.stage[ids], self.step[ids] = RAMP, 0
         self._speeds[ids] = 0.0
 

@@ -19,6 +19,7 @@ def fingerprint(experiment: SingleJointExperiment) -> str:
         *(s.arm.fingerprint, s.parameters, s.timestep),
         *(experiment.protocol, experiment.interface, experiment.poses),
         *((experiment.servos,) if experiment.servos is not None else ()),
+        *(() if experiment.sensing.is_ideal else (experiment.sensing,)),
     )
 
 

@@ -1,0 +1,383 @@
+"""What a real robot's controller sees and does: sensors, delays and lost cycles of N arms.
+
+    joints --lag of the logged speed--> delay + jitter --noise--> resolution --> q, dq, torque
+    command --some cycles lost--> delay --> torque path
+
+Sensors are read, and commands sent, once per controller cycle; in between both are held. The speed
+is the robot's own, which lags (a filter of first order), or the difference of the angles that were
+read, over a cycle, behind a low-pass. *Ideal* is none of this, and computes nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.control.sensing_kernels import (
+    Measured,
+    Sent,
+    begin_arm,
+    send_block,
+    sense,
+    sense_block,
+    uniform,
+)
+from stiction_envs.control.sensing_kernels import send as send_kernel
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import Arm
+from stiction_envs.robots.registry import ARMS
+from stiction_envs.robots.tables import read_toml
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Numbers = float | tuple[float, ...]
+"""One number for all joints, or one per joint."""
+SPEEDS = ("logged", "difference")
+LONGEST = 0.1
+"""Longest delay, jitter or lag that is simulated [s]; assumed."""
+FINEST = 1e-12
+"""Finest resolution other than 0 [rad, N·m]; assumed: rounding errors are not far below."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensing:
+    """Senses of one arm. SI units; what ends in "per joint" is one number, or one per joint."""
+
+    speed: str = "logged"
+    """Where the speed comes from: ``logged``, the robot's own, or ``difference`` of angles read."""
+    angle_resolution: Numbers = 0.0
+    """Step of the angles read, per joint [rad]."""
+    angle_noise: Numbers = 0.0
+    """Standard deviation of white noise on them, per joint [rad]."""
+    speed_lag: Numbers = 0.0
+    """Time constant of the filter of first order behind which the robot logs its speed, per joint
+    [s]."""
+    speed_noise: Numbers = 0.0
+    """Standard deviation of white noise on a logged speed, per joint [rad/s]."""
+    speed_cutoff: float = 0.0
+    """Corner of the low-pass of first order behind the difference of angles [Hz]; 0 is none."""
+    torque_resolution: Numbers = 0.0
+    """Step of the joint torques read, per joint [N·m]."""
+    torque_noise: Numbers = 0.0
+    """Standard deviation of white noise on them, per joint [N·m]."""
+    torque_offset: Numbers = 0.0
+    """Standard deviation of their offset, drawn once per simulation and joint [N·m]."""
+    measurement_delay: float = 0.0
+    """Age of what is read [s]."""
+    measurement_jitter: float = 0.0
+    """What is read is older by up to this, uniform, drawn in every cycle [s]."""
+    command_delay: float = 0.0
+    """Time until a command acts [s]."""
+    missed_cycles: float = 0.0
+    """Share of cycles whose command is lost: the one before is held [-]."""
+    spread: float = 0.0
+    """Noise and delays of a simulation are multiplied by a factor, uniform within 1 ± this [-]."""
+
+    def __post_init__(self) -> None:
+        if self.speed not in SPEEDS:
+            raise unknown("speed of sensing", self.speed, SPEEDS)
+        most = {"missed_cycles": 1.0, "spread": 1.0, "speed_cutoff": np.inf}
+        most |= dict.fromkeys(
+            ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
+        )
+        for field in fields(self):
+            if field.name == "speed":
+                continue
+            value = _numbers(field.name, getattr(self, field.name), field.type == "Numbers")
+            high = most.get(field.name, np.inf)
+            good = (value >= 0) & np.isfinite(value) & (value <= high)
+            if field.name in ("missed_cycles", "spread"):
+                good &= value < 1
+            if field.name.endswith("resolution"):
+                good &= (value == 0) | (value >= FINEST)
+            if not good.all():
+                expected = "0" + (f" to {high:g}" if np.isfinite(high) else " or above")
+                raise StictionError(
+                    f"sensing {field.name} is {value[~good].flat[0]:g}: expected {expected}"
+                )
+            plain = value.tolist()
+            object.__setattr__(self, field.name, tuple(plain) if value.ndim else plain)
+
+    @classmethod
+    def ideal(cls) -> Self:
+        """Return senses without any error."""
+        return cls()
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether there is no error: nothing is computed then."""
+        return self == dataclasses.replace(self.ideal(), spread=self.spread)
+
+    def of_joint(self, name: str, n: int) -> Array:
+        """Return the numbers (n,) of a field.
+
+        Raises:
+            StictionError: numbers of another count of joints.
+        """
+        value = np.asarray(getattr(self, name))
+        if value.ndim and len(value) != n:
+            raise StictionError(f"sensing {name} of {len(value)} joints: expected {n}, or one")
+        return np.array(np.broadcast_to(value, (n,)))
+
+    def check(self, n: int) -> None:
+        """Raise a StictionError unless every field is one number, or one for each of n joints."""
+        for field in fields(self):
+            if field.type == "Numbers":
+                self.of_joint(field.name, n)
+
+
+SensingLike = str | Path | Sensing
+"""``ideal``, ``robot``, a TOML with a table ``[sensing]``, or senses."""
+NAMED = ("ideal", "robot")
+
+
+def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
+    """Return the senses of an arm.
+
+    Args:
+        arm: the arm.
+        what: ``ideal``; ``robot``, those of the registered arm's own TOML; the path of a TOML with
+            a table ``[sensing]``, whose entries are fields of `Sensing`, plain or ``{value = …}``;
+            or senses.
+
+    Raises:
+        StictionError: an arm of which no senses are known, a file that cannot be read, or a field
+            that does not exist or has a bad value.
+    """
+    if isinstance(what, Sensing):
+        what.check(arm.n)
+        return what
+    if not isinstance(what, str | Path):
+        raise StictionError(f"sensing {what!r}: expected ideal, robot, a TOML or Sensing")
+    if str(what) == "ideal":
+        return Sensing.ideal()
+    if str(what) == "robot":
+        name = arm.registered_name
+        table = {} if name is None else ARMS[name].table
+        if "sensing" not in table:
+            known = [a for a, files in ARMS.items() if "sensing" in files.table]
+            raise StictionError(
+                f"sensing robot: no senses of {arm.name} are known, but of {', '.join(known)}: "
+                "expected ideal, or a TOML with a table [sensing]"
+            )
+        return _of_table(table["sensing"], str(ARMS[name].toml) if name else "", arm.n)
+    path = Path(what)
+    if not path.is_file():
+        raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or a TOML that is there")
+    table = read_toml(path)
+    if not isinstance(table.get("sensing"), Mapping):
+        raise StictionError(f"{path}: expected a table [sensing]")
+    return _of_table(table["sensing"], str(path), arm.n)
+
+
+def _of_table(table: Mapping[str, Any], where: str, n: int) -> Sensing:
+    names = [f.name for f in fields(Sensing)]
+    values = {}
+    for name, entry in table.items():
+        if name not in names:
+            raise StictionError(f"{where}: {unknown('field of [sensing]', name, names)}")
+        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        values[name] = tuple(value) if isinstance(value, list) else value
+    try:
+        out = Sensing(**values)
+        out.check(n)
+    except StictionError as error:
+        raise StictionError(f"{where}: {error}") from None
+    return out
+
+
+def _numbers(name: str, value: Any, per_joint: bool) -> Array:
+    """Return one number, or where ``per_joint`` also (n,)."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = np.array(np.nan)
+    if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
+        expected = "numbers, one or one per joint" if per_joint else "a number"
+        raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
+    return array
+
+
+# ---- N arms --------------------------------------------------------------------------------------
+
+
+def _steps(seconds: float) -> float:
+    """Return a time in control steps, without the error of 0.003 / 0.001."""
+    return round(seconds / CONTROL_DT, 9)
+
+
+class _Seeded:
+    """Seeds and factors of N arms."""
+
+    def __init__(self, sensing: Sensing, nsim: int) -> None:
+        self.sensing = sensing
+        self._seed = np.zeros(nsim, dtype=np.uint64)
+        self._scale = np.ones(nsim)
+
+    def _seeded(self, ids: Index, seeds: ArrayLike) -> None:
+        self._seed[ids] = np.asarray(seeds, dtype=np.uint64)
+        if self.sensing.spread > 0:
+            drawn = np.array([uniform(s, 0, FACTOR) for s in self._seed[ids]])
+            self._scale[ids] = 1.0 + self.sensing.spread * (2.0 * drawn - 1.0)
+
+    def _room(self, *seconds: float) -> int:
+        """Return how many control steps a past of these times needs."""
+        return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
+
+
+FACTOR = 63
+"""Channel of an arm's factor, which is drawn with control step 0."""
+
+
+class Senses(_Seeded):
+    """Sensors of N arms of n joints, read once per controller cycle."""
+
+    def __init__(self, sensing: Sensing, nsim: int, n: int, *, hold_steps: int = 1) -> None:
+        """Make the sensors; each arm needs `reset`.
+
+        Args:
+            sensing: of every arm.
+            nsim: number of arms N.
+            n: joints of each.
+            hold_steps: control steps of a controller cycle.
+
+        Raises:
+            StictionError: senses of another number of joints.
+        """
+        super().__init__(sensing, nsim)
+        sensing.check(n)
+        s, cycle = sensing, hold_steps * CONTROL_DT
+        self._hold = hold_steps
+        self.q, self.dq, self.torque = np.zeros((3, nsim, n))
+        """(N, n) what the controller has: angles [rad], speeds [rad/s], torques [N·m]."""
+        lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
+        noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
+        self._offset = s.of_joint("torque_offset", n)
+        self.arguments: tuple[Any, ...] = tuple(
+            Measured(
+                speed_by_difference=s.speed == "difference",
+                cycle=cycle,
+                speed_gain=low_pass_gain(s.speed_cutoff, cycle),
+                delay=_steps(s.measurement_delay),
+                jitter=_steps(s.measurement_jitter),
+                # delays slow motion by exactly the lag
+                lag_gain=CONTROL_DT / (CONTROL_DT + lag),
+                angle_noise=s.of_joint("angle_noise", n),
+                angle_resolution=s.of_joint("angle_resolution", n),
+                speed_noise=noise,
+                torque_noise=s.of_joint("torque_noise", n),
+                torque_resolution=s.of_joint("torque_resolution", n),
+                torque_offset=np.zeros((nsim, n)),
+                scale=self._scale,
+                seed=self._seed,
+                past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
+                q=self.q,
+                dq=self.dq,
+                torque=self.torque,
+            )
+        )
+        """The last of `sensing_kernels.sense`; the same objects for good."""
+
+    def reset(self, ids: Index, q: Array, seeds: ArrayLike, torque: Array | None = None) -> None:
+        """Let arms ``ids`` have rested for long; averaged, so that only resolution is left.
+
+        Args:
+            ids: (M,) arms.
+            q: (M, n) angles [rad].
+            seeds: (M,) whole numbers below 2⁶⁴: what is drawn for each.
+            torque: (M, n) true joint torques [N·m]; None for 0.
+        """
+        self._seeded(ids, seeds)
+        felt = np.zeros_like(q) if torque is None else torque
+        arguments = Measured(*self.arguments)
+        for row, i in enumerate(ids):
+            begin_arm(i, q[row], felt[row], self._offset, arguments)
+
+    def read(self, due: bool, step: Index, q: Array, dq: Array, torque: Array) -> None:
+        """Note the true state of all arms at a control step; where ``due``, read the sensors.
+
+        Args:
+            due: whether the controller reads.
+            step: (N,) control steps since each arm began; 0 first.
+            q: (N, n) [rad].
+            dq: (N, n) [rad/s].
+            torque: (N, n) [N·m].
+        """
+        sense(due, step, q, dq, torque, self.arguments)
+
+    def read_block(self, ids: Index, step: Index, q: Array) -> Array:
+        """`read` of arms ``ids`` (M,) in control steps (M, K) of which only the angles are known.
+
+        Args:
+            ids: arms.
+            step: (M, K) numbers of the control steps, one after the other.
+            q: (M, K, n) true angles [rad].
+
+        Returns:
+            (M, K, n) angles that the controller has at these steps [rad].
+        """
+        seen = np.empty_like(q)
+        sense_block(ids, step, self._hold, CONTROL_DT, q, self.arguments, seen)
+        return seen
+
+
+class CommandLine(_Seeded):
+    """The way of N arms' torque commands to C joints each: some cycles are lost, then a delay."""
+
+    def __init__(self, sensing: Sensing, nsim: int, columns: int, *, hold_steps: int = 1) -> None:
+        """Make it; each arm needs `reset`. Arguments are those of `Senses`."""
+        super().__init__(sensing, nsim)
+        self._hold = hold_steps
+        self._held, self.arrived = np.zeros((2, nsim, columns))
+        """(N, C) what acts since the last `send` [N·m]."""
+        room = self._room(sensing.command_delay)
+        self.arguments: tuple[Any, ...] = tuple(
+            Sent(
+                missed=sensing.missed_cycles,
+                delay=_steps(sensing.command_delay),
+                scale=self._scale,
+                seed=self._seed,
+                held=self._held,
+                past=np.zeros((nsim, room, columns)),
+                arrived=self.arrived,
+            )
+        )
+        """The last of `sensing_kernels.send`; the same objects for good."""
+
+    def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
+        """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""
+        self._seeded(ids, seeds)
+        self._held[ids] = self.arrived[ids] = torque
+        Sent(*self.arguments).past[ids] = self._held[ids][:, None]
+
+    def send(self, due: bool, step: Index, command: Array) -> Array:
+        """Send commands (N, C) [N·m] at control steps (N,); return `arrived`."""
+        send_kernel(due, step, command, self.arguments)
+        return self.arrived
+
+    def send_block(self, ids: Index, step: Index, command: Array) -> None:
+        """Replace commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
+        send_block(ids, step, self._hold, command, self.arguments)
+
+
+def low_pass_gain(cutoff: float, dt: float) -> float:
+    """Return the g of y ← y + g (u − y) at a corner [Hz], as `TorqueInterface`; 0 Hz is none."""
+    return 1.0 if cutoff == 0 else dt / (dt + 1.0 / (2 * np.pi * cutoff))
+
+
+def seeds_of(seed: int, keys: Sequence[tuple[int, ...]]) -> NDArray[np.uint64]:
+    """Return (M,) seeds of senses from an experiment's seed and the keys of its simulations."""
+    words = [
+        np.random.SeedSequence([seed, *key, _STREAM]).generate_state(1, np.uint64) for key in keys
+    ]
+    return np.concatenate(words) if words else np.zeros(0, dtype=np.uint64)
+
+
+_STREAM = 0x53454E53  # "SENS": no other stream of an experiment ends on it

@@ -1,0 +1,264 @@
+"""Compiled functions of `sensing`: what a controller reads, and when its command arrives.
+
+Random numbers are hashed from (seed of the simulation, control step, channel) by the finaliser of
+SplitMix64 (Steele, Lea & Flood 2014; sources.md 8.1), as if that generator could be read anywhere:
+no bit depends on what else is simulated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND = np.uint64(0x94D049BB133111EB)
+_ONE, _HIGH = np.uint64(1), np.uint64(11)
+_SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
+_STRIDE, _OWN = 64, 48
+"""Channels of a control step: four of each joint, and those of the whole arm from `_OWN` on."""
+JITTER, MISSED = _OWN, _OWN + 1
+"""Channels of an arm."""
+START = -1
+"""Control step of what is drawn once, when a simulation starts."""
+
+
+class Measured(NamedTuple):
+    """Senses of N arms of n joints; numbers of a joint are (n,)."""
+
+    speed_by_difference: bool
+    cycle: float
+    """Time between two readings [s]."""
+    speed_gain: float
+    """Of the low-pass behind the difference of angles [-]; 1 is none."""
+    delay: float
+    """[control steps]."""
+    jitter: float
+    """[control steps]."""
+    lag_gain: Array
+    """Of the filter of the logged speed per control step [-]; 1 is none."""
+    angle_noise: Array
+    angle_resolution: Array
+    speed_noise: Array
+    torque_noise: Array
+    torque_resolution: Array
+    torque_offset: Array
+    """(N, n) [N·m]."""
+    scale: Array
+    """(N,) of noise and delays [-]."""
+    seed: NDArray[np.uint64]
+    """(N,)."""
+    past: Array
+    """(N, R, 3, n) angles [rad], speeds [rad/s], torques [N·m] of the last R control steps."""
+    q: Array
+    """(N, n) what was read last [rad]."""
+    dq: Array
+    """(N, n) [rad/s]."""
+    torque: Array
+    """(N, n) [N·m]."""
+
+
+class Sent(NamedTuple):
+    """Commands of N arms on their way to C joints."""
+
+    missed: float
+    """Probability that a command does not arrive [-]."""
+    delay: float
+    """[control steps]."""
+    scale: Array
+    """(N,) of the delay [-]."""
+    seed: NDArray[np.uint64]
+    """(N,)."""
+    held: Array
+    """(N, C) the last command that arrived [N·m]."""
+    past: Array
+    """(N, R, C) commands of the last R control steps [N·m]."""
+    arrived: Array
+    """(N, C) what acts now, written [N·m]."""
+
+
+@compiled
+def uniform(seed: np.uint64, step: int, channel: int) -> float:
+    """Return a number in (0, 1], uniform, of a seed, a control step and a channel."""
+    z = seed + np.uint64(step * _STRIDE + channel + _STRIDE) * _GOLDEN
+    z = (z ^ (z >> _SHIFTS[0])) * _FIRST
+    z = (z ^ (z >> _SHIFTS[1])) * _SECOND
+    z = z ^ (z >> _SHIFTS[2])
+    return np.float64((z >> _HIGH) + _ONE) * 2.0**-53
+
+
+@compiled
+def normals(seed: np.uint64, step: int, channel: int) -> tuple[float, float]:
+    """Return two independent normal numbers of two channels (Box & Muller 1958)."""
+    radius = np.sqrt(-2.0 * np.log(uniform(seed, step, channel)))
+    angle = 2.0 * np.pi * uniform(seed, step, channel + 1)
+    return radius * np.cos(angle), radius * np.sin(angle)
+
+
+@compiled
+def _at(past: Array, i: int, step: int, delay: float, kind: int, j: int) -> float:
+    """Return a value of ``delay`` control steps before ``step``, straight lines between steps."""
+    size = past.shape[1]
+    whole = int(np.floor(delay))
+    part = delay - whole
+    value = past[i, (step - whole) % size, kind, j]
+    if part > 0.0:
+        value = (1.0 - part) * value + part * past[i, (step - whole - 1) % size, kind, j]
+    return value
+
+
+@compiled
+def _rounded(value: float, resolution: float) -> float:
+    """Return the nearest multiple of a resolution; 0 is none."""
+    return np.rint(value / resolution) * resolution if resolution > 0.0 else value
+
+
+@compiled
+def begin_arm(i: int, q: Array, torque: Array, offset: Array, m: Measured) -> None:
+    """Let arm ``i`` have rested at q (n,) [rad] under torques (n,) [N·m] for long.
+
+    ``offset`` (n,) is the standard deviation of the torque sensors' offset [N·m].
+    """
+    for j in range(len(q)):
+        for k in range(m.past.shape[1]):
+            m.past[i, k, 0, j], m.past[i, k, 1, j], m.past[i, k, 2, j] = q[j], 0.0, torque[j]
+        m.torque_offset[i, j] = 0.0
+        if offset[j] > 0.0:
+            drawn, _ = normals(m.seed[i], START, 4 * j)
+            m.torque_offset[i, j] = m.scale[i] * offset[j] * drawn
+        m.q[i, j], m.dq[i, j] = _rounded(q[j], m.angle_resolution[j]), 0.0
+        m.torque[i, j] = torque[j] + m.torque_offset[i, j]
+
+
+@compiled
+def sense_arm(
+    due: bool, i: int, step: int, q: Array, dq: Array, torque: Array, m: Measured
+) -> None:
+    """Note the state of arm ``i`` at a control step; where ``due``, read the sensors.
+
+    Args:
+        due: whether the controller reads in this step.
+        i: the arm.
+        step: control steps since it began.
+        q: (n,) true angles [rad].
+        dq: (n,) true speeds [rad/s].
+        torque: (n,) true torques [N·m].
+        m: the senses; `Measured.q`, `dq` and `torque` are written where due.
+    """
+    size = m.past.shape[1]
+    now, before = step % size, (step - 1) % size
+    for j in range(len(q)):
+        gain = m.lag_gain[j]
+        speed = dq[j]
+        if gain < 1.0:
+            last = m.past[i, before, 1, j]
+            speed = last + gain * (dq[j] - last)
+        m.past[i, now, 0, j], m.past[i, now, 1, j], m.past[i, now, 2, j] = q[j], speed, torque[j]
+    if not due:
+        return
+    seed, scale = m.seed[i], m.scale[i]
+    delay = scale * m.delay
+    if m.jitter > 0.0:
+        delay += scale * m.jitter * uniform(seed, step, JITTER)
+    for j in range(len(q)):
+        angle, speed = _at(m.past, i, step, delay, 0, j), _at(m.past, i, step, delay, 1, j)
+        if m.angle_noise[j] > 0.0 or m.speed_noise[j] > 0.0:
+            one, two = normals(seed, step, 4 * j)
+            angle += scale * m.angle_noise[j] * one
+            speed += scale * m.speed_noise[j] * two
+        angle = _rounded(angle, m.angle_resolution[j])
+        if m.speed_by_difference:
+            slope = (angle - m.q[i, j]) / m.cycle
+            speed = m.dq[i, j] + m.speed_gain * (slope - m.dq[i, j])
+        m.q[i, j], m.dq[i, j] = angle, speed
+        felt = _at(m.past, i, step, delay, 2, j) + m.torque_offset[i, j]
+        if m.torque_noise[j] > 0.0:
+            one, _ = normals(seed, step, 4 * j + 2)
+            felt += scale * m.torque_noise[j] * one
+        m.torque[i, j] = _rounded(felt, m.torque_resolution[j])
+
+
+@compiled
+def sense(
+    due: bool, step: Index, q: Array, dq: Array, torque: Array, m: tuple[object, ...]
+) -> None:
+    """`sense_arm` of all arms: steps (N,), states (N, n); ``m`` is `Measured` as plain tuple."""
+    measured = Measured(*m)
+    for i in range(len(step)):
+        sense_arm(due, i, step[i], q[i], dq[i], torque[i], measured)
+
+
+@compiled
+def sense_block(
+    ids: Index, step: Index, hold: int, dt: float, q: Array, m: tuple[object, ...], seen: Array
+) -> None:
+    """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
+
+    The speed of a control step is the mean within it.
+
+    Args:
+        ids: (M,) arms.
+        step: (M, K) numbers of the control steps.
+        hold: control steps between two readings.
+        dt: a control step [s].
+        q: (M, K, n) angles at these steps [rad].
+        m: `Measured` as plain tuple.
+        seen: (M, K, n), written: the angles that the controller has at these steps [rad].
+    """
+    measured = Measured(*m)
+    size, n = measured.past.shape[1], q.shape[2]
+    speed, torque = np.empty(n), np.zeros(n)
+    for row in range(len(ids)):
+        i = ids[row]
+        for k in range(q.shape[1]):
+            now = step[row, k]
+            for j in range(n):
+                last = measured.past[i, (now - 1) % size, 0, j]
+                speed[j] = (q[row, k, j] - last) / dt
+            sense_arm(now % hold == 0, i, now, q[row, k], speed, torque, measured)
+            for j in range(n):
+                seen[row, k, j] = measured.q[i, j]
+
+
+@compiled
+def _send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
+    """Send a command (C,) of arm ``i``; write what arrives in this control step."""
+    size = s.past.shape[1]
+    lost = due and s.missed > 0.0 and uniform(s.seed[i], step, MISSED) <= s.missed
+    delay = s.scale[i] * s.delay
+    whole = int(np.floor(delay))
+    part = delay - whole
+    for c in range(len(command)):
+        if due and not lost:
+            s.held[i, c] = command[c]
+        s.past[i, step % size, c] = s.held[i, c]
+        value = s.past[i, (step - whole) % size, c]
+        if part > 0.0:
+            value = (1.0 - part) * value + part * s.past[i, (step - whole - 1) % size, c]
+        s.arrived[i, c] = value
+
+
+@compiled
+def send(due: bool, step: Index, command: Array, s: tuple[object, ...]) -> None:
+    """Send commands (N, C) [N·m] at control steps (N,), new where ``due``."""
+    sent = Sent(*s)
+    for i in range(len(step)):
+        _send_arm(due, i, step[i], command[i], sent)
+
+
+@compiled
+def send_block(ids: Index, step: Index, hold: int, command: Array, s: tuple[object, ...]) -> None:
+    """Send commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K); they become what arrives."""
+    sent = Sent(*s)
+    for row in range(len(ids)):
+        i = ids[row]
+        for k in range(command.shape[1]):
+            _send_arm(step[row, k] % hold == 0, i, step[row, k], command[row, k], sent)
+            for c in range(command.shape[2]):
+                command[row, k, c] = sent.arrived[i, c]

@@ -1,0 +1,377 @@
+"""Senses against the laws of noise, delay and quantisers (sources.md 8)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from stiction_envs.control.sensing import (
+    CommandLine,
+    Senses,
+    Sensing,
+    load_sensing,
+    low_pass_gain,
+    seeds_of,
+)
+from stiction_envs.control.sensing_kernels import normals, uniform
+from stiction_envs.errors import StictionError
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import BUILTIN, load_arm
+from tests.robots.arms import write_arms
+
+SEED = np.array([7], dtype=np.uint64)
+
+
+def read_all(sensing, q, *, hold=1, seeds=SEED, dq=None, torque=None):
+    """Read (N, K, n) states control step by control step: angles, speeds, torques (N, K, n)."""
+    nsim, steps, n = q.shape
+    senses = Senses(sensing, nsim, n, hold_steps=hold)
+    senses.reset(np.arange(nsim), q[:, 0], np.resize(seeds, nsim))
+    out = np.empty((3, *q.shape))
+    for k in range(steps):
+        zero = np.zeros((nsim, n))
+        senses.read(
+            k % hold == 0,
+            np.full(nsim, k),
+            np.ascontiguousarray(q[:, k]),
+            zero if dq is None else np.ascontiguousarray(dq[:, k]),
+            zero if torque is None else np.ascontiguousarray(torque[:, k]),
+        )
+        out[:, :, k] = senses.q, senses.dq, senses.torque
+    return out
+
+
+def phase_of(signal, wave):
+    """Phase of a signal (K,) against exp(iωt) of the same steps [rad]."""
+    return float(np.angle(np.sum(signal * np.conj(wave))))
+
+
+# ---- ideal ---------------------------------------------------------------------------------------
+
+
+def test_without_errors_the_state_is_read_to_the_bit():
+    rng = np.random.default_rng(0)
+    q, dq, torque = rng.normal(size=(3, 4, 50, 7))
+    seen = read_all(Sensing.ideal(), q, dq=dq, torque=torque)
+    assert np.array_equal(seen, np.stack([q, dq, torque]))
+
+
+def test_without_errors_commands_act_at_once_to_the_bit():
+    command = np.random.default_rng(0).normal(size=(50, 4, 7))
+    line = CommandLine(Sensing.ideal(), 4, 7)
+    line.reset(np.arange(4), np.arange(4))
+    for k, wanted in enumerate(command):
+        assert np.array_equal(line.send(True, np.full(4, k), wanted), wanted)
+
+
+def test_only_senses_without_errors_are_ideal():
+    assert Sensing().is_ideal
+    assert Sensing.ideal() == Sensing()
+    for field in dataclasses.fields(Sensing):
+        if field.name not in ("speed", "spread"):
+            assert not Sensing(**{field.name: 0.01}).is_ideal, field.name
+    assert not Sensing(speed="difference").is_ideal
+
+
+# ---- noise ---------------------------------------------------------------------------------------
+
+
+def test_random_numbers_are_uniform_normal_and_independent():
+    u = np.array([[uniform(s, k, 5) for k in range(20_000)] for s in SEED])[0]
+    assert u.min() > 0
+    assert u.max() <= 1
+    assert abs(u.mean() - 0.5) < 4 / np.sqrt(12 * len(u))
+    z = np.array([normals(SEED[0], k, 8) for k in range(20_000)])
+    error = 4 / np.sqrt(len(z))
+    assert np.all(np.abs(z.mean(axis=0)) < error)
+    assert np.all(np.abs(z.var(axis=0) - 1) < np.sqrt(2) * error)
+    assert np.all(np.abs((z**4).mean(axis=0) - 3) < np.sqrt(96) * error)
+    # of both channels, of neighbouring steps, and of neighbouring seeds
+    other = np.array([normals(SEED[0] + np.uint64(1), k, 8)[0] for k in range(20_000)])
+    for one, two in ((z[:, 0], z[:, 1]), (z[1:, 0], z[:-1, 0]), (z[:, 0], other)):
+        assert abs(np.mean(one * two)) < error
+
+
+@pytest.mark.parametrize(("hold", "cutoff"), [(1, 0.0), (1, 40.0), (5, 8.0)])
+def test_noise_of_angles_gives_the_difference_the_variance_that_theory_says(hold, cutoff):
+    """Law checked: 2σ²g²/((2 − g) T²), sources.md 8.1."""
+    sigma, steps = 1e-4, 20_000 * hold
+    sensing = Sensing(speed="difference", angle_noise=sigma, speed_cutoff=cutoff)
+    q, dq, _ = read_all(sensing, np.full((1, steps, 2), 0.3), hold=hold)[:, 0, 1000::hold]
+    assert q.std(axis=0) == pytest.approx([sigma] * 2, rel=0.03)
+    period = hold * CONTROL_DT
+    gain = low_pass_gain(cutoff, period)
+    expected = sigma * gain * np.sqrt(2 / (2 - gain)) / period
+    assert dq.std(axis=0) == pytest.approx([expected] * 2, rel=0.05)
+
+
+def test_noise_of_logged_speeds_and_torques_has_its_deviation_and_offset():
+    sensing = Sensing(speed_noise=(0.003, 0.0), torque_noise=0.05, torque_offset=(0.0, 0.2))
+    q = np.zeros((200, 200, 2))
+    _, dq, torque = read_all(sensing, q, seeds=np.arange(200, dtype=np.uint64))
+    assert dq[..., 0].std() == pytest.approx(0.003, rel=0.02)
+    assert not dq[..., 1].any()
+    mean = torque.mean(axis=1)
+    assert (torque - mean[:, None]).std() == pytest.approx(0.05, rel=0.02)
+    assert mean[:, 0].std() == pytest.approx(0.05 / np.sqrt(200), rel=0.2)
+    assert mean[:, 1].std() == pytest.approx(0.2, rel=0.2)
+
+
+def test_a_spread_multiplies_noise_by_one_factor_per_simulation():
+    sensing, nsim = Sensing(speed_noise=1.0, spread=0.5), 40
+    zero = np.zeros((nsim, 2000, 1))
+    dq = read_all(sensing, zero, seeds=np.arange(nsim, dtype=np.uint64))[1]
+    factor = dq.std(axis=(1, 2))
+    assert 0.45 < factor.min() < 0.65
+    assert 1.35 < factor.max() < 1.55
+    assert factor.mean() == pytest.approx(1.0, abs=0.15)
+
+
+# ---- delay ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.003, 0.0047, 0.02])
+def test_a_delay_shifts_the_phase_by_2_pi_f_d(delay):
+    frequency, steps = 20.0, 1000
+    wave = np.exp(2j * np.pi * frequency * np.arange(steps) * CONTROL_DT)
+    sensing = Sensing(measurement_delay=delay, command_delay=delay)
+    state = np.repeat(wave.imag[None, :, None], 2, axis=2)
+    seen = read_all(sensing, state, dq=state, torque=state)[:, 0, 100:]
+    line = CommandLine(sensing, 1, 2)
+    line.reset(np.array([0]), SEED)
+    sent = [line.send(True, np.array([k]), state[:, k])[0].copy() for k in range(steps)]
+    zero = phase_of(wave.imag[100:], wave[100:])
+    for signal in (*seen[:, :, 0], np.array(sent)[100:, 0]):
+        lag = (zero - phase_of(signal, wave[100:])) % (2 * np.pi)
+        assert lag == pytest.approx(2 * np.pi * frequency * delay, rel=2e-3)
+
+
+def test_jitter_makes_readings_older_by_up_to_it():
+    time = np.arange(3000) * CONTROL_DT
+    sensing = Sensing(measurement_delay=0.002, measurement_jitter=0.003)
+    age = (time - read_all(sensing, time[None, :, None])[0, 0, :, 0])[100:]
+    assert 0.002 <= age.min() < 0.00205
+    assert 0.00495 < age.max() <= 0.005 + 1e-12
+    assert age.mean() == pytest.approx(0.0035, rel=0.02)
+
+
+def test_a_logged_speed_lags_slow_motion_by_its_time_constant():
+    time = np.arange(2000) * CONTROL_DT
+    speed = np.repeat(time[None, :, None], 2, axis=2)
+    sensing = Sensing(speed_lag=(0.005, 0.0))
+    seen = read_all(sensing, np.zeros_like(speed), dq=speed)[1, 0, -1]
+    assert time[-1] - seen == pytest.approx([0.005, 0.0], abs=1e-9)
+
+
+def test_readings_are_held_between_cycles():
+    q = np.random.default_rng(0).normal(size=(1, 100, 3))
+    seen = read_all(Sensing(speed_cutoff=1.0), q, hold=5)[0, 0]
+    assert np.array_equal(seen, np.repeat(q[0, ::5], 5, axis=0))
+
+
+def test_blocks_of_control_steps_are_read_as_single_steps():
+    rng = np.random.default_rng(0)
+    q = np.cumsum(rng.normal(size=(2, 61, 3)), axis=1) * 1e-3
+    sensing = Sensing(
+        angle_noise=1e-4,
+        angle_resolution=1e-5,
+        speed_lag=0.005,
+        measurement_delay=0.0023,
+        measurement_jitter=0.002,
+    )
+    speed = np.diff(q, axis=1, prepend=q[:, :1]) / CONTROL_DT
+    expected = read_all(sensing, q, hold=5, dq=speed)
+    senses = Senses(sensing, 2, 3, hold_steps=5)
+    senses.reset(np.arange(2), q[:, 0], np.resize(SEED, 2))
+    seen = []
+    for part in (slice(1, 4), slice(4, 50), slice(50, 61)):
+        steps = np.tile(np.arange(61)[part], (2, 1))
+        seen.append(senses.read_block(np.arange(2), steps, q[:, part]))
+    assert np.array_equal(np.concatenate(seen, axis=1)[:, 5:], expected[0][:, 6:])
+    assert np.array_equal(senses.dq, expected[1][:, -1])
+
+
+def test_a_lost_command_is_the_one_before():
+    """FCI reuses the torque of the last packet that it received (sources.md 8.2)."""
+    line = CommandLine(Sensing(missed_cycles=0.2), 3, 2, hold_steps=2)
+    line.reset(np.arange(3), np.arange(3, dtype=np.uint64), 0.0)
+    lost, last = 0, np.zeros((3, 2))
+    for k in range(4000):
+        due, command = k % 2 == 0, np.full((3, 2), 1.0 + k)
+        arrived = line.send(due, np.full(3, k), command)
+        for i in range(3):
+            kept = np.array_equal(arrived[i], last[i])
+            assert kept or (due and np.array_equal(arrived[i], command[i]))
+            lost += due and kept
+        last = arrived.copy()
+    assert lost / 6000 == pytest.approx(0.2, abs=4 * np.sqrt(0.2 * 0.8 / 6000))
+
+
+# ---- quantisation --------------------------------------------------------------------------------
+
+
+def quantiser(amplitude: float, step: float) -> float:
+    """Describing function of a rounding quantiser (sources.md 8.4)."""
+    k = np.arange(1, int(amplitude / step + 0.5) + 1)
+    root = np.sqrt(1 - ((2 * k - 1) * step / (2 * amplitude)) ** 2)
+    return float(4 * step / (np.pi * amplitude) * root.sum())
+
+
+INERTIA, DAMPING, MOTOR_LAG = 0.2, 10.0, 0.01
+"""Of a joint [kg·m², N·m·s/rad] under a torque behind a lag of first order [s]."""
+READ_LATE = 0.004
+"""Delay of its angles [s]."""
+
+
+def spring_on_angles_read(resolution: float, stiffness: float) -> np.ndarray:
+    """Angles (K,) [rad] of the joint under τ = −K q, with q as read, in steps of 1 ms."""
+    rates = np.array(
+        [[0, 1, 0], [0, -DAMPING / INERTIA, 1 / INERTIA], [0, 0, -1 / MOTOR_LAG]], dtype=float
+    )
+    push = np.array([[0], [0], [1 / MOTOR_LAG]])
+    advance, pushed, *_ = cont2discrete((rates, push, np.eye(3), 0 * push), CONTROL_DT)
+    senses = Senses(Sensing(measurement_delay=READ_LATE, angle_resolution=resolution), 1, 1)
+    state, zero = np.array([2e-3, 0.0, 0.0]), np.zeros((1, 1))
+    senses.reset(np.array([0]), state[None, :1], SEED)
+    out = np.empty(6000)
+    for k in range(len(out)):
+        senses.read(True, np.array([k]), state[None, :1].copy(), zero, zero)
+        state = advance @ state - stiffness * senses.q[0, 0] * pushed[:, 0]
+        out[k] = state[0]
+    return out
+
+
+def half_a_turn() -> tuple[float, float]:
+    """Frequency ω at which that loop turns by 180° [rad/s], and the stiffness it then bears."""
+    omega = np.linspace(5, 200, 200_000)
+    joint = 1j * omega * (INERTIA * 1j * omega + DAMPING) * (MOTOR_LAG * 1j * omega + 1)
+    turned = np.unwrap(np.angle(1 / joint)) - omega * (READ_LATE + 0.5 * CONTROL_DT)
+    at = int(np.argmin(np.abs(turned + np.pi)))
+    return float(omega[at]), float(abs(joint[at]))
+
+
+@pytest.mark.parametrize("margin", [1.1, 1.2])
+def test_quantised_angles_give_the_limit_cycle_of_the_describing_function(margin):
+    """Law checked: the cycle has N(A) = the gain margin, at the frequency of 180°.
+
+    A spring that is stable on true angles, by a margin below the 4/π that a quantiser amplifies at
+    most, cycles on quantised ones. Its delay is the reading's, and half of the hold.
+    """
+    step = 1e-3
+    omega, critical = half_a_turn()
+    fine = spring_on_angles_read(0.0, critical / margin)[-500:]
+    cycle = spring_on_angles_read(step, critical / margin)[-3000:]
+    assert np.abs(fine).max() < 0.01 * np.abs(cycle).max()
+
+    sizes = np.linspace(step / np.sqrt(2), 1.45 * step, 2000)
+    gains = np.array([quantiser(a, step) for a in sizes])
+    spectrum = np.abs(np.fft.rfft(cycle * np.hanning(3000), 2**17))
+    found = 2 * np.pi * np.fft.rfftfreq(2**17, CONTROL_DT)[spectrum.argmax()]
+    assert found == pytest.approx(omega, rel=0.02)
+    amplitude = sizes[np.argmin(np.abs(gains - margin))]
+    assert np.sqrt(2) * cycle.std() == pytest.approx(amplitude, rel=0.05)
+
+
+def test_with_more_margin_than_a_quantiser_amplifies_nothing_cycles():
+    end = spring_on_angles_read(1e-3, half_a_turn()[1] / 1.5)[-500:]
+    assert np.abs(end).max() < 0.5e-3
+    assert np.ptp(end) < 1e-9
+
+
+def test_angles_and_torques_are_multiples_of_their_resolution():
+    rng = np.random.default_rng(0)
+    q, torque = rng.normal(size=(2, 1, 100, 2))
+    sensing = Sensing(angle_resolution=(0.01, 0.0), torque_resolution=0.25)
+    seen = read_all(sensing, q, torque=torque)
+    assert np.abs(seen[0, 0, 1:, 0] - q[0, 1:, 0]).max() <= 0.005 + 1e-12
+    assert np.array_equal(seen[0, 0, :, 1], q[0, :, 1])
+    assert np.array_equal(seen[2] * 4, np.rint(torque * 4))
+
+
+# ---- the same bits -------------------------------------------------------------------------------
+
+
+def test_a_simulation_reads_the_same_bits_in_any_batch():
+    rng = np.random.default_rng(0)
+    q, dq, torque = rng.normal(size=(3, 6, 80, 7))
+    sensing = Sensing(
+        angle_noise=1e-4,
+        speed_noise=1e-3,
+        torque_noise=0.1,
+        torque_offset=0.1,
+        measurement_delay=0.0015,
+        measurement_jitter=0.001,
+        spread=0.3,
+    )
+    seeds = seeds_of(3, [(k, 1) for k in range(6)])
+    together = read_all(sensing, q, seeds=seeds, dq=dq, torque=torque)
+    for i in range(6):
+        row = slice(i, i + 1)
+        alone = read_all(sensing, q[row], seeds=seeds[row], dq=dq[row], torque=torque[row])
+        assert np.array_equal(alone[:, 0], together[:, i])
+    assert len(set(seeds.tolist())) == 6
+
+
+# ---- data ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_every_arm_of_the_package_has_senses(name):
+    sensing = load_sensing(load_arm(name), "robot")
+    assert not sensing.is_ideal
+    assert sensing.command_delay > 0
+    assert load_sensing(load_arm(name)) == Sensing.ideal()
+
+
+def test_a_toml_has_fields_plain_or_with_their_source(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[sensing]\nspeed = "difference"\nangle_noise = [1e-5, 2e-5, 0, 0, 0, 0, 0]\n'
+        'command_delay = { value = 0.002, unit = "s", source = "me" }\n'
+    )
+    noise = (1e-5, 2e-5, 0.0, 0.0, 0.0, 0.0, 0.0)
+    expected = Sensing(speed="difference", angle_noise=noise, command_delay=0.002)
+    assert load_sensing(load_arm("panda"), path) == expected
+    assert load_sensing(load_arm("panda"), expected) is expected
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("angle_noise = -1.0", "sensing angle_noise is -1: expected 0 or above"),
+        ("angle_noise = [1e-5, 1e-5]", "angle_noise of 2 joints: expected 7, or one"),
+        ("command_delay = [0.1]", "command_delay is .*: expected a number"),
+        ("command_delay = 1.0", "command_delay is 1: expected 0 to 0.1"),
+        ("angle_noise = inf", "angle_noise is inf: expected 0 or above"),
+        ("angle_noise = nan", "angle_noise is nan: expected numbers"),
+        ('angle_noise = "x"', "angle_noise is 'x': expected numbers"),
+        ("missed_cycles = 1.0", "missed_cycles is 1: expected"),
+        ("angle_resolution = 1e-15", "angle_resolution is 1e-15"),
+        ('speed = "guess"', "speed of sensing 'guess'.*logged"),
+        ("noise = 1.0", r"field of \[sensing\] 'noise'.*angle_noise"),
+    ],
+)
+def test_bad_numbers_are_named(tmp_path, text, words):
+    path = tmp_path / "bad.toml"
+    path.write_text(f"[sensing]\n{text}\n")
+    with pytest.raises(StictionError, match=words) as caught:
+        load_sensing(load_arm("panda"), path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_senses_that_are_not_known_are_refused(tmp_path):
+    with pytest.raises(StictionError, match="sensing nothing: expected ideal, robot, or a TOML"):
+        load_sensing(load_arm("panda"), "nothing")
+    with pytest.raises(StictionError, match="expected ideal, robot, a TOML or Sensing"):
+        load_sensing(load_arm("panda"), 3)
+    other = tmp_path / "other.toml"
+    other.write_text("[limits]\n")
+    with pytest.raises(StictionError, match=r"expected a table \[sensing\]"):
+        load_sensing(load_arm("panda"), other)
+    own = load_arm(write_arms(tmp_path) / "two.urdf")
+    with pytest.raises(StictionError, match=r"no senses of .* are known, but of .*panda"):
+        load_sensing(own, "robot")

@@ -1,0 +1,61 @@
+"""Environments under a robot's senses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.sensing import Sensing
+from stiction_envs.errors import StictionError
+from tests.envs.helpers import episode, mild, same
+
+OFF = Sensing(angle_noise=1e-3, speed_noise=0.01, measurement_delay=0.002, missed_cycles=0.1)
+
+
+def test_ideal_is_the_default_bit_for_bit(kind):
+    runs = []
+    for given in ({}, {"sensing": "ideal"}, {"sensing": Sensing()}):
+        env = kind.make(**given)
+        runs.append(episode(env, mild(env, 6), seed=3, options=kind.options))
+    assert same(runs[0], runs[1])
+    assert same(runs[0], runs[2])
+
+
+def test_the_observation_is_what_was_read(kind):
+    env = kind.make(sensing=OFF)
+    env.reset(seed=3, options=kind.options)
+    seen, *_ = env.step(mild(env, 6))
+    core = env.unwrapped.core
+    rig, names = core.rig, list(core.observation_names)
+    origin = rig.start if hasattr(rig, "start") else rig.pose[0]
+    unit = 1.0 if hasattr(rig, "start") else rig.protocol.threshold
+    first = [k for k, name in enumerate(names) if name.startswith("displacement")]
+    expected = (rig.senses.q[0] - origin) / unit
+    assert seen[first] == pytest.approx(expected.astype(np.float32))
+    assert np.abs(rig.senses.q[0] - rig.plant.position[0]).max() > 1e-4
+
+
+def test_a_batch_is_its_single_environments_bit_for_bit(kind):
+    given = {"sensing": OFF, "randomise": {"senses": 0.5, "friction": 0.2}}
+    many = kind.make_batch(3, autoreset_mode="Disabled", **given)
+    seen, _ = many.reset(seed=5, options=kind.options)
+    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
+    for _ in range(3):
+        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
+        for row, o, r in zip(rows, observation, reward, strict=True):
+            row += [o.copy(), r]
+    for i in (0, 2):
+        env = kind.make(threads=1, **given)
+        out = [env.reset(seed=5 + i, options=kind.options)[0]]
+        for _ in range(3):
+            observation, r, *_ = env.step(action)
+            out += [observation, r]
+        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
+    scale = many.unwrapped.core.rig.senses._scale
+    assert len(set(scale.tolist())) == 3
+    assert 0.5 <= scale.min() < scale.max() <= 1.5
+
+
+def test_ideal_senses_have_no_spread(kind):
+    with pytest.raises(StictionError, match="randomise senses: the senses are ideal"):
+        kind.make(randomise={"senses": 0.5})

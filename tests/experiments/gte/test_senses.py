@@ -1,0 +1,160 @@
+"""What the impedance controller sees of arms on paths, and when its commands act."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.control.sensing import Sensing
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte import undithered
+from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.plant import CONTROL_DT
+from tests.experiments.gte.short_paths import DITHER, PATHS, SOFT, STIFF, bench, one
+from tests.experiments.gte.test_experiment import assert_same
+
+BAD = Sensing(
+    angle_noise=2e-5,
+    angle_resolution=1e-5,
+    speed_lag=0.005,
+    speed_noise=3e-3,
+    torque_noise=0.05,
+    torque_offset=0.1,
+    measurement_delay=0.0013,
+    measurement_jitter=0.001,
+    command_delay=0.001,
+    missed_cycles=0.02,
+    spread=0.2,
+)
+THERE = Case(trajectory="there", stiffness=SOFT, dither=DITHER, gate_velocity=0.3)
+
+
+def following(b, rows=1, case=THERE) -> GTERig:
+    """Arms that are about to follow a path."""
+    rig = b.rig(rows, 2)
+    ids = np.arange(rows)
+    keys = [(i,) for i in ids]
+    rig.begin(ids, [PATHS[case.trajectory]] * rows, np.tile(case.stiffness, (rows, 1)), keys)
+    return rig
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa14"])
+def test_senses_without_errors_change_nothing(robot):
+    """All of the machinery runs, the corner of a filter that is not used tells it from ideal."""
+    useless = Sensing(speed_cutoff=100.0)
+    assert not useless.is_ideal
+    case = dataclasses.replace(THERE, gate_velocity=np.inf)
+    ideal, seen = (one(bench(robot, sensing=s), case) for s in ("ideal", useless))
+    assert len(ideal.time) == len(seen.time) > 100
+    np.testing.assert_allclose(seen.actual, ideal.actual, atol=1e-9)
+    np.testing.assert_allclose(seen.accepted, ideal.accepted, atol=1e-9)
+
+
+def test_ideal_senses_are_not_there():
+    rig = bench().rig(1, 1)
+    assert rig.senses is None
+    assert rig.seen_end_effector is rig.end_effector
+    assert rig.seen_position is not None
+
+
+def test_an_arm_reads_the_same_bits_in_any_batch_and_on_any_threads():
+    cases = [THERE, Case(trajectory="corner", stiffness=STIFF, dither=DITHER)]
+    together = bench(sensing=BAD, threads=2).run(cases, iterations=3)
+    alone = [one(bench(sensing=BAD, threads=1), case, 3) for case in cases]
+    for a, b in zip(together, alone, strict=True):
+        assert_same(a, b)
+    single = one(bench(sensing=BAD, threads=1), THERE)
+    assert_same(single, dataclasses.replace(together[0]), slice(0, 1))
+    assert not np.array_equal(together[0].actual[0], together[0].actual[1])
+
+
+def test_without_scatter_all_iterations_read_alike():
+    run = one(bench(sensing=BAD, scatter=False), THERE, 2)
+    np.testing.assert_array_equal(run.actual[0], run.actual[1])
+
+
+def test_the_controller_has_the_angles_that_were_read():
+    """Pose, Jacobian, speed and mass are those of the measured angles; samples are true."""
+    delay = 0.004
+    rig = following(bench(sensing=Sensing(measurement_delay=delay), scatter=False))
+    states = []
+
+    def watch():
+        seen = rig.senses.q.copy(), rig.senses.dq.copy(), rig.seen_end_effector.position.copy()
+        states.append(
+            (rig.plant.position, rig.plant.velocity, *seen, rig.end_effector.position.copy())
+        )
+
+    rig.advance(400, watch)
+    q, dq, seen_q, seen_dq, seen_x, x = (np.array(s) for s in zip(*states, strict=True))
+    late = round(delay / CONTROL_DT)
+    assert np.abs(dq).max() > 1e-3
+    np.testing.assert_array_equal(seen_q[late:], q[:-late])
+    np.testing.assert_array_equal(seen_dq[late:], dq[:-late])
+    np.testing.assert_allclose(seen_x[late:], x[:-late], atol=1e-12)
+    np.testing.assert_array_equal(rig.controller._q, rig.senses.q)
+
+
+def test_commands_act_later():
+    late = 3
+    free = {"scatter": False, "sensing": Sensing(command_delay=late * CONTROL_DT)}
+    rig = following(bench(**free))
+    sent, acting = [], []
+
+    def watch():
+        sent.append(rig.controller.command.copy())
+        acting.append(rig._line.arrived.copy())
+
+    rig.advance(100, watch)
+    assert np.abs(sent).max() > 0.1
+    np.testing.assert_array_equal(acting[late:], sent[:-late])
+    assert not np.any(acting[:late])
+
+
+@pytest.mark.parametrize("robot", ["iiwa14", "panda"])
+def test_joint_torques_are_those_that_move_the_links(robot):
+    """Law checked: M q̈ + C q̇ of the links, rotors left out, less what `offset` balances."""
+    rig = following(bench(robot, scatter=False, friction=None))
+    plant, sticking = rig.plant, rig.plant.sticking
+    spec = sticking.arm.spec()
+    spec.option.gravity[:] = 0.0
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    acceleration, pushed = (plant.batch.bind(x) for x in ("qacc", "qfrc_applied"))
+    log = []
+
+    def watch():
+        link = sticking.link_position(acceleration)[0]
+        outside = pushed[0, sticking.motor].copy()
+        log.append((plant.position[0], plant.velocity[0], link, outside, plant.joint_torque[0]))
+
+    rig.advance(500, watch)
+    q, dq, ddq, outside, measured = (np.array(x) for x in zip(*log, strict=True))
+    expected = np.zeros_like(measured)
+    for k in range(1, len(log)):  # a step's acceleration belongs to the state before it
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k - 1], dq[k - 1], ddq[k]
+        mujoco.mj_inverse(model, data)
+        expected[k] = data.qfrc_inverse - outside[k]
+    error, size = (np.abs(x[200:]).max(axis=0) for x in (measured - expected, expected))
+    assert np.all(error < 0.02 * size + 1e-3)
+    assert size.max() > 0.2
+
+
+def test_a_unit_of_rewards_belongs_to_its_senses():
+    prints = [undithered.fingerprint(bench(sensing=s)) for s in ("ideal", Sensing(), BAD)]
+    assert prints[0] == prints[1] != prints[2]
+
+
+def test_a_provenance_names_senses_that_are_not_ideal():
+    for sensing, there in (("ideal", False), ("robot", True)):
+        result = bench(sensing=sensing).measure([THERE], iterations=1)
+        assert ("sensing" in result.provenance["arguments"]) == there
+
+
+def test_senses_of_another_arm_are_refused():
+    with pytest.raises(StictionError, match="angle_noise of 2 joints: expected 7"):
+        bench(sensing=Sensing(angle_noise=(1e-5, 1e-5)))

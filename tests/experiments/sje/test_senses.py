@@ -1,0 +1,78 @@
+"""What says in the Single Joint Experiment that a joint moves, and when commands act."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.sensing import Sensing
+from stiction_envs.experiments.sje import undithered
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Configuration, Job
+
+FREE, LOADED = Configuration(7, "no_load", "+"), Configuration(6, "load", "-")
+JOBS = [Job(FREE), Job(LOADED), Job(FREE, 15.0, 0.6, gate_velocity=0.05)]
+BAD = Sensing(
+    angle_noise=1e-4,
+    speed="difference",
+    speed_cutoff=8.0,
+    measurement_delay=0.0013,
+    measurement_jitter=0.002,
+    command_delay=0.001,
+    missed_cycles=0.05,
+)
+
+
+def torques(sensing, jobs=JOBS, robot="panda", **options):
+    experiment = SingleJointExperiment(robot, sensing=sensing, **options)
+    found = {repr(m.job): m.tau for m in experiment.run(jobs, iterations=2)}
+    return [found[repr(job)] for job in jobs]
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7"])
+def test_senses_without_errors_change_no_bit(robot):
+    """All of the machinery runs; speeds are differences, so that no dither is gated here."""
+    ideal = torques("ideal", JOBS[:2], robot)
+    assert all(map(np.array_equal, ideal, torques(Sensing(speed_cutoff=9.0), JOBS[:2], robot)))
+
+
+def test_a_ramp_goes_on_until_a_late_reading_is_there():
+    """Law checked: the torque grows by rate · (delay of the command + of the reading)."""
+    late = Sensing(measurement_delay=0.006, command_delay=0.004)
+    still = {"scatter": False}
+    for one, two in zip(
+        torques("ideal", JOBS[:2], **still), torques(late, JOBS[:2], **still), strict=True
+    ):
+        rate = SingleJointExperiment("panda").protocol.ramp_rate
+        assert np.abs(two) - np.abs(one) == pytest.approx([0.010 * rate] * 2, abs=2e-3 * rate)
+
+
+def test_a_joint_is_where_its_noisy_encoder_says():
+    """An encoder of coarse steps sees the threshold early or late by half a step at most."""
+    coarse = torques(Sensing(angle_resolution=0.2), JOBS[:1], scatter=False)
+    fine = torques("ideal", JOBS[:1], scatter=False)
+    assert coarse[0] != pytest.approx(fine[0], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_gate_takes_the_speed_that_was_read():
+    still, open_ = {"scatter": False}, [Job(FREE, 15.0, 0.6)]
+    blind = Sensing(speed="difference", speed_cutoff=0.001)
+    seeing, never = torques("ideal", JOBS[2:], **still), torques(blind, open_, **still)
+    assert torques(blind, JOBS[2:], **still)[0] == pytest.approx(never[0], abs=1e-3)
+    assert np.abs(seeing[0] - never[0]).max() > 1e-2
+
+
+@pytest.mark.slow
+def test_a_job_reads_the_same_bits_in_any_batch_and_on_any_threads():
+    together = torques(BAD, threads=2)
+    for job, tau in zip(JOBS, together, strict=True):
+        assert np.array_equal(torques(BAD, [job], threads=1)[0], tau)
+
+
+def test_base_torques_belong_to_their_senses():
+    prints = [
+        undithered.fingerprint(SingleJointExperiment("panda", sensing=s))
+        for s in ("ideal", Sensing(), BAD)
+    ]
+    assert prints[0] == prints[1] != prints[2]
