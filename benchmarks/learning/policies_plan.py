@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.learning.search_rows import JOINTS, KEPT, table_of
-from stiction_envs.control.compensation import Compensation, read_compensation
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.dither.tables import HERE as TABLES
 from stiction_envs.envs.agents import ConstantTable, GatedTable, NoDither, RandomDither, TorqueRule
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness

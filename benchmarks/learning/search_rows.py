@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.harness import EPISODES, Row, Rows
 from benchmarks.learning.search_page import Measured
-from stiction_envs.control.compensation import read_compensation
+from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.dither.tables import HERE as TABLES
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.film import Film
@@ -18,10 +18,13 @@ if TYPE_CHECKING:
 TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
 DAMPING_DESIGNS = ("diagonal", "mass")
-COMPENSATIONS = ("feedforward", "push")
+COMPENSATIONS = (
+    *("feedforward", "push", "smooth_sign", "partial"),
+    *("lugre_observer", "momentum_observer"),
+)
 NEEDS = {
     "dither TABLE.csv": ("gate_velocity", "waveform", "phases"),
-    f"compensation {'|'.join(COMPENSATIONS)}": ("compensation_factor", "compensation_table"),
+    "compensation KIND": ("compensation_factor", "compensation_table"),
 }
 """Options that need another one: the latter, with its values, comes first."""
 
@@ -82,23 +85,24 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--compensation",
-        choices=COMPENSATIONS,
+        metavar="KIND|FILE",
         help="run with friction compensation too, alone and, if there is dither, with it: "
-        "feedforward of the reference's motion, or a push in the sign of the joint error that "
-        "fades with the measured speed",
+        "feedforward of the reference's motion; a push in the sign of the joint error that fades "
+        "with the measured speed; smooth_sign or partial of the measured speed; lugre_observer, "
+        "momentum_observer; or gains that were tuned, compensation.csv or final.yaml",
     )
     parser.add_argument(
         "--compensation-factor",
         type=common.number(0, above=True),
         metavar="X",
-        help="times the gains (default: 1)",
+        help="times the friction that is compensated (default: 1)",
     )
     parser.add_argument(
         "--compensation-table",
         type=Path,
         metavar="FILE.csv",
-        help="gains, joint,gain_nm[,speed_rad_s][,error_rad] (default: the friction model's "
-        "breakaway torques at the start)",
+        help="gains of KIND, joint,gain_nm[,speed_rad_s][,error_rad] … (default: those of the "
+        "friction model at the start)",
     )
     parser.add_argument(
         "--start",
@@ -154,8 +158,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for name in names:
             if getattr(args, needed.split()[0]) is None and getattr(args, name) is not None:
                 raise StictionError(f"--{name.replace('_', '-')}: needs --{needed}")
+    _check_compensation(args)
     dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
     inputs = {**common.model_files(args), "dither": args.dither}
+    tuned = args.compensation is not None and args.compensation not in COMPENSATIONS
+    inputs["compensation"] = Path(args.compensation) if tuned else None
     inputs["compensation_table"] = args.compensation_table
     inputs["trajectory"] = None if own is None else Path(args.trajectory)
     bench = GeneratedTrajectoryExperiment(
@@ -215,6 +222,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **filmed,
         "failed": "; ".join(filter(None, [unfinished if lost else None, no_video])) or None,
     }
+
+
+def _check_compensation(args: argparse.Namespace) -> None:
+    """Raise unless ``--compensation`` is a kind, or a file without another table."""
+    from stiction_envs.control.compensation_files import is_file
+
+    given = args.compensation
+    if given is None or given in COMPENSATIONS:
+        return
+    if not is_file(given):
+        raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
+    if args.compensation_table is not None:
+        raise StictionError("--compensation-table: not with --compensation FILE, which has gains")
 
 
 def _read_controller_model(args: argparse.Namespace) -> Arm | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from gymnasium.vector import AutoresetMode
@@ -24,7 +25,7 @@ class GTEArguments(ArmArguments, total=False):
     motion: MotionLimits | None
     start: ArrayLike | None
     tool: ArrayLike | None
-    compensation: str | Compensation | None
+    compensation: str | Path | Compensation | None
     controller_model: Arm | None
     random_paths: int | None
     settling_weight: float | None
@@ -173,9 +174,11 @@ class GTEEnv(ArmEnv):
     * `start`: joint angles at the start [rad], one per joint. Default: the robot's rest pose.
     * `tool`: x, y, z of the point that is controlled and measured, from the flange in the hand's
       frame [m]; the Panda's hand has (0, 0, 0.1034). Default: the flange.
-    * `compensation`: of the friction, besides the dither: `"feedforward"` of the reference's motion
-      or `"push"` in the sign of the joint error, with the breakaway torques of `friction` as gains,
-      or a `Compensation`. Undithered runs are compensated too. Default none.
+    * `compensation`: of the friction, besides the dither: `"feedforward"` of the reference's
+      motion, `"push"` in the sign of the joint error, `"smooth_sign"`, `"partial"`,
+      `"lugre_observer"` or `"momentum_observer"`, with gains of `friction`; a file of
+      gains (`compensation.csv`, `final.yaml`); or a `Compensation`. Undithered
+      runs are compensated too. Default none.
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `random_paths`: how many random paths are drawn from. Default 64, whose undithered runs (4

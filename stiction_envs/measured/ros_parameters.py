@@ -12,8 +12,9 @@
             offset_nm: 0.0
             gate_rad_s: 0.0     # 0: never gated
 
-Every joint has every key, each always of one type (``joint`` an integer, ``waveform`` a string, the
-others doubles), as ROS 2 asks of a parameter; doubles read back bit for bit. A controller whose
+Friction compensation is a group of its own (`control.compensation_files`). Every joint has every
+key, each always of one type (``joint`` an integer, ``waveform`` and ``kind`` a string, the others
+doubles), as ROS 2 asks of a parameter; doubles read back bit for bit. A controller whose
 parameters come from generate_parameter_library declares them as
 
     dither:
@@ -30,6 +31,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,59 +43,90 @@ from stiction_envs.reporting.atomic import write_text_atomic
 
 ENDS = (".yaml", ".yml")
 NODE, PARAMETERS, GROUP, JOINTS = "/**", "ros__parameters", "dither", "joints"
-HEAD = """\
-# Dither torque A*w(2*pi*f*t) * exp(-(dq/gate)^2) + offset [N m, Hz, rad/s]; gate 0: never gated.
-"""
-_EXPECTED = f"expected a parameter file of ROS 2 with {PARAMETERS}: {GROUP}: {JOINTS}: [names]"
+DITHER_NOTE = (
+    "Dither torque A*w(2*pi*f*t) * exp(-(dq/gate)^2) + offset [N m, Hz, rad/s]; "
+    + "gate 0: never gated."
+)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows that a file holds under one name."""
+
+    name: str
+    rows: Sequence[Mapping[str, Any]]
+    """Cells by column, ``joint`` among them."""
+    shared: Mapping[str, str] = field(default_factory=dict)
+    """What is said once for all joints."""
+    note: str = ""
+    """A line at the head of the file."""
 
 
 def write_parameters(
-    path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], names: Sequence[str]
+    path: str | os.PathLike[str], groups: Sequence[Group], names: Sequence[str]
 ) -> None:
-    """Write rows of an amplitude table at once.
+    """Write groups of rows at once.
 
     Args:
         path: the file.
-        rows: cells by column, ``joint`` among them.
+        groups: as they follow in the file.
         names: of joints 1 to n.
     """
-    dither: dict[str, Any] = {JOINTS: [names[row["joint"] - 1] for row in rows]}
-    for name, row in zip(dither[JOINTS], rows, strict=True):
-        dither[name] = {k: v if isinstance(v, int | str) else float(v) for k, v in row.items()}
-    tree = {NODE: {PARAMETERS: {GROUP: dither}}}
-    text = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-    write_text_atomic(path, HEAD + text)
+    tree: dict[str, Any] = {}
+    for group in groups:
+        joints = [names[row["joint"] - 1] for row in group.rows]
+        own: dict[str, Any] = {**group.shared, JOINTS: joints}
+        tree[group.name] = own
+        for name, row in zip(joints, group.rows, strict=True):
+            own[name] = {k: v if isinstance(v, int | str) else float(v) for k, v in row.items()}
+    text = yaml.safe_dump({NODE: {PARAMETERS: tree}}, sort_keys=False, allow_unicode=True)
+    head = "".join(f"# {group.note}\n" for group in groups)
+    write_text_atomic(path, head + text)
 
 
 def read_parameters(
-    path: str | os.PathLike[str], required: Sequence[str], optional: Sequence[str]
+    path: str | os.PathLike[str],
+    required: Sequence[str],
+    optional: Sequence[str],
+    *,
+    group: str = GROUP,
+    shared: Sequence[str] = (),
 ) -> list[Line]:
-    """Read such a file as lines of a table, one a joint.
+    """Read a group of such a file as lines of a table, one a joint.
+
+    Args:
+        path: the file.
+        required: columns that every joint has.
+        optional: columns that it may have.
+        group: name of the group.
+        shared: columns that are said once, and given to every line.
 
     Raises:
         StictionError: the file cannot be read, or is no such file.
     """
+    expected = f"expected a parameter file of ROS 2 with {PARAMETERS}: {group}: {JOINTS}: [names]"
     try:
         tree = yaml.safe_load(read_text(path))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        raise StictionError(f"{path}{where}: no YAML: {_EXPECTED}") from None
+        raise StictionError(f"{path}{where}: no YAML: {expected}") from None
     nodes = tree.values() if isinstance(tree, dict) else ()
-    found = [x for x in (_get(node, PARAMETERS, GROUP) for node in nodes) if x is not None]
+    found = [x for x in (_get(node, PARAMETERS, group) for node in nodes) if x is not None]
     if len(found) != 1:
-        raise StictionError(f"{path}: {len(found)} nodes with dither: {_EXPECTED}")
+        raise StictionError(f"{path}: {len(found)} nodes with {group}: {expected}")
     names = _get(found[0], JOINTS)
     if not isinstance(names, list) or not names:
-        raise StictionError(f"{path}: {GROUP}: no list of {JOINTS}: {_EXPECTED}")
+        raise StictionError(f"{path}: {group}: no list of {JOINTS}: {expected}")
+    common = {k: str(found[0][k]) for k in shared if k in found[0]}
     lines = []
     for name in names:
-        where = f"{path}, {GROUP}.{name}"
+        where = f"{path}, {group}.{name}"
         row = _get(found[0], name) if isinstance(name, str) else None
         if not isinstance(row, dict):
             raise StictionError(f"{where}: missing: expected {', '.join(required)}")
         check_columns(where, [str(k) for k in row], required, optional)
-        lines.append(Line(where, {str(k): str(v) for k, v in row.items()}))
+        lines.append(Line(where, {str(k): str(v) for k, v in row.items()} | common))
     return lines
 
 

@@ -20,7 +20,14 @@ from stiction_envs.dither.aliasing import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text
-from stiction_envs.measured.ros_parameters import is_parameters, read_parameters, write_parameters
+from stiction_envs.measured.ros_parameters import (
+    DITHER_NOTE,
+    GROUP,
+    Group,
+    is_parameters,
+    read_parameters,
+    write_parameters,
+)
 from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.atomic import write_text_atomic
 
@@ -161,17 +168,25 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     write_text_atomic(path, text)
 
 
-def write_final(folder: Path, rows: Iterable[AmplitudeRow], joint_names: Sequence[str]) -> None:
+def write_final(
+    folder: Path,
+    rows: Iterable[AmplitudeRow],
+    joint_names: Sequence[str],
+    more: Sequence[Group] = (),
+) -> None:
     """Write ``final.csv``, and the same as ``final.yaml`` for a controller of ROS 2.
 
     Args:
         folder: where they go.
-        rows: dither of the joints that have some.
+        rows: dither of the joints that have some; without any there is no ``final.csv``.
         joint_names: of all the arm's joints.
+        more: what else ``final.yaml`` holds.
     """
-    rows = list(rows)
-    write_amplitudes(os.path.join(folder, "final.csv"), rows)
-    write_parameters(os.path.join(folder, "final.yaml"), [asdict(row) for row in rows], joint_names)
+    rows, groups = list(rows), list(more)
+    if rows or not groups:
+        write_amplitudes(os.path.join(folder, "final.csv"), rows)
+        groups.insert(0, Group(GROUP, [asdict(row) for row in rows], note=DITHER_NOTE))
+    write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
 
 
 def read_amplitudes(

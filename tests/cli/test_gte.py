@@ -11,12 +11,15 @@ import pytest
 
 from stiction_envs.cli import gte
 from stiction_envs.control import compensation, settings
+from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import experiment
 from stiction_envs.experiments.gte import protocol as gte_protocol
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import AXES
 from stiction_envs.experiments.gte.rows import CASES
-from stiction_envs.measured import thesis_table
+from stiction_envs.measured import AmplitudeRow, thesis_table
+from stiction_envs.robots import load_arm
 
 HEADER = "joint,frequency_hz,amplitude_nm"
 
@@ -153,6 +156,26 @@ def test_options_reach_the_experiment(cli, work, path, table):
     found = json.loads((work / "controller_model" / "provenance.json").read_text())
     assert found["arguments"]["compensate_payload"] == [0.5, 0.0, 0.0, 0.05]
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
+
+
+def test_compensation_of_a_file(cli, work, path):
+    """What the tuner writes, alone and with its dither, is what Python makes of it, to the bit."""
+    path.write_text("x,y,z\n0.02,0,0\n")
+    found = GeneratedTrajectoryExperiment("panda").compensation("lugre_observer", 0.7)
+    dither = [AmplitudeRow(7, 15.0, 0.8009660772725983)]
+    write_treatment(work, dither, found, load_arm("panda").joint_names)
+    rows = {}
+    for name in ("compensation.csv", "final.yaml"):
+        own = ["--trajectory", path, *QUICK, "--compensation", name, "--dither", "final.yaml"]
+        assert cli("gte", "panda", *own, "--out", f"of-{name}").code == 0
+        rows[name] = [tuple(r.values()) for r in read(work / f"of-{name}" / "runs.csv")]
+        says = json.loads((work / f"of-{name}" / "provenance.json").read_text())
+        assert set(says["inputs"]) >= {"compensation", "dither"}
+    assert rows["compensation.csv"] == rows["final.yaml"]
+    kinds = ["--compensation", "lugre_observer", "--compensation-factor", 0.7]
+    own = ["--trajectory", path, *QUICK, "--dither", "final.csv", *kinds]
+    assert cli("gte", "panda", *own, "--out", "kind").code == 0
+    assert [tuple(r.values()) for r in read(work / "kind" / "runs.csv")] == rows["final.yaml"]
 
 
 def test_compensation(cli, work, path, table, inputs):

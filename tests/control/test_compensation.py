@@ -13,8 +13,8 @@ from stiction_envs.control.compensation import (
     Compensation,
     Compensator,
     compensate,
-    read_compensation,
 )
+from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
@@ -26,7 +26,7 @@ N, JOINTS = 64, 7
 
 
 def loads(compensation: Compensation | None, nsim: int = N) -> Compensator:
-    out = Compensator(nsim, JOINTS, damping=0.2)
+    out = Compensator(nsim, JOINTS, damping=0.2, command=np.ones((nsim, JOINTS)))
     out.set_rows(np.arange(nsim), [compensation] * nsim)
     return out
 
@@ -107,7 +107,8 @@ def test_each_arm_has_its_own():
     rng = np.random.default_rng(2)
     dq, shift = 0.02 * rng.normal(size=(N, JOINTS)), 0.02 * rng.normal(size=(N, 3))
     twist = 0.1 * rng.normal(size=(N, 6))
-    all_ = [None, *(Compensation(kind=k, gain=GAIN) for k in KINDS)]
+    friction = load_friction("panda", JOINTS)
+    all_ = [None, *(Compensation.from_friction(k, friction) for k in KINDS)]
     alone = []
     for one in all_:
         c = loads(one)
@@ -115,12 +116,13 @@ def test_each_arm_has_its_own():
         alone.append(compensated(c, dq, shift=shift))
     mixed = loads(None)
     assert not mixed.active
-    mixed.set_rows(np.arange(N), [all_[i % 3] for i in range(N)])
+    mixed.set_rows(np.arange(N), [all_[i % len(all_)] for i in range(N)])
     mixed.look_ahead(poses(N).jacobian, twist)
     together = compensated(mixed, dq, shift=shift)
     for i in range(N):
-        np.testing.assert_array_equal(together[i], alone[i % 3][i])
-    assert not together[::3].any()
+        np.testing.assert_array_equal(together[i], alone[i % len(all_)][i])
+    assert not together[:: len(all_)].any()
+    assert all(together[k].any() for k in range(1, len(all_)))
     mixed.set_rows(np.arange(N), [None] * N)
     assert not mixed.active
 

@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow, write_amplitudes, write_final
+from stiction_envs.measured import AmplitudeRow, write_amplitudes
 from tuning.search.bounds import Bounds
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
 from tuning.search.options import Options
 from tuning.search.reference_tables import GRID, best_of_grid, grid_rows
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
-from tuning.search.trials import best, front, score, write_compensation, write_trials
+from tuning.search.trials import best, front, score, write_trials
 from tuning.search.verify import (
     Verified,
     another_start,
@@ -91,12 +92,11 @@ class Stages:
         write_trials(folder / "trials.csv", self.records)
         if self.options.pareto:
             write_trials(folder / "pareto.csv", self.records, front)
-        if self.final:
-            write_final(folder, self.final, self.sje.sticking.arm.joint_names)
+        names = self.sje.sticking.arm.joint_names
+        if self.final or self.compensation is not None:
+            write_treatment(folder, self.final, self.compensation, names)
         if len(tables) > 1:
             write_amplitudes(folder / "sje_table.csv", tables["search sje"])
-        if self.compensation is not None:
-            write_compensation(folder / "compensation.csv", self.compensation)
         if "search sje" in tables:
             self.others[GRID] = self.grid()
         return self.verify({**tables, **self.others})

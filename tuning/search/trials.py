@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from optuna.trial import FrozenTrial, TrialState
 
-from stiction_envs.control.compensation import COLUMNS, OPTIONAL, Compensation
 from stiction_envs.measured.csv_text import write_lines
 from tuning.study.record import CONSTRAINTS, LIMITS, Record
 
@@ -71,9 +70,3 @@ def write_trials(
         rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)
     header = list(dict.fromkeys(name for row in rows for name in row))
     write_lines(path, header, [tuple(row.get(name, "") for name in header) for row in rows])
-
-
-def write_compensation(path: Path, found: Compensation) -> None:
-    """Write gains in the format that ``stiction gte --compensation-table`` reads."""
-    rows = zip(range(1, found.n + 1), found.gain, found.speed, found.error, strict=True)
-    write_lines(path, (*COLUMNS, *OPTIONAL), list(rows))

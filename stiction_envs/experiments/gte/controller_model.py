@@ -38,6 +38,7 @@ class ControllerModel:
         self._batch = Batch(model, nsim, threads)
         self._qpos = self._batch.bind("qpos")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
+        self._qvel = self._batch.bind("qvel")
         self._rotor = sticking.parameters.rotor_inertia
         self._rows, self._columns = _entries(model)
         self._true: Batch | None = None
@@ -49,6 +50,16 @@ class ControllerModel:
         """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
         self.missing = np.zeros((nsim, model.nv))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
+
+    def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
+        """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
+        self._qpos[:], stage = q, mujoco.mjtStage.mjSTAGE_VEL
+        self._batch.forward(stage=stage)
+        gravity[:] = self._bias
+        self._qvel[:] = dq
+        self._batch.forward(stage=stage)
+        np.subtract(self._bias, gravity, out=coriolis)
+        self._qvel[:] = 0.0
 
     def update(self, q: Array) -> None:
         """Take the present angles (N, n) [rad]."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import lcm
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class GTEArguments(Arguments):
     motion: MotionLimits | None = None
     start: ArrayLike | None = None
     tool: ArrayLike | None = None
-    compensation: str | Compensation | None = None
+    compensation: str | Path | Compensation | None = None
     controller_model: Arm | None = None
     random_paths: int | None = None
     settling_weight: float | None = None
@@ -126,7 +127,7 @@ class GTEEpisodes(Episodes):
         self._units: dict[Key, Undithered] = {}
         self._shaking_unit = self.reward_settings().shaking_unit
         given = a.compensation
-        self.compensation = e.compensation(given) if isinstance(given, str) else given
+        self.compensation = e.compensation(given) if isinstance(given, str | Path) else given
         self.rig = e.replace(threads=1).rig(count, CAPACITY)
         self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
         self.recorder = Recorder(

@@ -17,7 +17,8 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.compensation import Compensation, read_compensation
+from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.compensation_files import is_file, read_compensation
 from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.settings import ImpedanceSettings
@@ -156,18 +157,22 @@ class GeneratedTrajectoryExperiment(GTESetup):
         return GTERig(self, nsim, capacity, parameters)
 
     def compensation(
-        self, kind: str, factor: float = 1.0, *, table: str | File | None = None
+        self, kind: str | File, factor: float = 1.0, *, table: str | File | None = None
     ) -> Compensation:
         """Return friction compensation whose model of the friction is the nominal one.
 
         Args:
-            kind: one of `control.compensation.KINDS`.
-            factor: of the gains [-].
-            table: of gains; None for the breakaway torques at the start's load.
+            kind: one of `control.compensation.KINDS`, or a file that says which and its gains:
+                ``compensation.csv``, or a ``final.yaml``.
+            factor: of the friction that is compensated [-].
+            table: of gains; None for those of the friction at the start's load.
 
         Raises:
             StictionError: another kind, or a table that cannot be read.
         """
+        if is_file(kind):
+            return read_compensation(kind, None, self.n, factor)
+        kind = str(kind)
         if table is not None:
             return read_compensation(File(table), kind, self.n, factor)
         return Compensation.from_friction(

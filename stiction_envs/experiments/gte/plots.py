@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from itertools import chain, cycle
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,9 @@ ACCEPTED = "#7b3fa0"
 """Colour of accepted goals, purple as in the thesis."""
 MEASURED = "#2166ac"
 """Colour of the thesis's numbers."""
-COLOURS = dict(zip(CASES, (WITHOUT, WITH, "#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"), strict=True))
-"""Colours of cases by name."""
+_COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))
+COLOURS = dict(zip(CASES, chain((WITHOUT, WITH), _COMPENSATED), strict=False))
+"""Colours of cases by name; a plot has one or two of the compensations."""
 
 
 def colour(run: Run) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Run
 from stiction_envs.experiments.gte.rows import (
@@ -156,10 +157,8 @@ TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 WORDS = {
     "no_dither": "no dither",
     "dither": "dither",
-    "feedforward": "feedforward of friction",
-    "feedforward_dither": "feedforward of friction with dither",
-    "push": "push against the error",
-    "push_dither": "push against the error with dither",
+    **{name: law.words for name, law in LAWS.items()},
+    **{f"{name}_dither": f"{law.words} with dither" for name, law in LAWS.items()},
 }
 """Cases of `stiction_envs.experiments.gte.rows.CASES` as a sentence names them."""
 MILLI = 1e3

@@ -85,7 +85,7 @@ class CompensationArrays(NamedTuple):
 
     active: bool
     """Whether any arm is compensated."""
-    arguments: tuple[Array, Array, Array, Array, Array]
+    arguments: tuple[Any, ...]
     """The last of `compensate`, its result at the end."""
     added: Array
     """(N, n) dither and compensation together, written where active [N·m]."""
@@ -219,7 +219,13 @@ class GTERig(Rig):
             self.seen_end_effector = seen
         self._model = ControllerModel(setup.controller_model or arm, sticking, nsim, setup.threads)
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
-        self.compensator = Compensator(nsim, self.n, damping=settings.pseudoinverse_damping)
+        self.compensator = Compensator(
+            *(nsim, self.n),
+            damping=settings.pseudoinverse_damping,
+            command=self.controller.command,
+            mass=self._model.mass,
+            period=self.interface.hold_steps * CONTROL_DT,
+        )
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._inertia = self._servos.inertia(self.start[None])
         self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
@@ -301,6 +307,7 @@ class GTERig(Rig):
         self._model.update(q)
         self.controller.update_model(ids, pose.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
+        self.compensator.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0
         for row, i in enumerate(ids):
             here = np.array([i])
@@ -348,6 +355,9 @@ class GTERig(Rig):
         if model:
             self._model.update(self.seen_position)
             self.controller.update_model(None, pose.jacobian, self._model.mass)
+            if self.compensator.reads_model:
+                wanted = (self.compensator.gravity, self.compensator.coriolis)
+                self._model.torques(self.seen_position, self.seen_velocity, *wanted)
         if goals:
             self.sequencer.accept(pose.position, pose.quaternion, t)
             position, quaternion, _, _ = self.sequencer.reference(t)

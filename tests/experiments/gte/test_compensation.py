@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.compensation import KINDS, Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
@@ -24,12 +24,12 @@ def with_(case: Case, compensation: Compensation | None) -> Case:
     return dataclasses.replace(case, compensation=compensation)
 
 
-@pytest.mark.parametrize("kind", ["feedforward", "push"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("case", [PLAIN, SHAKEN])
 def test_gain_zero_is_exactly_none(kind, case):
     """Alone, and beside an arm that is compensated."""
     b = bench()
-    none, zero = one(b, case, 2), with_(case, Compensation(kind=kind, gain=(0.0,) * 7))
+    none, zero = one(b, case, 2), with_(case, b.compensation(kind, 0.0))
     assert_same(one(b, zero, 2), none)
     beside, full = b.run([zero, with_(case, b.compensation(kind))], iterations=2)
     assert_same(beside, none)
@@ -67,6 +67,44 @@ def test_a_relay_beyond_friction_hunts_and_vibration_shows_it():
     assert far > 2 * over > 6 * none
 
 
+def test_any_batch_and_threads_give_the_same_bits():
+    """Every law beside all others on several threads is what it is alone on one."""
+    b = bench(threads=2)
+    cases = [with_(SHAKEN, b.compensation(kind)) for kind in KINDS]
+    cases.append(with_(PLAIN, dataclasses.replace(b.compensation("push"), load=(0.05,) * 7)))
+    together = b.run(cases, iterations=1)
+    for case, run in zip(cases, together, strict=True):
+        assert_same(one(bench(threads=1), case), run)
+    seen = {run.actual[0, 100:200].tobytes() for run in together}
+    assert len(seen) == len(cases)
+
+
+@pytest.mark.parametrize("kind", ["smooth_sign", "partial", "lugre_observer", "momentum_observer"])
+def test_less_than_friction_leaves_less_error_and_rests(kind):
+    """Four fifths of the friction compensated: closer to the goal, and no limit cycle there."""
+    b = bench(tail=4.0, scatter=False)
+    case = Case(trajectory="away", stiffness=SOFT)
+    runs = b.run([case, with_(case, b.compensation(kind, 0.8))], iterations=1)
+    none, less = (measure(run, b.protocol) for run in runs)
+    left = [np.linalg.norm(m.left[0, -1]) for m in (none, less)]
+    assert left[1] < 0.85 * left[0]
+    last_second = [np.sqrt(run.mean_square[0, -100:].mean(axis=0).sum()) for run in runs]
+    assert max(last_second) < 1e-6
+
+
+def test_more_than_friction_hunts():
+    """An observer that adds 1.6 times the friction does not come to rest; with 0.8 it does."""
+    b = bench(tail=4.0, scatter=False)
+    case = Case(trajectory="there", stiffness=SOFT)
+    observers = [
+        dataclasses.replace(b.compensation("lugre_observer", factor), injection=(3.0,) * 7)
+        for factor in (0.8, 1.6)
+    ]
+    runs = b.run([with_(case, c) for c in observers], iterations=1)
+    moved = [np.ptp(run.actual[0, -200:, :3], axis=0).max() for run in runs]
+    assert moved[0] < 0.1 * moved[1]
+
+
 def test_gains_are_of_the_friction_at_the_start():
     """Breakaway at the load there; ten times of it with the factor."""
     b = bench()
@@ -80,7 +118,7 @@ def test_gains_are_of_the_friction_at_the_start():
 def test_names_of_cases():
     names = [
         case_name(with_(c, k))
-        for k in (None, *(Compensation(kind=k, gain=(1.0,)) for k in ("feedforward", "push")))
+        for k in (None, *(bench().compensation(k) for k in KINDS))
         for c in (PLAIN, SHAKEN)
     ]
     assert tuple(names) == CASES

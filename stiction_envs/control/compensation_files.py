@@ -1,0 +1,161 @@
+"""Files of friction compensation: ``compensation.csv``, and its part of ``final.yaml``.
+
+    joint,kind,gain_nm[,speed_rad_s][,error_rad][,load_gain] …
+
+``kind`` is the same in every row, and may be left out where the reader is told the kind. Columns
+beyond it are the law's own (`laws.Field.column`, unit in the name); an empty cell is the default.
+In YAML the kind is said once:
+
+    compensation:
+      kind: push
+      joints: [joint1, …]
+      joint1: {joint: 1, gain_nm: 0.9, speed_rad_s: 0.02, error_rad: 0.002, load_gain: 0.0}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.laws import LAWS
+from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.csv_text import Line, read_lines, write_lines
+from stiction_envs.measured.ros_parameters import Group, is_parameters, read_parameters
+from stiction_envs.measured.tables import write_final
+
+COLUMNS = ("joint", "gain_nm")
+"""Columns of a table of gains, which may also have `OPTIONAL`."""
+KIND, GROUP = "kind", "compensation"
+OPTIONAL = (
+    KIND,
+    *dict.fromkeys(field.column for law in LAWS.values() for field in law.fields),
+)
+_ENDS = (".csv", ".yaml", ".yml")
+_OLD = {"feedforward": ("error_rad",)}
+"""Columns that tables of a law had before and that say nothing."""
+
+
+def is_file(text: str | Path) -> bool:
+    """Return whether text names a file of gains rather than a kind."""
+    return str(text).lower().endswith(_ENDS)
+
+
+def read_compensation(
+    path: str | Path, kind: str | None, n: int, factor: float = 1.0
+) -> Compensation:
+    """Read a table of gains, CSV or a ``final.yaml``; missing joints are not compensated.
+
+    Args:
+        path: the file.
+        kind: one of `KINDS`; None for the file's.
+        n: joints of the arm.
+        factor: multiplies the friction that the gains stand for [-].
+
+    Raises:
+        StictionError: a table that cannot be read, of no kind or another, a joint twice, a column
+            that its law does not have, or bad numbers.
+    """
+    read: dict[str, Any] = {"required": COLUMNS, "optional": OPTIONAL}
+    if is_parameters(path):
+        lines = read_parameters(path, **read, group=GROUP, shared=(KIND,))
+    else:
+        lines = read_lines(path, **read)
+    kind = _kind(path, lines, kind)
+    law = LAWS[kind]
+    columns = {"gain_nm": "gain"} | {field.column: field.name for field in law.fields}
+    positive = {field.column for field in law.fields if field.positive}
+    values = {name: np.full(n, np.nan if name != "gain" else 0.0) for name in columns.values()}
+    seen: set[int] = set()
+    for line in lines:
+        joint = line.whole("joint", 1, n)
+        if joint in seen:
+            raise line.error(f"joint {joint} is there twice: expected one line per joint")
+        seen.add(joint)
+        for column, text in line.fields.items():
+            if column in ("joint", KIND) or column in _OLD.get(kind, ()):
+                continue
+            if column not in columns:
+                raise line.error(f"{column}: {kind} has none: expected {', '.join(columns)}")
+            if not text and column != "gain_nm":
+                continue
+            value = line.number(column)
+            if value < 0 or (value == 0 and column in positive):
+                expected = "> 0" if column in positive else ">= 0"
+                raise line.error(f"{column} is {value:g}: expected {expected}")
+            values[columns[column]][joint - 1] = value
+    if not values["gain"].any():
+        raise StictionError(f"{path}: compensates no joint: expected a gain_nm above 0")
+    return _filled(path, kind, values).times(factor)
+
+
+def _kind(path: str | Path, lines: Sequence[Line], kind: str | None) -> str:
+    if kind is not None and kind not in KINDS:
+        raise unknown("compensation", kind, KINDS)
+    for line in lines:
+        own = line.fields.get(KIND)
+        if not own:
+            continue
+        line.name(KIND, KINDS if kind is None else (kind,))
+        kind = own
+    if kind is None:
+        raise StictionError(f"{path}: no {KIND}: expected a column {KIND}, {', '.join(KINDS)}")
+    return kind
+
+
+def _filled(path: str | Path, kind: str, values: dict[str, Any]) -> Compensation:
+    """Return the compensation, defaults where the file has no number."""
+    law, compensated = LAWS[kind], values["gain"] > 0
+    for field in law.fields:
+        column = values[field.name]
+        missing = np.isnan(column)
+        if not field.optional:
+            for j in np.flatnonzero(missing & compensated):
+                raise StictionError(f"{path}: joint {j + 1}: {kind} needs {field.column}")
+            # a joint that is not compensated may have any
+            column[missing] = 1.0
+        else:
+            column[missing] = law.default(field.name)
+    numbers: dict[str, Any] = {name: tuple(column) for name, column in values.items()}
+    try:
+        return Compensation(kind=kind, **numbers)
+    except StictionError as error:
+        raise StictionError(f"{path}: {error}") from None
+
+
+def compensation_rows(found: Compensation) -> list[dict[str, Any]]:
+    """Return one row per joint, cells by column; every float reads back bit for bit."""
+    columns = {"gain_nm": found.gain}
+    columns |= {f.column: getattr(found, f.name) for f in LAWS[found.kind].fields}
+    return [
+        {"joint": j + 1, **{column: float(x[j]) for column, x in columns.items()}}
+        for j in range(found.n)
+    ]
+
+
+def write_compensation(path: Path, found: Compensation) -> None:
+    """Write ``compensation.csv``, in the format that `read_compensation` reads."""
+    rows = [{**row, KIND: found.kind} for row in compensation_rows(found)]
+    header = ("joint", KIND, *(name for name in rows[0] if name not in ("joint", KIND)))
+    write_lines(path, header, [tuple(row[name] for name in header) for row in rows])
+
+
+def write_treatment(
+    folder: Path,
+    dither: Iterable[AmplitudeRow],
+    compensation: Compensation | None,
+    joint_names: Sequence[str],
+) -> None:
+    """Write ``final.csv`` where there is dither, ``compensation.csv`` where there are gains, and
+    both as ``final.yaml``."""
+    groups = []
+    if compensation is not None:
+        write_compensation(folder / "compensation.csv", compensation)
+        note = f"Friction compensation, {LAWS[compensation.kind].what}; units in the names."
+        rows = compensation_rows(compensation)
+        groups.append(Group(GROUP, rows, {KIND: compensation.kind}, note))
+    write_final(folder, dither, joint_names, groups)

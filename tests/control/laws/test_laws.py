@@ -1,0 +1,270 @@
+"""Laws of friction compensation: their formulas, and joints whose friction they take away."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.control.compensation import KINDS, NUMBERS, Compensation, Compensator, compensate
+from stiction_envs.control.laws import LAWS, base, law_torque
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build, mass_matrix
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.plant import Plant
+from stiction_envs.robots import load_arm
+
+H = 1e-3
+JOINT = 6
+
+
+def seen_of(**values: float) -> np.ndarray:
+    out = np.zeros(base.SEEN)
+    for name, value in values.items():
+        out[getattr(base, name)] = value
+    return out
+
+
+def torque(c: Compensation, state: np.ndarray | None = None, **values: float) -> float:
+    """Torque of joint 1 by the law of ``c``."""
+    state = np.zeros(1) if state is None else state
+    return law_torque(KINDS.index(c.kind), c.packed()[0], seen_of(**values), state, H)
+
+
+def of(kind: str, **numbers: float) -> Compensation:
+    return Compensation(kind=kind, **{name: (x,) for name, x in numbers.items()})
+
+
+# ---- the registry ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_number_of_a_law_is_its_place(kind):
+    """`law_torque` calls the law's own file, whatever it sees."""
+    rng = np.random.default_rng(0)
+    module = importlib.import_module(f"stiction_envs.control.laws.{kind}")
+    for _ in range(20):
+        numbers, seen = rng.uniform(0.1, 2.0, 8), rng.normal(size=base.SEEN)
+        states = np.array([0.1]), np.array([0.1])
+        ours = law_torque(KINDS.index(kind), numbers, seen, states[0], H)
+        assert ours == module.torque(numbers, seen, states[1], H)
+        assert states[0] == states[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_law_owns_its_numbers(kind):
+    """Each field is a number of `Compensation`; columns are told apart; defaults are there."""
+    law = LAWS[kind]
+    names = [f.name for f in law.fields]
+    assert set(names) <= set(NUMBERS)
+    assert len({f.column for f in law.fields}) == len(names)
+    assert set(law.searched) <= set(names)
+    c = Compensation.from_friction(kind, load_friction("panda", 7))
+    assert all(len(getattr(c, name)) == (7 if name in ("gain", *names) else 0) for name in NUMBERS)
+    assert law.words
+    assert law.knows
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gain_zero_is_nothing(kind):
+    c = Compensation.from_friction(kind, load_friction("panda", 7), 0.0)
+    compensator = Compensator(1, 7, damping=0.2)
+    compensator.set_rows(np.array([0]), [c])
+    assert not compensator.active
+    assert not compensator.feeds
+    assert not compensator.reads_model
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("push", "momentum_observer")])
+def test_torque_grows_with_friction(kind):
+    """Twice as much friction is twice the torque: all that has its unit grows with it."""
+    c = Compensation.from_friction(kind, load_friction("panda", 7))
+    seen = {"WANTED_SPEED": 0.1, "SPEED": 0.05, "ERROR": 0.001}
+    assert torque(c.times(2.0), **seen) == pytest.approx(2 * torque(c, **seen), rel=1e-12)
+
+
+def test_numbers_that_do_not_fit_are_refused():
+    for kind, numbers, words in (
+        ("feedforward", {"error": 0.1}, "feedforward has none: expected speed"),
+        ("momentum_observer", {"share": 1.1}, "share of joint 1 is 1.1: expected >= 0 1 and <= 1"),
+        ("momentum_observer", {"rate": 0.0}, "rate of joint 1 is 0: expected > 0"),
+        ("lugre_observer", {"speed": 0.1}, "lugre_observer needs it"),
+        ("push", {"load": -1.0}, "load of joint 1 is -1"),
+    ):
+        with pytest.raises(StictionError, match=words):
+            of(kind, gain=1.0, **numbers)
+
+
+# ---- laws without memory ---------------------------------------------------------------------
+
+
+def test_smooth_sign_and_partial():
+    """g tanh(q̇/v) + b q̇; nothing at rest, whatever else is seen."""
+    smooth, partial = of("smooth_sign", gain=0.7, speed=0.1), of("partial", gain=0.7, viscous=2.0)
+    assert torque(smooth, SPEED=0.05) == pytest.approx(0.7 * np.tanh(0.5), rel=1e-14)
+    v = partial.speed[0]
+    assert torque(partial, SPEED=-0.05) == pytest.approx(-0.7 * np.tanh(0.05 / v) - 0.1, rel=1e-14)
+    for c in (smooth, partial):
+        assert torque(c, ERROR=1.0, WANTED_SPEED=1.0, GRAVITY=9.0, TORQUE=3.0, PUSHED=1.0) == 0.0
+
+
+def test_partial_leaves_friction():
+    """Less than the sliding friction at any speed: the joint stays passive."""
+    p = load_friction("panda", 7)
+    c = Compensation.from_friction("partial", p)
+    for v in np.r_[0.001, 0.01, 0.1, 1.0]:
+        sliding = (p.stiction_at(np.zeros(7)) * p.coulomb_ratio + p.viscous * v).mean(axis=1)
+        assert 0 < torque(c, SPEED=v) < sliding[0]
+    v = 1.0
+    assert torque(c, SPEED=v) == pytest.approx(
+        0.8 * (p.stiction_at(np.zeros(7)) * p.coulomb_ratio)[0].mean() + 0.9 * p.viscous[0].mean()
+    )
+
+
+def test_push_grows_with_the_load():
+    c = of("push", gain=0.5, load=0.1)
+    free, loaded = torque(c, ERROR=1.0), torque(c, ERROR=1.0, GRAVITY=-20.0)
+    assert loaded - free == pytest.approx(2.0, rel=1e-12)
+    assert torque(replace(c, load=()), ERROR=1.0, GRAVITY=-20.0) == free
+
+
+# ---- the LuGre observer ----------------------------------------------------------------------
+
+
+def sliding_joint() -> tuple[Plant, Compensation, float]:
+    """The Panda with a rigid joint 7, all of whose friction the observer knows; its inertia."""
+    zero = np.zeros(7)
+    friction = load_friction("panda", 7).rigid()
+    friction = friction.replace(
+        load_coefficient=zero,
+        ripple_amplitude=zero,
+        offset=zero,
+        gravity_error=zero,
+        stiction=np.repeat(friction.stiction.mean(axis=1, keepdims=True), 2, axis=1),
+        coulomb_ratio=np.full((7, 2), 0.7),
+        viscous=np.full((7, 2), 0.2),
+    )
+    arm = load_arm("panda")
+    sticking = build(arm, friction)
+    c = Compensation.from_friction("lugre_observer", friction)
+    c = replace(c, damping=tuple(sticking.bristle_damping_of(friction)), injection=(0.0,))
+    inertia = mass_matrix(arm, arm.rest[None])[0, JOINT, JOINT] + friction.rotor_inertia[JOINT]
+    return Plant(sticking, 1, closed_loop=True), c, float(inertia)
+
+
+def observed(c: Compensation, state: np.ndarray, speed: float, error: float = 0.0) -> float:
+    seen = seen_of(SPEED=speed, ERROR=error)
+    return law_torque(KINDS.index(c.kind), c.packed()[JOINT], seen, state, H)
+
+
+def test_lugre_observer_is_the_plants_bristle_in_steady_sliding():
+    """Started at 0 while the joint slides, it comes to the plant's deflection and its force."""
+    plant, c, _ = sliding_joint()
+    speed, start, state, found = 0.2, plant.position[0, JOINT], np.array([0.0]), []
+
+    def law() -> np.ndarray:
+        out, t = np.zeros((1, 7)), H * len(found)
+        q, dq = plant.position[0, JOINT], plant.velocity[0, JOINT]
+        out[0, JOINT] = 400 * (start + speed * t - q) + 20 * (speed - dq)
+        force = observed(c, state, dq) if t >= 1.0 else 0.0
+        found.append((out[0, JOINT], force, state[0] - plant.bristle[0, JOINT]))
+        return out
+
+    plant.follow(law, 4000)
+    applied, force, off = np.array(found).T
+    assert abs(off[1000]) > 0.2 * c.gain[JOINT] / c.stiffness[JOINT]
+    assert abs(off[-1]) < 1e-3 * c.gain[JOINT] / c.stiffness[JOINT]
+    assert force[-1] == pytest.approx(applied[-1], rel=1e-3)
+    assert force[-1] == pytest.approx(0.7 * c.gain[JOINT] + 0.2 * speed, rel=0.01)
+
+
+@pytest.mark.parametrize(("factor", "moves"), [(0.0, 0.01), (1.0, 1.0)])
+def test_lugre_observer_leaves_the_frictionless_motion(factor, moves):
+    """Perfect model, no delay, a torque below stiction: the joint moves as if nothing held it."""
+    plant, c, inertia = sliding_joint()
+    start, state, path = plant.position[0, JOINT], np.zeros(1), []
+    push, period = 0.3 * c.gain[JOINT], 1.0
+
+    def law() -> np.ndarray:
+        out, t = np.zeros((1, 7)), H * len(path)
+        path.append(plant.position[0, JOINT] - start)
+        out[0, JOINT] = push * np.sin(2 * np.pi * t / period)
+        out[0, JOINT] += factor * observed(c, state, plant.velocity[0, JOINT])
+        return out
+
+    plant.follow(law, 1000)
+    t, w = H * np.arange(1000), 2 * np.pi / period
+    free = push / inertia * (t / w - np.sin(w * t) / w**2)
+    if factor:
+        np.testing.assert_allclose(path, free, atol=0.03 * free[-1])
+    else:
+        assert np.abs(path).max() < moves * free[-1]
+
+
+def test_lugre_observer_integrates_the_error_up_to_stiction():
+    """A joint that rests with an error: k σ0 e per second, at most F_s."""
+    c = of("lugre_observer", gain=1.0, coulomb=0.7, speed=0.1, stiffness=1000.0, injection=2.0)
+    state = np.zeros(1)
+    torques = [torque(c, state, ERROR=0.001) for _ in range(2000)]
+    # the force of a cycle is that of the deflection before it, as in the plant
+    np.testing.assert_allclose(torques[:400], 2.0 * np.arange(400) * H, atol=1e-12)
+    assert torques[-1] == pytest.approx(1.0, rel=1e-12)
+    assert state[0] == 1.0 / 1000.0
+
+
+# ---- the momentum observer -------------------------------------------------------------------
+
+
+def test_momentum_observer_follows_a_disturbance_with_its_time_constant():
+    """M q̈ = τ + d of seven coupled joints: r(t) = d (1 − e^(−K t)), to rounding."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(7, 7))
+    mass, d = root @ root.T + np.eye(7), rng.normal(size=7)
+    c = Compensation(kind="momentum_observer", gain=(100.0,) * 7, rate=(40.0,), share=(1.0,))
+    command = np.zeros((1, 7))
+    compensator = Compensator(1, 7, damping=0.2, command=command, mass=mass[None].copy())
+    compensator.set_rows(np.array([0]), [c])
+    coriolis, dq = rng.normal(size=7), np.zeros(7)
+    compensator.coriolis[0] = coriolis
+    for k in range(60):
+        command[0] = rng.normal(size=7)
+        dq = dq + H * np.linalg.solve(mass, command[0] - coriolis + d)
+        compensate(
+            *(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 6, 7)), dq[None]),
+            *(np.zeros((1, 3)), np.zeros((1, 4, 4)), np.zeros((1, 6, 12))),
+            *compensator.arguments,
+        )
+        expected = d * -np.expm1(-40.0 * H * (k + 1))
+        np.testing.assert_allclose(compensator.torque[0], -expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_momentum_observer_amplifies_what_pushes_a_joint_at_rest(share):
+    """Stuck: friction equals the command, which grows to 1/(1 − s) of it, but by no more than g."""
+    for push, gain in ((0.1, 10.0), (3.0, 1.0)):
+        c = of("momentum_observer", gain=gain, share=share)
+        state, command = np.zeros(1), 0.0
+        for _ in range(5000):
+            command = push + torque(c, state, TORQUE=command)
+        assert command == pytest.approx(push + min(share * push / (1 - share), share * gain))
+
+
+def test_momentum_observer_starts_anew():
+    c = Compensation(kind="momentum_observer", gain=(1.0,) * 7)
+    command = np.ones((1, 7))
+    compensator = Compensator(1, 7, damping=0.2, command=command)
+    compensator.set_rows(np.array([0]), [c])
+    nothing = (
+        *(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 6, 7)), np.zeros((1, 7))),
+        *(np.zeros((1, 3)), np.zeros((1, 4, 4)), np.zeros((1, 6, 12))),
+    )
+    first = []
+    for _ in range(2):
+        compensate(*nothing, *compensator.arguments)
+        first.append(compensator.torque.copy())
+        compensate(*nothing, *compensator.arguments)
+        assert (compensator.torque > first[0]).all()
+        compensator.reset(np.array([0]))
+    np.testing.assert_array_equal(*first)
