@@ -215,15 +215,16 @@ def _diagnose_joint_logs(
     others = _read(options.check, (), arm, naming, settings.motion)
     side = torque_side(options.torque, [*logs, *others])
     identity = options.identify(arm, side, settings)
+    cutoff, lag = options.cutoff_hz, judged.torque_lag
     to_check = (
-        check_logs(others, logs, arm, settings, cutoff_hz=options.cutoff_hz) if others else None
+        check_logs(others, logs, arm, settings, cutoff_hz=cutoff, lag=lag) if others else None
     )
     found = diagnose_logs(
         logs,
         arm,
         nominal=judged,
         torque=side,
-        cutoff_hz=options.cutoff_hz,
+        cutoff_hz=cutoff,
         seed=options.seed,
         progress=options.progress,
         settings=settings,

@@ -6,7 +6,7 @@ logs -> signals -> residual of the nominal model -> significant causes -> parame
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
@@ -36,7 +37,8 @@ from stiction_envs.gap.selection.whole_models import (
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
-from stiction_envs.gap.signals.torque_lag import correct_torques
+from stiction_envs.gap.signals.sessions import sessions, spans
+from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import signs
 from stiction_envs.gap.verdict import (
     described,
@@ -116,6 +118,8 @@ class Diagnosis:
     coefficients: Array
     links: LinkErrors | None
     """Small errors of all links; None where a few bodies explain the arm."""
+    doubt: tuple[Array, ...]
+    """(k, K) rows of a factor of the coefficients' covariance, for each term."""
     base: Data
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
@@ -215,7 +219,9 @@ def diagnose_logs(
         partial(prepare, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own),
         own,
         baseline.torque_sign,
+        baseline.torque_lag,
     )
+    signals = replace(signals, sessions=sessions(read, baseline.sessions))
     say("inverse dynamics", 0.0)
     base = assemble(
         arm,
@@ -289,7 +295,9 @@ def _conclude(
     model = library.model_columns(terms)
     nominal_rms = error(grams.held_out(library.model_columns([])))
     extended_rms, c = error(grams.held_out(model)), grams.fit(model)
-    draws = draw(library, terms, c, seed) if terms else None
+    draws = draw(library, terms, c, seed) if terms else []
+    doubt = found_factor(draws, library.split(terms, c), data.settings.estimates)
+    draws = with_earlier(draws, terms, baseline.parts, seed)
     noise, of_noise = noise_left(library, terms, c, signals)
     names = list(dict.fromkeys(t.cause for t in terms if not t.small))
     named, little = [], set()
@@ -345,6 +353,7 @@ def _conclude(
         terms=tuple(terms),
         coefficients=c,
         links=link_errors(library, terms, c),
+        doubt=tuple(doubt),
         base=base,
         baseline=baseline,
         torque_sign=_torque_sign(logs, signals, baseline, data),
@@ -389,12 +398,17 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         cause = diagnosis.library.causes[term.cause]
         return cause.acts_on_all if isinstance(cause, ActuatorDelay) else data.carried is not None
 
-    def part(term: Candidate, mine: Array) -> Part:
+    def part(term: Candidate, mine: Array, factor: Array) -> Part:
         cause, shape = diagnosis.library.causes[term.cause], term.shape
         if term in diagnosis.library.random and diagnosis.links is not None:
             own = diagnosis.links.changes.ravel()
         else:
             own, shape = cause.part_of(mine, shape)
+        if diagnosis.links is not None and (cause.body or cause.random):
+            factor = np.zeros((0, 0))  # the doubt of all links contains it
+        else:
+            earlier = earlier_factor(before.parts, term, len(factor))
+            factor = np.concatenate([-earlier, factor], axis=1)
         return Part(
             cause=term.cause,
             joint=0 if term.joint == ARM else term.joint + 1,
@@ -402,9 +416,11 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
             coefficients=tuple(float(x) for x in own),
             level=level,
             carried=carried(term),
+            doubt=tuple(tuple(float(x) for x in row) for row in factor),
         )
 
-    parts = tuple(part(t, mine) for t, mine in zip(diagnosis.terms, split, strict=True))
+    each = zip(diagnosis.terms, split, diagnosis.doubt, strict=True)
+    parts = tuple(part(*x) for x in each)
     return Nominal(
         friction=before.friction,
         parts=(*before.parts, *parts),
@@ -413,5 +429,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
         torque_sign=diagnosis.torque_sign,
+        torque_lag=lag_of(diagnosis.logs, before.torque_lag),
+        sessions=spans(diagnosis.logs, before.sessions),
         links=before.links if diagnosis.links is None else diagnosis.links.factor,
     )

@@ -190,13 +190,19 @@ def _interval(
     blocks are too narrow, and is widened by the error of any model (``model_error``). Outliers,
     such as a quotient whose divisor came near zero, count as ``far`` deviations.
     """
-    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
-    far = FAR * (high - low) / 2
-    near = np.clip(samples, middle - far, middle + far)
-    spread = s.interval * near.std(axis=0) + s.model_error * np.max(np.abs(value - neutral))
+    spread = s.interval * near(samples).std(axis=0) + s.model_error * np.max(
+        np.abs(value - neutral)
+    )
     low = np.stack([value - spread, *reached]).min(axis=0)
     high = np.stack([value + spread, *reached]).max(axis=0)
     return np.stack([low, high], axis=-1).tolist()
+
+
+def near(samples: Array) -> Array:
+    """Return resamples (R, ...) of which outliers count as `FAR` deviations."""
+    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
+    far = FAR * (high - low) / 2
+    return np.asarray(np.clip(samples, middle - far, middle + far))
 
 
 Draws = list[list[tuple[Array, tuple[float, ...]]]]

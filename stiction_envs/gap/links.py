@@ -40,10 +40,7 @@ class LinkErrors:
     @property
     def factor(self) -> Array:
         """(10 n, k) F of the covariance F Fᵀ."""
-        size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        square, v = np.linalg.eigh(self.covariance / np.outer(size, size))
-        kept = square > ROUNDING * square[-1]
-        return np.asarray(size[:, None] * v[:, kept] * np.sqrt(square[kept]))
+        return root_of(self.covariance)
 
     @property
     def mass(self) -> Array:
@@ -79,6 +76,14 @@ class LinkErrors:
             {"link": k + 1, "mass_kg": estimate(mass), "com_m": estimate(centre)}
             for k, (mass, centre) in enumerate(zip(self.mass, self.centre, strict=True))
         ]
+
+
+def root_of(covariance: Array) -> Array:
+    """Return (P, k) F of a covariance F Fᵀ (P, P), without what is rounding."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    square, v = np.linalg.eigh(covariance / np.outer(size, size))
+    kept = square > ROUNDING * square[-1]
+    return np.asarray(size[:, None] * v[:, kept] * np.sqrt(square[kept]))
 
 
 def link_errors(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,15 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.sessions import Spans
+from stiction_envs.gap.signals.torque_lag import Lag
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.tables import check_range, largest
 
 Array = NDArray[np.float64]
+FACTOR = "covariance_factor"
+"""Key of F, F Fᵀ being the covariance of coefficients."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +53,11 @@ class Nominal:
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
     torque_sign: int = 0
     """1 where logged torques of that robot drive the joints, -1 if opposite, 0 where unknown."""
+    torque_lag: Lag | None = None
+    """Delay and time constant of a low-pass by which logged torques come late [s], and which was
+    undone; None for none. A shorter one is a part, an actuator delay."""
+    sessions: Spans = ()
+    """When the robot was recorded, as far as logs have dates."""
     links: Array | None = None
     """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters that the last
     diagnosis left; None where it left none."""
@@ -206,6 +216,7 @@ def read(path: Path) -> Nominal:
                 coefficients=tuple(float(x) for x in c["coefficients"]),
                 level=int(c["level"]),
                 carried=bool(c.get("carried", False)),
+                doubt=tuple(tuple(float(x) for x in row) for row in c.get(FACTOR, ())),
             )
             for c in table.get("cause", [])
         )
@@ -215,6 +226,8 @@ def read(path: Path) -> Nominal:
         robot = str(arm["robot"])
         distance = tuple(float(x) for x in arm["distance"]) or None
         sign = int(arm.get("torque_sign", 0))
+        lag = tuple(float(x) for x in arm["torque_lag"]) if "torque_lag" in arm else None
+        spans = tuple((float(a), float(b)) for a, b in arm.get("sessions", ()))
     except (KeyError, TypeError, ValueError, OverflowError, IndexError, AttributeError) as error:
         raise StictionError(
             f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
@@ -229,7 +242,7 @@ def read(path: Path) -> Nominal:
         check_possible(friction, where)
     for part in parts:
         at = f"nominal {path}: cause {part.cause} on joint {part.joint}"
-        for x in (*part.shape, *part.coefficients):
+        for x in (*part.shape, *part.coefficients, *chain.from_iterable(part.doubt)):
             if not abs(x) <= largest():  # in any unit
                 raise StictionError(f"{at}: {x:g}: expected up to {largest():g}")
         try:
@@ -239,6 +252,15 @@ def read(path: Path) -> Nominal:
         if part.joint < 0 or (part.joint == 0) != arm_wide:
             expected = "0, the whole arm" if arm_wide else "1 or more"
             raise StictionError(f"{at}: expected {expected}")
+        rows, most = len(part.doubt), len(part.coefficients)
+        if rows > most or len({len(row) for row in part.doubt}) > 1:
+            raise StictionError(f"{at}: {FACTOR}: expected up to {most} rows of as many numbers")
+    if lag is not None and len(lag) != 2:
+        raise StictionError(f"{where} torque_lag has {len(lag)} numbers: expected 2")
+    check_range(lag or (), "s", f"{where} torque_lag", low=0.0)
+    for a, b in spans:
+        if not 0 <= a <= b <= largest():
+            raise StictionError(f"{where} sessions: {a:g} to {b:g} s: expected dates that rise")
     if sign not in (-1, 0, 1):
         raise StictionError(f"{where} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
     if payload is not None and len(payload) != 4:
@@ -251,6 +273,8 @@ def read(path: Path) -> Nominal:
         tilt=tilt,
         distance=distance,
         torque_sign=sign,
+        torque_lag=lag and (lag[0], lag[1]),
+        sessions=spans,
         links=links,
     )
 
@@ -262,12 +286,12 @@ def _matrix(table: Any, path: Path) -> Array:
         StictionError: none, or one with other than finite numbers.
     """
     try:
-        out = np.array(table["covariance_factor"], dtype=np.float64)
+        out = np.array(table[FACTOR], dtype=np.float64)
     except (KeyError, TypeError, ValueError, OverflowError):
         out = np.empty(0)
     if out.ndim != 2 or not np.isfinite(out).all():
         raise StictionError(
-            f"nominal {path}: [links] covariance_factor: expected rows of as many finite numbers"
+            f"nominal {path}: [links] {FACTOR}: expected rows of as many finite numbers"
         )
     return out
 
@@ -282,6 +306,10 @@ def dump(nominal: Nominal) -> str:
     }
     if nominal.torque_sign:
         arm["torque_sign"] = nominal.torque_sign
+    if nominal.torque_lag is not None:
+        arm["torque_lag"] = list(nominal.torque_lag)
+    if nominal.sessions:
+        arm["sessions"] = [list(x) for x in nominal.sessions]
     if nominal.friction is not None:
         arm["friction"] = {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES}
     causes = [
@@ -292,12 +320,13 @@ def dump(nominal: Nominal) -> str:
             "coefficients": [float(x) for x in part.coefficients],
             "level": part.level,
             "carried": part.carried,
+            **({FACTOR: [list(row) for row in part.doubt]} if part.doubt else {}),
         }
         for part in nominal.parts
     ]
     what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."
     tables = {"arm": arm, **({"cause": causes} if causes else {})}
     if nominal.links is not None:
-        tables["links"] = {"covariance_factor": nominal.links.tolist()}
+        tables["links"] = {FACTOR: nominal.links.tolist()}
     doubt = "F of the covariance F Fᵀ of the links' parameters (m, m c, I), link after link."
     return "\n" + toml_text(tables, comments={"arm": what, "links": doubt})

@@ -43,6 +43,9 @@ class Part:
     carried: bool = False
     """Whether the load of the gears contained what the same diagnosis found; for a delay, whether
     it delays all torques of that diagnosis."""
+    doubt: tuple[tuple[float, ...], ...] = ()
+    """F of the covariance F Fᵀ of the fitted coefficients, a row for each; the columns are those of
+    all parts of a model. () where none is known, or the links' covariance contains it."""
 
     @property
     def where(self) -> str:

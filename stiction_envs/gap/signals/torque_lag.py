@@ -11,6 +11,9 @@ low-pass T, the log's channels are not synchronous:
 Only n is shifted, since friction may really lag its reversals (bristles). Where no joint carries a
 load, friction is shifted instead, and only reversals at several speeds can show that it lags by a
 time and not by a distance. The correction is τ(t + δ) + T·dτ/dt(t + δ).
+
+A lag that an earlier diagnosis of the robot found is undone without a search, unless a load shows
+that these torques do not have it.
 """
 
 from __future__ import annotations
@@ -32,6 +35,8 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Lag = tuple[float, float]
+"""δ and T [s]."""
 LEAST_LAG = 0.1
 """Least sum of delay and time constant that is corrected where a load shows it [s]; assumed: the
 cause `actuator_delay` covers shorter ones."""
@@ -97,11 +102,10 @@ class _Run:
 def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> TorqueLag | None:
     """Return how much the torques of one log lag, or may lag; None where they do not."""
     slow = (settings or gap_settings()).motion.reversal_speed
-    parts = [x for x in signals.segments if not x.static and len(x.t) > 32]
+    parts = _moving(signals)
     if not parts:
         return None
-    rigid = _rigid(arm, parts)
-    joints = np.flatnonzero(np.concatenate(rigid).std(axis=0) > LEAST_LOAD)
+    rigid, joints = _loads(arm, parts)
     loaded = len(joints) > 0
     if not loaded:
         if len(parts) < LEAST_RUNS:
@@ -128,12 +132,28 @@ def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) 
     )
 
 
+def has_lag(signals: Signals, arm: Arm, lag: Lag, settings: GapSettings | None = None) -> bool:
+    """Return whether the torques of one log may have a lag; only a load can show the contrary."""
+    slow = (settings or gap_settings()).motion.reversal_speed
+    parts = _moving(signals)
+    if not parts:
+        return True
+    rigid, joints = _loads(arm, parts)
+    runs = [_runs(parts, rigid, int(j), True, slow) for j in joints]
+    step = max(1, sum(len(s.t) for s in parts) // FIRST_ROWS)
+    now, left = (np.array([_residual(x, signals.dt, step, *y) for x in runs]) for y in ((), lag))
+    if not np.all(np.isfinite([now, left])) or np.any(now <= 0):
+        return True
+    return float(np.square(left / now).sum()) <= len(runs)
+
+
 def correct_torques(
     logs: Sequence[JointLog],
     arm: Arm,
     make: Callable[[Sequence[JointLog]], Signals],
     settings: GapSettings | None = None,
     known_sign: int = 0,
+    known_lag: Lag | None = None,
 ) -> tuple[list[JointLog], Signals]:
     """Invert torques of the opposite sign, and correct the torques that lag.
 
@@ -143,6 +163,7 @@ def correct_torques(
         make: makes signals of logs.
         settings: constants of the method; None for those of ``settings.toml``.
         known_sign: as in `correct_sign`.
+        known_lag: by an earlier diagnosis of the robot; None for none.
 
     Returns:
         Logs and their signals; each change is recorded as a correction.
@@ -156,12 +177,20 @@ def correct_torques(
         if log.static:
             continue
         # several logs together may be thinned out so far that a delay is no longer visible
-        found = torque_lag(signals if len(read) == 1 else make([log]), arm, settings)
+        own = signals if len(read) == 1 else make([log])
+        if known_lag is not None:
+            if has_lag(own, arm, known_lag, settings):
+                text = f"{_lag_text(*known_lag)}, as those of the nominal model's logs: undone"
+                read[i] = _undone(log, known_lag, text)
+                changed = True
+                continue
+            text = f"not so in this log: {_lag_text(*known_lag)} (the nominal model's logs)"
+            log = dataclasses.replace(log, warnings=(*log.warnings, text))
+            read[i] = log
+        found = torque_lag(own, arm, settings)
         if found is None:
             continue
-        text = f"torques come {1e3 * found.delay:.0f} ms later than the angles they belong to"
-        if found.lowpass:
-            text += f", low-passed with a time constant of {1e3 * found.lowpass:.0f} ms"
+        text = _lag_text(found.delay, found.lowpass)
         evidence = (
             f"residual of joint {found.joint} given scale, offset and friction falls from "
             f"{found.before:.3g} to {found.after:.3g} N·m"
@@ -172,16 +201,30 @@ def correct_torques(
             continue
         why = "" if found.loaded else ", at all speeds"
         text = f"{text}{why}: undone ({evidence})"
-        done = Correction(kind="lag", rows=len(log.t), text=text)
-        made = _undone(log, found.delay, found.lowpass)
-        read[i] = dataclasses.replace(made, corrections=(*log.corrections, done))
+        read[i] = _undone(log, (found.delay, found.lowpass), text)
         changed = True
     return read, make(read) if changed else signals
 
 
-def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
+def lag_of(logs: Sequence[JointLog], known: Lag | None = None) -> Lag | None:
+    """Return the lag that was undone in most of some logs; ``known`` where none has a motion."""
+    moving = [x for x in logs if not x.static]
+    if not moving:
+        return known
+    lags = [next((c.lag for c in x.corrections if c.lag), (0.0, 0.0)) for x in moving]
+    usual = sorted(lags, key=sum)[len(lags) // 2]
+    return usual if sum(usual) > 0 else None
+
+
+def _lag_text(delay: float, lowpass: float) -> str:
+    text = f"torques come {1e3 * delay:.0f} ms later than the angles they belong to"
+    return f"{text}, low-passed with a time constant of {1e3 * lowpass:.0f} ms" if lowpass else text
+
+
+def _undone(log: JointLog, lag: Lag, text: str) -> JointLog:
     """Return a log with torques moved forward in time; each segment loses its end."""
-    tau = np.array(log.tau)
+    (delay, lowpass), tau = lag, np.array(log.tau)
+    done = Correction(kind="lag", rows=len(log.t), text=text, lag=lag)
     keep = np.zeros(len(log.t), bool)
     for rows in log.segments:
         t, torque = log.t[rows], log.tau[rows]
@@ -201,7 +244,18 @@ def _undone(log: JointLog, delay: float, lowpass: float) -> JointLog:
         tau=tau[keep],
         extra={k: v[keep] for k, v in log.extra.items()},
         breaks=tuple(int(i) for i in np.flatnonzero(np.diff(number)) + 1),
+        corrections=(*log.corrections, done),
     )
+
+
+def _moving(signals: Signals) -> list[Segment]:
+    return [x for x in signals.segments if not x.static and len(x.t) > 32]
+
+
+def _loads(arm: Arm, parts: Sequence[Segment]) -> tuple[list[Array], NDArray[np.int64]]:
+    """Return `_rigid`, and the joints (from 0) that it loads enough to show a lag."""
+    rigid = _rigid(arm, parts)
+    return rigid, np.flatnonzero(np.concatenate(rigid).std(axis=0) > LEAST_LOAD)
 
 
 def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:

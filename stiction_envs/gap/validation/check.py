@@ -43,7 +43,8 @@ from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
-from stiction_envs.gap.signals.torque_lag import correct_torques
+from stiction_envs.gap.signals.sessions import sessions
+from stiction_envs.gap.signals.torque_lag import Lag, correct_torques
 from stiction_envs.gap.signals.torque_sign import inverted, signs
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.timing import LEAST_SECONDS
@@ -137,11 +138,12 @@ def check_logs(
     settings: GapSettings,
     *,
     cutoff_hz: float | None = None,
+    lag: Lag | None = None,
 ) -> tuple[list[JointLog], Signals]:
     """Return logs to check with, corrected, and their signals.
 
     ``cutoff_hz`` None chooses the filter's bandwidth from the check logs, whose motion may be
-    faster than that of the diagnosed ones.
+    faster than that of the diagnosed ones. ``lag`` is what is known of the torques' lag.
 
     Raises:
         StictionError: logs of another robot, without a joint that moves in both, too short, poses,
@@ -171,7 +173,7 @@ def check_logs(
             )
     most = settings.recording.most_rows
     make = partial(prepare, cutoff_hz=cutoff_hz, most_samples=most, settings=settings)
-    return correct_torques(logs, arm, make, settings)
+    return correct_torques(logs, arm, make, settings, known_lag=lag)
 
 
 def _reach(logs: Sequence[JointLog]) -> Array:
@@ -197,11 +199,12 @@ def _check_limits(where: str, reach: Array, diagnosed: Array, arm: Arm, span: fl
 
 def check_model(d: Diagnosis, logs: list[JointLog], signals: Signals) -> Check:
     """Try both models of a diagnosis on logs that took no part, as `check_logs` returns them."""
-    arm, settings = d.data.arm, d.settings
+    (arm, settings), found = (d.data.arm, d.settings), model_of(d)
     logs, signals = _same_sign(d, logs, signals)
+    signals = replace(signals, sessions=sessions(logs, found.sessions))
     torque, friction = d.data.recording.torque, d.baseline.friction
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
-    nominal, found = d.baseline.extend(base), model_of(d)
+    nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
     weight = np.stack([certain(nominal, j) for j in range(arm.n)], axis=1)
     noise = base.noise

@@ -94,7 +94,7 @@ class Replay:
         return diagnose_logs(
             logs,
             self.data.arm,
-            nominal=replace(self.baseline, torque_sign=1),
+            nominal=replace(self.baseline, torque_sign=1, torque_lag=None),
             torque=self.data.recording.torque,
             cutoff_hz=self.cutoff_hz,
             seed=seed,

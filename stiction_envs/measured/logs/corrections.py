@@ -48,6 +48,8 @@ class Correction:
     """Number of rows it concerns."""
     text: str
     """One sentence for the report."""
+    lag: tuple[float, float] | None = None
+    """Delay and time constant of a lag of the torques that was undone [s]."""
 
 
 @dataclass(kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.sessions import sessions
+from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.measured.logs.reader import JointLog
 
 DAY = 86400.0
@@ -53,3 +53,28 @@ def test_poses_have_no_time() -> None:
     when = sessions([log(0.0, static=True), log(100.0), log(160.0)])
     assert when.since.tolist() == [0, 0, 60]
     assert when.start.tolist() == [0, 100, 160]
+
+
+@pytest.mark.parametrize(
+    ("logs", "since"),
+    [
+        ([log(0.0, date=1.7e9 + 600)], [600]),
+        ([log(0.0, date=1.7e9)], [0]),  # the log that began it
+        ([log(0.0, date=1.7e9 + x) for x in (600, 700)], [600, 700]),
+        ([log(0.0, date=1.7e9 + x) for x in (600, DAY)], [600, 0]),
+        ([log(0.0, date=1.7e9 - 600)], [0]),  # before it
+        ([log(0.0, date=1.7e9 + DAY)], [0]),
+        ([log(600.0)], [0]),  # no date
+    ],
+)
+def test_logs_continue_a_session_that_is_known(logs, since) -> None:
+    known = ((1.7e9 - 9 * DAY, 1.7e9 - 8 * DAY), (1.7e9, 1.7e9 + 20.0))
+    assert sessions(logs, known).since.tolist() == pytest.approx(since)
+
+
+def test_sessions_grow() -> None:
+    first = spans([log(0.0, date=1.7e9), log(0.0), log(0.0, date=1.7e9, static=True)])
+    assert first == ((1.7e9, 1.7e9 + 19.5),)
+    assert spans([log(0.0, date=1.7e9 + 600)], first) == ((1.7e9, 1.7e9 + 619.5),)
+    assert spans([log(0.0, date=1.7e9 + DAY)], first) == (*first, (1.7e9 + DAY, 1.7e9 + DAY + 19.5))
+    assert spans([log(0.0)], first) == first

@@ -23,9 +23,12 @@ OF_LOG, OF_SESSION = 0.0, 1.0
 
 
 def _time(data: Data, shape: Shape) -> Array:
-    """Return (T,) time since each log began, or its session [s]."""
+    """Return (T,) time since each log began, or its session [s].
+
+    Where these were the same, it is the session's: a later log may continue it.
+    """
     recording = data.recording
-    return recording.since_session if shape == (OF_SESSION,) else recording.since_log
+    return recording.since_log if shape == (OF_LOG,) else recording.since_session
 
 
 class WarmUpDrift(Cause):

@@ -1,0 +1,71 @@
+"""The doubt of causes that a model hands on, and that of an earlier model in later intervals.
+
+A model's coefficients are c + F z, z being independent and standard normal. F has a row for each
+coefficient; its columns are those of all diagnoses so far. A cause that is found again is the
+difference from what the model has: the earlier doubt is in its interval, and, with the other sign,
+in its own rows, so that it is gone from the sum of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.causes import Part
+from stiction_envs.gap.estimates import Draws, near
+from stiction_envs.gap.links import WIDTH, root_of
+from stiction_envs.gap.selection.candidates import ARM, Candidate
+from stiction_envs.gap.settings import EstimateSettings
+
+Array = NDArray[np.float64]
+
+
+def found_factor(draws: Draws, c: Sequence[Array], settings: EstimateSettings) -> list[Array]:
+    """Return (k, K) rows of F of each term of a diagnosis, by the resamples and the model's error.
+
+    A 95 % interval of F is as wide as that of a report.
+
+    Args:
+        draws: the resamples.
+        c: (k,) coefficients of each term.
+        settings: of the intervals.
+    """
+    stacked = [near(np.array([x for x, _ in each])) for each in draws]
+    value = np.concatenate(c) if c else np.zeros(0)
+    if not value.size:
+        return [np.zeros((len(x), 0)) for x in c]
+    spread = np.atleast_2d(np.cov(np.concatenate(stacked, axis=1), rowvar=False))
+    scale = settings.interval / WIDTH
+    error = settings.model_error * np.abs(value) / WIDTH
+    factor = root_of(scale**2 * spread + np.diag(error**2))
+    return np.split(factor, np.cumsum([len(x) for x in c])[:-1])
+
+
+def earlier_factor(parts: Sequence[Part], term: Candidate, size: int) -> Array:
+    """Return (size, K) rows of F of what earlier diagnoses found of a term's cause on its joint."""
+    width = max((len(row) for p in parts for row in p.doubt), default=0)
+    out = np.zeros((size, width))
+    joint = 0 if term.joint == ARM else term.joint + 1
+    for part in parts:
+        if (part.cause, part.joint) == (term.cause, joint):
+            for row, more in zip(out, part.doubt, strict=False):  # a payload's spread may be new
+                row[: len(more)] += more
+    return out
+
+
+def with_earlier(
+    draws: Draws, terms: Sequence[Candidate], parts: Sequence[Part], seed: int
+) -> Draws:
+    """Return resamples in which what the model had of the same causes is drawn too."""
+    rng = np.random.default_rng([seed, 1])
+    width = max((len(row) for p in parts for row in p.doubt), default=0)
+    z = rng.normal(size=(len(draws[0]) if draws else 0, width))
+    out = []
+    for term, each in zip(terms, draws, strict=True):
+        factor = earlier_factor(parts, term, len(each[0][0]))
+        if factor.any():
+            each = [(x - factor @ mine, shape) for (x, shape), mine in zip(each, z, strict=True)]
+        out.append(each)
+    return out

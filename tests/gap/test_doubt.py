@@ -1,0 +1,214 @@
+"""What a model hands on of its causes' doubt, of the robot's lag and of its sessions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
+from stiction_envs.gap.model_file import Nominal, dump, read
+from stiction_envs.gap.selection.candidates import Candidate
+from stiction_envs.hidden.hidden_logs import make_case
+from stiction_envs.measured.logs.reader import JointLog
+from tests.gap.small_logs import dry, hidden, panda, sliding
+
+NAMES = ("coulomb_friction", "viscous_friction", "torque_offset", "actuator_delay")
+COULOMB = Candidate("coulomb_friction", 1, ())
+
+
+def again(log: JointLog, nominal: str | Nominal = "rigid", names=NAMES) -> Diagnosis:
+    causes = [cause_named(x) for x in names]
+    return diagnose_logs([log], panda(), nominal=nominal, causes=causes)
+
+
+def rough(q, dq, ddq):
+    """Dry friction of 0.5 N·m with the scatter of a bad day: slow noise that depends on time."""
+    rng = np.random.default_rng(5)
+    slow = np.repeat(rng.normal(size=(len(q) // 300 + 1, q.shape[1])), 300, axis=0)[: len(q)]
+    return (0.5 + 0.3 * slow) * sliding(q)
+
+
+def late(log: JointLog, delay: float) -> JointLog:
+    tau = np.stack([np.interp(log.t - delay, log.t, x) for x in log.tau.T], axis=1)
+    return replace(log, tau=tau)
+
+
+@pytest.fixture(scope="module")
+def first() -> Diagnosis:
+    return again(hidden(panda(), rough))
+
+
+@pytest.fixture(scope="module")
+def model(first: Diagnosis) -> Nominal:
+    return model_of(first)
+
+
+def coulomb(found: Diagnosis, joint: int) -> tuple[float, float]:
+    """Return the half width of the interval of a joint's dry friction, and its value [N·m]."""
+    (cause,) = (c for c in found.causes if c.name == "coulomb_friction")
+    estimate = cause.parameters[joint]["coulomb_nm"]
+    low, high = estimate.ci95
+    return (high - low) / 2, estimate.value
+
+
+def test_a_model_is_read_back_to_the_bit(model: Nominal, tmp_path) -> None:
+    path = tmp_path / "model.toml"
+    known = replace(model, torque_lag=(0.1 + 0.2, 1 / 3), sessions=((1.7e9 + 0.1, 1.7e9 + 2 / 3),))
+    path.write_text(dump(known), encoding="utf-8")
+    found = read(path)
+    assert all(part.doubt for part in found.parts)
+    for name in ("parts", "torque_lag", "sessions", "torque_sign", "distance"):
+        assert getattr(found, name) == getattr(known, name)
+    assert dump(found) == dump(known)
+
+
+def test_the_factor_is_as_wide_as_the_interval(first: Diagnosis, model: Nominal) -> None:
+    seen = 0
+    for part in model.parts:
+        if part.cause == "coulomb_friction":
+            sd = float(np.linalg.norm(part.doubt[0]))
+            # the interval adds the resamples' and the model's error, the factor their squares
+            assert 0.7 < 1.96 * sd / coulomb(first, part.joint)[0] <= 1.001
+            seen += 1
+    assert seen >= 5
+
+
+def test_its_own_log_shows_no_discrepancy() -> None:
+    log = hidden(panda(), lambda q, dq, ddq: 0.5 * sliding(q) + 0.4 * dq + 1.0)
+    before = again(log)
+    assert before.verdict == "explained"
+    found = again(log, model_of(before))
+    assert not found.causes
+    assert found.verdict == "no discrepancy"
+    # what is left is no longer held out
+    assert (found.nominal_rms < 1.02 * before.extended_rms).all()
+
+
+def test_an_interval_of_a_cause_found_again_contains_the_earlier_doubt(
+    first: Diagnosis, model: Nominal
+) -> None:
+    log = hidden(panda(), lambda q, dq, ddq: 2.0 * sliding(q), seed=3)
+    blind = replace(model, parts=tuple(replace(p, doubt=()) for p in model.parts))
+    sure, found = again(log, blind), again(log, model)
+    assert all("coulomb_friction" in [c.name for c in x.causes] for x in (sure, found))
+    own = found.settings.estimates
+    for joint in (2, 4):
+        (part,) = (p for p in model.parts if (p.cause, p.joint) == ("coulomb_friction", joint))
+        earlier = float(np.linalg.norm(part.doubt[0]))
+        (alone, value), (both, _) = (coulomb(x, joint) for x in (sure, found))
+        error = own.model_error * abs(value)
+        expected = own.interval * np.hypot((alone - error) / own.interval, earlier) + error
+        assert both > 1.96 * earlier
+        assert both == pytest.approx(expected, rel=0.15)  # of 200 resamples
+        # what is known of the sum is what the second log says of it
+        term = Candidate("coulomb_friction", joint - 1, ())
+        sums = [earlier_factor(model_of(x).parts, term, 1) for x in (found, sure)]
+        assert np.linalg.norm(sums[0]) == pytest.approx(np.linalg.norm(sums[1]), rel=1e-9)
+
+
+def test_nothing_is_added_where_nothing_is_in_doubt(model: Nominal) -> None:
+    draws = [[(np.array([float(k)]), ()) for k in range(5)]]
+    sure = tuple(replace(p, doubt=()) for p in model.parts)
+    for parts in ((), sure):
+        assert with_earlier(draws, [COULOMB], parts, 0) == draws
+    other = Candidate("stribeck_friction", 1, (0.05,))
+    assert with_earlier(draws, [other], model.parts, 0) == draws
+    assert with_earlier(draws, [COULOMB], model.parts, 0) != draws
+    assert not earlier_factor((), COULOMB, 1).size
+
+
+def test_no_terms_have_no_factor(first: Diagnosis) -> None:
+    settings = first.settings.estimates
+    assert found_factor([], [], settings) == []
+    exact = [[(np.zeros(1), ())] * 4]
+    assert not found_factor(exact, [np.zeros(1)], settings)[0].any()
+
+
+@pytest.mark.slow
+def test_its_own_logs_show_no_discrepancy_where_all_links_are_a_little_off(tmp_path) -> None:
+    case = make_case(43, ("viscous_friction", "payload"), known=False, scatter=0.03)
+    before = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
+    assert {c.name for c in before.causes} == {"viscous_friction", "payload"}
+    path = tmp_path / "model.toml"
+    path.write_text(dump(model_of(before)), encoding="utf-8")
+    assert {p.cause for p in read(path).parts if p.doubt}.isdisjoint({"payload"})  # in [links]
+    found = diagnose_logs(case.logs, case.robot, nominal=path)
+    assert (found.verdict, found.causes) == ("no discrepancy", ())
+
+
+@pytest.mark.parametrize("delay", [0.12, 0.02])
+def test_a_known_lag_is_no_news(delay: float, tmp_path) -> None:
+    """A long one is undone before, and a short one is a part of the model."""
+    one, other = (late(hidden(panda(), dry, seed=k, noise=0.03), delay) for k in (1, 2))
+    before = again(one)
+    path = tmp_path / "model.toml"
+    path.write_text(dump(model_of(before)), encoding="utf-8")
+    known = read(path)
+    if delay > 0.1:
+        assert known.torque_lag == pytest.approx((delay, 0.0), abs=0.011)
+    else:
+        assert "actuator_delay" in {p.cause for p in known.parts}
+    for log in (one, other):
+        found = again(log, known)
+        assert not found.causes
+        assert found.verdict == "no discrepancy"
+        assert model_of(found).torque_lag == known.torque_lag
+    undone = [c.text for x in again(other, known).logs for c in x.corrections]
+    assert undone == ([] if delay < 0.1 else undone)
+    assert all("as those of the nominal model's logs" in x for x in undone)
+
+
+def test_a_log_without_the_known_lag_is_left_alone() -> None:
+    found = again(hidden(panda(), dry), Nominal(torque_lag=(0.12, 0.0)))
+    (log,) = found.logs
+    assert not log.corrections
+    assert "not so in this log: torques come 120 ms later" in log.warnings[0]
+    assert model_of(found).torque_lag is None
+
+
+def test_a_later_log_of_the_same_session_is_warm(tmp_path) -> None:
+    day = 1.7e9
+    one, later = (replace(hidden(panda(), dry), date=day + x) for x in (0.0, 600.0))
+    model = model_of(again(one))
+    assert model.sessions == ((day, day + one.t[-1]),)
+    since = again(later, model).data.recording.since_session
+    assert since[0] == pytest.approx(600.0, abs=2.0)
+    assert again(later).data.recording.since_session[0] < 2.0
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("torque_lag = [0.1]", "torque_lag has 1 numbers: expected 2"),
+        ("torque_lag = [-0.1, 0.0]", "torque_lag: -0.1 s: expected 0 to"),
+        ("torque_lag = [nan, 0.0]", "torque_lag: nan s"),
+        ("torque_lag = 0.1", "is not as stiction diagnose writes it"),
+        ('torque_lag = ["late", 0.0]', "is not as stiction diagnose writes it"),
+        ("sessions = [[2.0, 1.0]]", "sessions: 2 to 1 s: expected dates that rise"),
+        ("sessions = [[nan, 1.0]]", "sessions: nan to 1 s"),
+        ("sessions = [1.0]", "is not as stiction diagnose writes it"),
+    ],
+)
+def test_a_bad_value_is_one_line(model: Nominal, line: str, says: str, tmp_path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(dump(model).replace("tilt = ", f"{line}\ntilt = "), encoding="utf-8")
+    with pytest.raises(StictionError) as error:
+        read(path)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("factor", ["[[0.1], [0.2]]", "[[nan]]", "[[1e300]]", "[0.1]", '[["x"]]'])
+def test_a_bad_factor_is_one_line(factor: str, tmp_path) -> None:
+    path = tmp_path / "model.toml"
+    part = Part(cause="coulomb_friction", joint=1, shape=(), coefficients=(0.5,))
+    text = dump(Nominal(robot="panda", parts=(part,)))
+    path.write_text(text.replace("level = 1", f"level = 1\ncovariance_factor = {factor}"), "utf-8")
+    with pytest.raises(StictionError, match=r"nominal .*model\.toml: ") as error:
+        read(path)
+    assert "\n" not in str(error.value)
