@@ -7,7 +7,7 @@ blocks is then a small linear system.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -47,41 +47,61 @@ class Gram:
             weight: (T,) robust weight of each row over the noise variance.
             blocks: number of blocks B.
         """
-        p, x = columns.shape[1], columns.T
+        return cls.of_parts([columns.T], residual, block, weight, blocks)
+
+    @classmethod
+    def of_parts(
+        cls, parts: Sequence[Array], residual: Array, block: Index, weight: Array, blocks: int
+    ) -> Gram:
+        """Compute the sums of columns in parts, (k, T) each, side by side; otherwise `of`."""
+        p = sum(len(x) for x in parts)
         xx, xr = np.zeros((blocks, p, p)), np.zeros((blocks, p))
         rr, count = np.zeros(blocks), np.zeros(blocks)
         for b, rows in _rows_of(block, blocks):
             root = np.sqrt(weight[rows])
+            own, left = _side_by_side(parts, rows), residual[rows] * root
+            own *= root
             # BLAS computes half of a product with its own transpose
-            part, left = x[:, rows] * root, residual[rows] * root
-            xx[b], xr[b], rr[b] = part @ part.T, part @ left, left @ left
+            xx[b], xr[b], rr[b] = own @ own.T, own @ left, left @ left
             count[b] = weight[rows].sum()
         # in rows of full weight
         return cls(xx, xr, rr, count / max(float(weight.max(initial=0.0)), 1e-300))
 
     def with_columns(
-        self, before: Array, more: Array, residual: Array, block: Index, weight: Array
+        self,
+        before: Sequence[Array],
+        more: Sequence[Array],
+        residual: Array,
+        block: Index,
+        weight: Array,
     ) -> Gram:
         """Return the sums with further columns after the present ones.
 
         Args:
-            before: (T, P) present columns.
-            more: (T, K) further columns.
+            before: present columns, in parts (k, T).
+            more: further columns, in parts (k, T).
             residual: (T,) residual, as of `of`.
             block: (T,) blocks, as of `of`.
             weight: (T,) weights, as of `of`.
         """
-        old, new = before.shape[1], more.shape[1]
+        old, new = (sum(len(x) for x in parts) for parts in (before, more))
         xx = np.zeros((len(self.rr), old + new, old + new))
         xr = np.zeros((len(self.rr), old + new))
         xx[:, :old, :old], xr[:, :old] = self.xx, self.xr
         for b, rows in _rows_of(block, len(self.rr)):
-            part = more.T[:, rows] * weight[rows]
-            xx[b, old:, :old], xr[b, old:] = part @ before[rows], part @ residual[rows]
-            own = part @ more[rows]
-            xx[b, old:, old:] = (own + own.T) / 2
+            own = _side_by_side(more, rows)
+            part = own * weight[rows]
+            xx[b, old:, :old] = part @ _side_by_side(before, rows).T
+            xr[b, old:] = part @ residual[rows]
+            square = part @ own.T
+            xx[b, old:, old:] = (square + square.T) / 2
         xx[:, :old, old:] = np.swapaxes(xx[:, old:, :old], 1, 2)
         return Gram(xx, xr, self.rr, self.count)
+
+
+def _side_by_side(parts: Sequence[Array], rows: slice | Index) -> Array:
+    """Return (P, R) some rows of columns in parts (k, T), as a copy."""
+    return np.concatenate([x[:, rows] for x in parts])
 
 
 def _rows_of(block: Index, blocks: int) -> Iterator[tuple[int, slice | Index]]:

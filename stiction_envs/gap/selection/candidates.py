@@ -122,7 +122,7 @@ class RegressorLibrary:
         self.least_inflation = self.inflation.copy()
         """(n,) the same by what all linear causes together leave."""
         self._reweigh()
-        self.grams = self._sums([self._gram(j, self._columns.of(j)) for j in range(data.n)])
+        self.grams = self._sums([self._gram(j, self._columns.parts[j]) for j in range(data.n)])
 
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual after the causes that are `removed_first` were subtracted."""
@@ -220,22 +220,28 @@ class RegressorLibrary:
     def _sums(self, grams: list[Gram]) -> JointGrams:
         return JointGrams(grams, self.inflation)
 
-    def _gram(self, joint: int, columns: Array) -> Gram:
-        """Return the sums of columns (T, P) on a joint."""
+    def _gram(self, joint: int, parts: Sequence[Array]) -> Gram:
+        """Return the sums of columns on a joint, in parts (k, T)."""
         d = self.data
         weight = self.weight[:, joint] / d.noise[joint] ** 2
-        return Gram.of(columns, self.residual[:, joint], d.block, weight, d.blocks)
+        return Gram.of_parts(parts, self.residual[:, joint], d.block, weight, d.blocks)
+
+    def _parts(self, terms: Sequence[Candidate], joint: int) -> list[Array]:
+        """Return the columns of a model on a joint, in parts (k, T), the first without columns."""
+        some = [t for t in terms if joint in self.affected_joints(t)]
+        return [self._columns.parts[joint][0], *(self.columns(t, joint).T for t in some)]
 
     def _grown(self, joint: int) -> Gram:
         """Return the sums of a joint with the columns that were added since."""
         gram, d = self.grams.joints[joint], self.data
-        had = gram.xr.shape[1]
-        if had == self._columns.width[joint]:
+        new = self._columns.width[joint] - gram.xr.shape[1]
+        if not new:
             return gram
-        columns = self._columns.of(joint)
+        before, more = list(self._columns.parts[joint]), list[Array]()
+        while new > sum(len(x) for x in more):
+            more.insert(0, before.pop())
         weight = self.weight[:, joint] / d.noise[joint] ** 2
-        residual = self.residual[:, joint]
-        return gram.with_columns(columns[:, :had], columns[:, had:], residual, d.block, weight)
+        return gram.with_columns(before, more, self.residual[:, joint], d.block, weight)
 
     def _reweigh(self) -> None:
         """Reduce the weight of rows that no linear model explains (spikes, contacts)."""
@@ -243,16 +249,14 @@ class RegressorLibrary:
         huber, n = d.settings.candidates.huber, d.n
         linear = [t for t in self.candidates if self.causes[t.cause].is_linear]
         self.scale = 1.0
-        model = self.model_columns([*self.random, *linear])
-
-        def columns(joint: int) -> Array:
-            return self._columns.of(joint).T[list(model.columns[joint])].T
-
-        grams = self._sums([self._gram(j, columns(j)) for j in range(n)])
+        terms = [*self.random, *linear]
+        model = self.model_columns(terms)
+        parts = [self._parts(terms, j) for j in range(n)]
+        grams = self._sums([self._gram(j, parts[j]) for j in range(n)])
         among = tuple(tuple(range(len(at))) for at in model.columns)
         c = grams.fit(replace(model, columns=among))
         for j, at in enumerate(model.coefficients):
-            e = self.residual[:, j] - columns(j) @ c[list(at)]
+            e = self.residual[:, j] - np.concatenate(parts[j]).T @ c[list(at)]
             self.weight[:, j] = self.certain[:, j] * explained(e, huber)
             self.least_inflation[j] = dependent_rows(d, j, e, self.weight[:, j])
         self.scale = 0.0
@@ -392,7 +396,7 @@ class RegressorLibrary:
     def columns(self, term: Candidate, joint: int) -> Array:
         """Return the (T, k) columns of a candidate on a joint; not to be changed."""
         if at := self._at.get((term, joint)):
-            return self._columns.at(joint, at)
+            return self._columns.at(joint, at).T
         cause = self.causes[term.cause]
         if cause.coupled:
             if self._last is None or self._last[0] != term:

@@ -244,3 +244,14 @@ def test_a_reduction_is_that_of_the_larger_fit() -> None:
 def test_standard_errors_are_those_of_least_squares() -> None:
     found = np.sqrt(np.diag(JointGrams([Gram.of(X, R, BLOCK, W, 6)]).covariance(FREE)))
     assert np.allclose(found, np.sqrt(np.diag(np.linalg.inv((X.T * W) @ X))), rtol=1e-6)
+
+
+def test_columns_in_parts_have_the_sums_of_columns_side_by_side() -> None:
+    parts = [X.T[:0], X.T[:1], X.T[1:]]
+    whole = Gram.of(X, R, BLOCK, W, 6)
+    for found in (
+        Gram.of_parts(parts, R, BLOCK, W, 6),
+        Gram.of_parts(parts[:2], R, BLOCK, W, 6).with_columns(parts[:2], parts[2:], R, BLOCK, W),
+    ):
+        for name in ("xx", "xr", "rr", "count"):
+            np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-12)
