@@ -85,6 +85,7 @@ def hide(
     rate_hz: float = 50.0,
     scatter: float = 0.05,
     start: Array | None = None,
+    only_slow: bool = False,
 ) -> HiddenServoLog:
     """Simulate a servo log with hidden causes, each on a drawn joint.
 
@@ -96,6 +97,7 @@ def hide(
         rate_hz: of its rows.
         scatter: of the links [-].
         start: (n,) middle of the motion [rad]; None for a bent pose.
+        only_slow: whether the arm is told slow waves all the time.
 
     Raises:
         StictionError: an unknown cause.
@@ -106,7 +108,7 @@ def hide(
     rng = np.random.default_rng([seed, 11])
     n = arm.n
     t = np.arange(0.0, seconds, 1.0 / rate_hz)
-    command = commands(arm, t, rng, start)
+    command = commands(arm, t, rng, start, only_slow=only_slow)
     plain = ServoLog(source="plan", t=t, q=command.copy(), dq=None, q_cmd=command)
     motions = joint_motions(arm, [plain])
     gravity = np.array([float(np.abs(m.gravity).max()) for m in motions])
@@ -159,7 +161,14 @@ def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
     return (0.25 * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
 
 
-def commands(arm: Arm, t: Array, rng: np.random.Generator, start: Array | None) -> Array:
+def commands(
+    arm: Arm,
+    t: Array,
+    rng: np.random.Generator,
+    start: Array | None,
+    *,
+    only_slow: bool = False,
+) -> Array:
     """Return (T, n) commands: slow waves, steps with rests between them, fast waves."""
     low, high = np.clip(arm.limits.position, -np.pi, np.pi).T
     middle = (low + high) / 2 + 0.15 * (high - low) if start is None else start
@@ -171,7 +180,7 @@ def commands(arm: Arm, t: Array, rng: np.random.Generator, start: Array | None) 
         fast = 0.25 * np.sin(2 * np.pi * rng.uniform(0.7, 1.4) * t + rng.uniform(0, 2 * np.pi))
         level = rng.uniform(-1, 1, size=int(t[-1] / 2.0) + 2)
         held = level[(t / 2.0).astype(int)]
-        part = np.choose(third, [slow, held, slow + fast])
+        part = slow if only_slow else np.choose(third, [slow, held, slow + fast])
         # a command does not jump further than a quarter of a second of slow motion
         out[:, j] = middle[j] + span[j] * _smooth(part, t)
     return out

@@ -21,6 +21,7 @@ SECONDS = 12.0
 """Length of the stretch that is drawn of each joint [s]; assumed."""
 UNITS = {p.key: p.unit for p in PARAMETERS.values()} | {
     "stiction_nm": "N·m",
+    "lag_s": "s",
     "bristle_stiffness": "N·m/rad",
     "stretches_s": "s",
 }

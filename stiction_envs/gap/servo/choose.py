@@ -12,17 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from stiction_envs.gap.estimates import Estimate
-from stiction_envs.gap.servo.fit import Fit, derivatives, fit
+from stiction_envs.gap.servo.fit import Fit, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause
 from stiction_envs.gap.servo.settings import ServoSettings
+from stiction_envs.gap.servo.spread import LAG, SERVO_LAG, Spread, estimates_of, lag_of, spread_of
 
 Array = NDArray[np.float64]
-LAG = ("damping", "armature", "delay")
-"""Causes whose sum, the lag, a log shows better than each of them."""
 LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
 """Causes that refine dry friction."""
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
@@ -46,7 +44,7 @@ class JointCauses:
     minor: tuple[str, ...]
     """Those of them that take off too little to be named."""
     estimates: dict[str, Estimate]
-    """By parameter."""
+    """By parameter, and of the lag where that is named."""
     confused: dict[str, tuple[str, ...]]
     """Causes that this log cannot tell from a cause."""
     blocks: int
@@ -243,17 +241,47 @@ class Chooser:
                     break
             else:
                 break
-        estimates, correlation = self._estimates(best)
-        needed = {c: losses[c] for c in kept}
+        return self._found(best, kept, {c: losses[c] for c in kept})
+
+    def _found(self, best: Fit, kept: Sequence[str], losses: dict[str, float]) -> JointCauses:
+        """Return what is said of the best fit; of its lag where the parts of it are unknown."""
+        q = self.q
+        minor = self._minor(best, losses)
+        spread = self._spread(best, ())
+        estimates = estimates_of(best, spread)
+        confused = {c: self._confused(c, spread) for c in kept}
+        parts = [c for c in LAG if c in kept]
+        lag = None
+        if parts:
+            whole = self._spread(best, [c for c in LAG if c in q.candidates])
+            confused |= {c: self._confused(c, whole) for c in parts}
+            lag = lag_of(best, whole, q.nominal, [c for c in parts if self._alone(c, best, kept)])
+        if lag is not None:
+            loss = self._loss(best, self._less(best, kept, parts))
+            losses = {c: x for c, x in losses.items() if c not in parts} | {SERVO_LAG: loss}
+            minor = tuple(c for c in minor if c not in parts)
+            if loss < self._little():
+                minor = (*minor, SERVO_LAG)
+            estimates[SERVO_LAG] = lag
+            confused[SERVO_LAG] = LAG
         return JointCauses(
             fit=best,
             bounds=self._bounds(kept),
-            causes=needed,
-            minor=self._minor(best, needed),
+            causes=losses,
+            minor=minor,
             estimates=estimates,
-            blocks=len(np.unique(self.block[self.q.counts])),
-            confused={c: self._confused(c, best, correlation) for c in kept},
+            blocks=len(np.unique(self.block[q.counts])),
+            confused=confused,
         )
+
+    def _alone(self, part: str, best: Fit, kept: Sequence[str]) -> bool:
+        """Return whether no other part of the lag does in place of one."""
+        others = [c for c in LAG if c in self.q.candidates and c not in kept]
+        return self._needed(best, self._less(best, [*kept, *others], [part]))
+
+    def _spread(self, best: Fit, more: Sequence[str]) -> Spread:
+        names = tuple(dict.fromkeys([*best.free, *more]))
+        return spread_of(self.q.motion, best, names, self.q.counts, self.block)
 
     def _agrees(self) -> bool:
         """Return whether the nominal simulation, and what nobody judges, is down to the noise."""
@@ -278,14 +306,18 @@ class Chooser:
 
         Two that stand in for each other lose little each, and much together.
         """
-        q = self.q
-        nominal = q.motion.simulate(q.nominal[None])[0] if q.judged else q.motion.command
-        error = float(np.sqrt(np.mean((q.motion.q - nominal)[q.counts] ** 2)))
-        most = q.settings.selection.minor * error
+        most = self._little()
         little = sorted((c for c in losses if losses[c] < most), key=losses.__getitem__)
         while len(little) > 1 and self._loss(best, self._less(best, [*losses], little)) >= most:
             little.pop()
         return tuple(little)
+
+    def _little(self) -> float:
+        """Return the root mean square below which what a cause takes off is minor [rad]."""
+        q = self.q
+        nominal = q.motion.simulate(q.nominal[None])[0] if q.judged else q.motion.command
+        error = float(np.sqrt(np.mean((q.motion.q - nominal)[q.counts] ** 2)))
+        return q.settings.selection.minor * error
 
     def _tolerated(self, cause: str, best: Fit) -> bool:
         """Return whether links that are a little off would do in its place."""
@@ -324,43 +356,15 @@ class Chooser:
 
     # ---- what is said ------------------------------------------------------------------------
 
-    def _estimates(self, best: Fit) -> tuple[dict[str, Estimate], Array]:
-        """Return each fitted parameter with its 95 % interval, and their correlation.
-
-        The scores' scatter between blocks of time stands for noise of any colour.
-        """
-        if not best.free:
-            return {}, np.zeros((0, 0))
-        at = np.array([INDEX[name] for name in best.free], dtype=np.int64)
-        slopes = derivatives(self.q.motion, best.parameters, at, best.angle) * self.q.counts
-        hessian = slopes @ slopes.T + 1e-15 * np.eye(len(at))
-        scores = np.stack([np.bincount(self.block, weights=row * best.error) for row in slopes])
-        inverse = np.linalg.pinv(hessian)
-        covariance = inverse @ (scores @ scores.T) @ inverse
-        blocks = scores.shape[1]
-        quantile = float(student.ppf(0.975, max(1, blocks - len(at))))
-        estimates = {}
-        for k, name in enumerate(best.free):
-            p = PARAMETERS[name]
-            value = float(best.parameters[INDEX[name]])
-            half = quantile * float(np.sqrt(max(covariance[k, k], 0.0))) * p.step
-            near = value <= p.low + 1e-9 or value >= p.high - 1e-9
-            estimates[name] = Estimate(
-                value=value,
-                ci95=(max(value - half, p.low), min(value + half, p.high)),
-                on_bound=near,
-            )
-        scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-        return estimates, inverse / np.outer(scale, scale)
-
-    def _confused(self, cause: str, best: Fit, correlation: Array) -> tuple[str, ...]:
+    def _confused(self, cause: str, spread: Spread) -> tuple[str, ...]:
         """Return causes whose parameters this log hardly tells from those of ``cause``."""
-        found = set(_ALIKE.get(cause, ()))
-        mine = [k for k, name in enumerate(best.free) if PARAMETERS[name].cause == cause]
+        found = set(ALIKE.get(cause, ()))
+        mine = [k for k, name in enumerate(spread.names) if PARAMETERS[name].cause == cause]
         for k in mine:
-            for i, name in enumerate(best.free):
+            for i, name in enumerate(spread.names):
                 other = PARAMETERS[name].cause
-                if other != cause and abs(correlation[k, i]) > self.q.settings.selection.alike:
+                near = abs(spread.correlation[k, i]) > self.q.settings.selection.alike
+                if other != cause and near:
                     found.add(other)
         return tuple(sorted(found))
 
@@ -370,15 +374,12 @@ def _with(cause: str) -> tuple[str, ...]:
     return (cause, *LAW) if cause == "coulomb_friction" else (cause,)
 
 
-_ALIKE = {
+ALIKE = {
     "servo_stiffness": ("payload", "encoder_offset", "link_parameters"),
     "coulomb_friction": ("backlash",),
     "dead_zone": ("backlash", "coulomb_friction"),
     "encoder_offset": ("torque_offset", "payload"),
     "gravity_compensation_missing": ("servo_stiffness", "payload"),
-    "damping": ("delay", "armature"),
-    "armature": ("damping", "delay"),
-    "delay": ("damping", "armature"),
     "speed_limit": ("torque_limit",),
 }
 """What positions alone cannot tell apart, or only just."""

@@ -14,6 +14,7 @@ from stiction_envs.gap.servo.choose import JointCauses
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
 from stiction_envs.gap.servo.payload import Tip
 from stiction_envs.gap.servo.settings import ServoPayloadSettings
+from stiction_envs.gap.servo.spread import SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ EVIDENCE = {
     "damping": "the angle follows the command late, the more the faster it moves",
     "armature": "the angle overshoots or lags where the command accelerates",
     "delay": "the angle repeats the command later by a constant time",
-    "servo_lag": "the angle follows the command late",
+    "servo_lag": "the angle follows the command late, by delay and damping over stiffness together",
     "coulomb_friction": "the joint stops short of its command, on the side from which it came",
     "stribeck_friction": "the joint needs more torque to start than to go on",
     "load_dependent_friction": "the joint stops shorter where gravity is larger",
@@ -64,6 +65,8 @@ def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str,
                 on_bound=e.on_bound,
             )
         }
+    if cause == SERVO_LAG:
+        return {"lag_s": estimates[SERVO_LAG]}
     names = [name for name, q in PARAMETERS.items() if q.cause == cause]
     out = {PARAMETERS[name].key: estimates[name] for name in names}
     if cause == "dead_zone":

@@ -41,6 +41,10 @@ class Fit:
         """Sum of squares [rad²]."""
         return float(self.error @ self.error)
 
+    def __getitem__(self, name: str) -> float:
+        """Return a parameter by its name."""
+        return float(self.parameters[INDEX[name]])
+
 
 def fit(
     motion: JointMotion,

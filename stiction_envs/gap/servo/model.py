@@ -143,6 +143,7 @@ def said_of(causes: Sequence[str]) -> dict[str, str]:
         "stribeck_friction": ("coulomb_ratio", "stribeck_velocity"),
         "damping": ("viscous",),
         "armature": ("rotor_inertia",),
+        "servo_lag": ("viscous", "rotor_inertia"),
         "load_dependent_friction": ("load_coefficient",),
         "presliding_hysteresis": ("bristle_stiffness",),
         "gravity_compensation_missing": ("gravity_error",),

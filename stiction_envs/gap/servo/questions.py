@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.choose import LAG
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
 from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
+from stiction_envs.gap.servo.spread import LAG
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

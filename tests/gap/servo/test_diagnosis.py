@@ -18,8 +18,11 @@ from tests.gap.servo.small_arm import TWO_LINKS, two_links
 pytestmark = pytest.mark.slow
 
 
-def _hidden(arm: Arm, *causes: str, seed: int = 3, seconds: float = 45.0) -> HiddenServoLog:
-    return hide(arm, causes, seed=seed, seconds=seconds, start=np.array([-0.6, 0.8]))
+def _hidden(
+    arm: Arm, *causes: str, seed: int = 3, seconds: float = 45.0, only_slow: bool = False
+) -> HiddenServoLog:
+    start = np.array([-0.6, 0.8])
+    return hide(arm, causes, seed=seed, seconds=seconds, start=start, only_slow=only_slow)
 
 
 def _found(arm: Arm, h: HiddenServoLog) -> set[tuple[str, int]]:
@@ -60,6 +63,25 @@ def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(tmp_path
     assert held.extended_rms == pytest.approx(wide.extended_rms, rel=1e-6)
     assert "joint 2 was logged from" in held.notes[0]
     assert not wide.notes
+
+
+@pytest.mark.parametrize(("only_slow", "named"), [(True, "servo_lag"), (False, "delay")])
+def test_slow_waves_show_a_lag_and_fast_ones_which_part_of_it(
+    tmp_path: Path, only_slow: bool, named: str
+) -> None:
+    arm = two_links(tmp_path)
+    h = _hidden(arm, "delay", only_slow=only_slow)
+    d = diagnose_servo([h.log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+    (cause,) = d.causes
+    ((_, joint),) = h.hidden
+    assert (cause.name, cause.joints) == (named, (joint,))
+    if only_slow:
+        lag = cause.parameters[joint]["lag_s"]
+        # the nominal damping's 0.05 s and 30 ms, of which stamps that are 2 ms late take some off
+        assert lag.value == pytest.approx(0.078, abs=2e-3)
+        assert lag.ci95[0] < lag.value < lag.ci95[1]
+        assert cause.confused_with == ("armature", "damping", "delay")
+        assert set(d.to_json()["servo"]) >= {"delay_s", "damping_nms", "armature_kgm2"}
 
 
 def test_two_hidden_causes_are_both_found(tmp_path: Path) -> None:
