@@ -113,14 +113,12 @@ def measure(name: str, sizes: list[int], rounds: int) -> dict[str, object]:
         for k, n in enumerate(sizes)
     ]
     flat = float(ratio[sizes.index(MANY)])
-    tiles = sorted({16, 32, 64, 128, 256, 512, usual} & set(range(MANY // threads)))
+    tiles = sorted({8, 16, 32, 64, 128, 256, usual} & set(range(MANY // threads)))
     batches = [partial(make, name, MANY, t) for t in [*tiles, MANY]]
     rates, ratio = speeds(batches, rounds, tiles.index(usual))
     by_tile = [
         [text, f"{rate:,.0f}", f"{x:.2f}"]
-        for text, rate, x in zip(
-            [*(f"{t} per thread" for t in tiles), "all at once"], rates, ratio, strict=True
-        )
+        for text, rate, x in zip([*map(str, tiles), "one per thread"], rates, ratio, strict=True)
     ]
     return {
         "tile": usual,

@@ -123,7 +123,7 @@ class SJEEnv(ArmEnv):
     * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
       units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
-    * `threads`: threads of the physics, 0 for all processors. Default 0.
+    * `threads`: threads, each with arms of its own, 0 for all processors. Default 0.
     * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
       `depth_array` (the scene only, metres, 450 × 460).
 

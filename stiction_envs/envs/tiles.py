@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
+from math import isqrt
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,9 +21,9 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.episodes import Episodes, Index, Outcome
 
 T = TypeVar("T")
-FEWEST = 4
-"""Arms of a tile that is made only to give every thread one: with fewer, what Python does in a
-control step would outweigh them; assumed."""
+PYTHON = 2.0
+"""What Python does for a tile in a control step over what engine and controller do for an arm [-]:
+1.7 to 2.5 in ``benchmarks/speed/throughput``."""
 
 
 class Tiles:
@@ -43,7 +44,8 @@ class Tiles:
         threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // make_core.arms_per_thread))
         even = -(-count // threads) * threads  # every thread has as many tiles
-        count = max(count, min(even, num_envs // FEWEST))
+        # only one thread is in Python at a time: of k tiles the last waits for it k times
+        count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)

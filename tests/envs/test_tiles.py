@@ -9,7 +9,6 @@ import time
 import numpy as np
 import pytest
 
-from stiction_envs.envs import tiles
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.episodes import Outcome
@@ -98,13 +97,12 @@ def small(monkeypatch, kind: Kind, count: int, threads: int, per_tile: int):
     """Return environments whose tiles have at most ``per_tile`` arms."""
     with monkeypatch.context() as m:
         m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
-        m.setattr(tiles, "FEWEST", 1)
         return kind.make_vec(count, threads=threads, fixed_options=kind.options)
 
 
 def test_more_threads_than_cores_change_no_bit(kind, monkeypatch):
     """Seven arms in one tile, in 4 and 3 on two threads, in seven on sixteen; resets included."""
-    envs = [small(monkeypatch, kind, 7, t, k) for t, k in ((1, 7), (2, 7), (16, 3))]
+    envs = [small(monkeypatch, kind, 7, t, k) for t, k in ((1, 7), (2, 4), (16, 1))]
     sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
     assert sizes == [[7], [4, 3], [1] * 7]
     space, rng, ended = envs[0].single_action_space, np.random.default_rng(3), 0

@@ -232,7 +232,7 @@ def test_a_frame_is_of_its_own_environment(monkeypatch):
 
 def test_a_tile_has_its_arms_for_every_thread():
     class Core:
-        arms_per_thread = 6
+        arms_per_thread = 32
 
         def __init__(self, num_envs: int, threads: int = 0) -> None:
             self.num_envs = num_envs
@@ -240,12 +240,13 @@ def test_a_tile_has_its_arms_for_every_thread():
     def sizes(count: int, threads: int) -> list[int]:
         return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]
 
-    assert sizes(1, 1) == [1]
-    assert sizes(6, 2) == [6], "too few to part"
-    assert sizes(7, 1) == [4, 3], "no tile is left with a few"
-    assert sizes(14, 1) == [5, 5, 4]
-    assert sizes(14, 2) == [5, 5, 4], "a fourth would have fewer than 4"
-    assert sizes(16, 2) == [4, 4, 4, 4], "as many for each thread"
-    assert sizes(16, 64) == [4, 4, 4, 4]
+    assert sizes(1, 1) == sizes(1, 64) == [1]
+    assert sizes(7, 2) == [7], "too few to part"
+    assert sizes(8, 2) == [4, 4]
+    assert sizes(64, 2) == [32, 32]
+    assert sizes(70, 1) == [24, 23, 23], "no tile is left with a few"
+    assert sizes(70, 2) == [18, 18, 17, 17], "as many for each thread"
+    assert sizes(64, 64) == [13, 13, 13, 13, 12], "more would wait for Python's lock"
+    Core.arms_per_thread = 6
     found = Tiles(Core, 7, threads=1)  # type: ignore[arg-type]
     assert [found.locate(i) for i in (0, 3, 4, 6)] == [(0, 0), (0, 3), (1, 0), (1, 2)]
