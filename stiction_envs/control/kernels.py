@@ -219,10 +219,10 @@ def impedance_cycle(
             wrench[k] = total
         for j in range(n):
             seen[i, j] = q[i, j]
-            total = 0.0
-            for k in range(6):
-                total += jacobian[i, k, j] * wrench[k]
-            wanted[i, j] = total
+            wanted[i, j] = 0.0
+        for k in range(6):  # joints side by side in memory
+            for j in range(n):
+                wanted[i, j] += jacobian[i, k, j] * wrench[k]
         if null_active:  # P (k_n (q_d − q) − d_n q̇)
             for j in range(n):
                 spring = null_stiffness[i, j] * (null_q[i, j] - q[i, j])
@@ -249,20 +249,18 @@ def pose_error(
 
     Arguments are rows of those of `impedance_cycle`.
     """
-    turned = np.empty(4)
     for k in range(3):
         error[k] = position[k] - reference[k]
-    for k in range(4):
-        total = 0.0
-        for m in range(4):
-            total += error_matrix[k, m] * quaternion[m]
-        turned[k] = total
+    w = x = y = z = 0.0  # an array would be allocated for every arm
+    for m in range(4):
+        w += error_matrix[0, m] * quaternion[m]
+        x += error_matrix[1, m] * quaternion[m]
+        y += error_matrix[2, m] * quaternion[m]
+        z += error_matrix[3, m] * quaternion[m]
     # as rotation.rotation_vector
-    length = np.sqrt(turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
-    factor = 2.0 * np.arctan2(length, abs(turned[0])) / max(length, _TINY)
-    factor = np.copysign(factor, turned[0])
-    for k in range(3):
-        error[3 + k] = factor * turned[1 + k]
+    length = np.sqrt(x**2 + y**2 + z**2)
+    factor = np.copysign(2.0 * np.arctan2(length, abs(w)) / max(length, _TINY), w)
+    error[3], error[4], error[5] = factor * x, factor * y, factor * z
 
 
 @compiled
