@@ -86,8 +86,8 @@ class Sampler:
         filter_sections(self._band, shaken, self._state)
         shaken = shaken.reshape(*shaken.shape[:2], self.size, self.stride)
         actual = self._position[:: self.stride], self._quaternion[:: self.stride]
-        poses = np.stack([np.concatenate(actual, axis=-1), self._reference]).swapaxes(1, 2)
-        poses = np.concatenate([poses[..., :3], to_rpy(poses[..., 3:])], axis=-1)
+        both = np.stack([np.concatenate(actual, axis=-1), self._reference]).swapaxes(1, 2)
+        poses = np.concatenate([both[..., :3], to_rpy(both[..., 3:])], axis=-1)
         return Samples(
             actual=poses[0],
             error=pose_error(poses[0], poses[1]),
