@@ -179,7 +179,7 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
 
 def _of_table(table: Mapping[str, Any], where: str, n: int) -> Sensing:
     names = [f.name for f in fields(Sensing)]
-    values = {}
+    values: dict[str, Any] = {}
     for name, entry in table.items():
         if name not in names:
             raise StictionError(f"{where}: {unknown('field of [sensing]', name, names)}")

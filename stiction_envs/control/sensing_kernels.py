@@ -7,7 +7,7 @@ no bit depends on what else is simulated.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,9 +185,7 @@ def sense_arm(
 
 
 @compiled
-def sense(
-    due: bool, step: Index, q: Array, dq: Array, torque: Array, m: tuple[object, ...]
-) -> None:
+def sense(due: bool, step: Index, q: Array, dq: Array, torque: Array, m: tuple[Any, ...]) -> None:
     """`sense_arm` of all arms: steps (N,), states (N, n); ``m`` is `Measured` as plain tuple."""
     measured = Measured(*m)
     for i in range(len(step)):
@@ -196,7 +194,7 @@ def sense(
 
 @compiled
 def sense_block(
-    ids: Index, step: Index, hold: int, dt: float, q: Array, m: tuple[object, ...], seen: Array
+    ids: Index, step: Index, hold: int, dt: float, q: Array, m: tuple[Any, ...], seen: Array
 ) -> None:
     """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
 
@@ -245,7 +243,7 @@ def _send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
 
 
 @compiled
-def send(due: bool, step: Index, command: Array, s: tuple[object, ...]) -> None:
+def send(due: bool, step: Index, command: Array, s: tuple[Any, ...]) -> None:
     """Send commands (N, C) [N·m] at control steps (N,), new where ``due``."""
     sent = Sent(*s)
     for i in range(len(step)):
@@ -253,7 +251,7 @@ def send(due: bool, step: Index, command: Array, s: tuple[object, ...]) -> None:
 
 
 @compiled
-def send_block(ids: Index, step: Index, hold: int, command: Array, s: tuple[object, ...]) -> None:
+def send_block(ids: Index, step: Index, hold: int, command: Array, s: tuple[Any, ...]) -> None:
     """Send commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K); they become what arrives."""
     sent = Sent(*s)
     for row in range(len(ids)):

@@ -270,8 +270,8 @@ class Stages:
     def _gte(self, seed: int, **options: Any) -> GeneratedTrajectoryExperiment:
         """Return the experiment of this arm."""
         sje = self.sje
-        common = {"sensing": sje.sensing, "threads": sje.threads}
-        return GeneratedTrajectoryExperiment(sje.sticking, seed=seed, **common, **options)
+        options |= {"sensing": sje.sensing, "threads": sje.threads}
+        return GeneratedTrajectoryExperiment(sje.sticking, seed=seed, **options)
 
     # ---- what was found ----------------------------------------------------------------------
 

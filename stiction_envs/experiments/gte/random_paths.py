@@ -213,7 +213,8 @@ def can_follow(
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS)
         hand.read()
         scaled = unit[:, None] * hand.jacobian
-        return scaled, np.linalg.svd(scaled, compute_uv=False)[:, -1]
+        smallest = np.linalg.svd(scaled, compute_uv=False)[:, -1]
+        return scaled, np.asarray(smallest, dtype=np.float64)
 
     scaled, least = look()
     origin, upright = hand.position.copy(), hand.quaternion.copy()
