@@ -1,6 +1,7 @@
-// Holds a Franka arm where it stands and shakes its joints by a table of stiction-envs (final.csv).
+// Holds a Franka arm where it stands, shakes its joints and compensates their friction as a file of
+// stiction-envs says: final.yaml, or final.csv, which has dither only.
 //
-//   dither_hold ROBOT-IP final.csv [SECONDS]
+//   dither_hold ROBOT-IP final.yaml [SECONDS]
 //
 // NOT COMPILED AGAINST LIBFRANKA IN THIS PROJECT'S CI, AND NEVER RUN ON A ROBOT BY IT. Tests compile
 // and run it against a stand-in of the few calls below. Written for libfranka 0.9 and later:
@@ -15,8 +16,10 @@
 //    springs, not by its position controller;
 //  - the table was tuned for THIS robot and this load. Begin with its amplitudes divided by ten
 //    (kShare below) and 3 s, listen, and raise it step by step;
+//  - a compensation of more than the joint's true friction does not come to rest: raise it slowly;
 //  - frequencies are not those of the table or cell on which the robot stands;
 //  - the limits below suit you: what is beyond them is refused before anything moves.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <fstream>
@@ -25,21 +28,23 @@
 #include <string>
 
 #include <franka/exception.h>
+#include <franka/model.h>
 #include <franka/robot.h>
 
+#include "compensation.hpp"
 #include "dither.hpp"
 
 using Joints = std::array<double, 7>;
 
 // Assumed, for caution: no source asks for these values.
-constexpr double kShare = 0.1;         // of the table's amplitudes and offsets: raise it to 1 by hand
-constexpr double kSoft = 1.0;          // s in which dither fades in, and out before the end
+constexpr double kShare = 0.1;         // of dither and compensation: raise it to 1 by hand
+constexpr double kSoft = 1.0;          // s in which both fade in, and out before the end
 constexpr double kMostSeconds = 60.0;  // longest run
 constexpr double kMostDrift = 0.1;     // rad from where the arm stood: stop
 constexpr double kMostSpeed = 0.5;     // rad/s: stop
 // Of the robot (Franka Control Interface documentation).
 constexpr double kMostRate = 1000.0;  // N m/s
-// Largest dither, assumed: a tenth of what each joint can do (87 and 12) [N m].
+// Largest dither and compensation, assumed: a tenth of what each joint can do (87 and 12) [N m].
 constexpr Joints kMostTorque = {8.7, 8.7, 8.7, 8.7, 1.2, 1.2, 1.2};
 // Springs and dampers that hold the arm: libfranka's joint_impedance_control.cpp.
 constexpr Joints kStiffness = {600, 600, 600, 600, 250, 150, 50};  // N m/rad
@@ -47,19 +52,24 @@ constexpr Joints kDamping = {50, 50, 50, 50, 30, 25, 15};          // N m s/rad
 
 int main(int argc, char** argv) {
   try {
-    if (argc < 3 || argc > 4) throw std::runtime_error("usage: dither_hold IP final.csv [SECONDS]");
+    if (argc < 3 || argc > 4) throw std::runtime_error("usage: dither_hold IP final.yaml [SECONDS]");
     const double seconds = argc == 4 ? stiction::detail::number(argv[3], "SECONDS") : 5.0;
     if (!(seconds > 2 * kSoft && seconds <= kMostSeconds)) {
       throw std::runtime_error("SECONDS: expected more than 2 and at most 60");
     }
     std::ifstream file(argv[2]);
     if (!file) throw std::runtime_error(std::string(argv[2]) + ": cannot be read");
-    const auto dither = stiction::read_table<7>(file);
+    const std::string name = argv[2];
+    const bool yaml = name.size() > 5 && name.substr(name.size() - 5) == ".yaml";
+    auto treatment = stiction::read_treatment<7>(file, yaml);
+    const auto& dither = treatment.dither;
+    auto& compensation = treatment.compensation;
     for (std::size_t j = 0; j < 7; ++j) {
       const auto& d = dither.joints[j];
       std::cout << "joint " << j + 1 << ": " << kShare * d.amplitude_nm << " N m at "
-                << d.frequency_hz << " Hz, offset " << kShare * d.offset_nm << " N m\n";
-      if (dither.most(j) > kMostTorque[j]) {
+                << d.frequency_hz << " Hz, offset " << kShare * d.offset_nm << " N m, compensated "
+                << kShare * compensation.joints[j].gain << " N m\n";
+      if (dither.most(j) + compensation.joints[j].gain > kMostTorque[j]) {
         throw std::runtime_error("joint " + std::to_string(j + 1) + ": more than " +
                                  std::to_string(kMostTorque[j]) + " N m: lower it or kMostTorque");
       }
@@ -67,6 +77,7 @@ int main(int argc, char** argv) {
     }
 
     franka::Robot robot(argv[1]);
+    franka::Model model = robot.loadModel();
     // Stops on contact, assumed: raise them if the arm stops with nothing near.
     const Joints torques = {20, 20, 20, 20, 10, 10, 10};
     const std::array<double, 6> forces = {20, 20, 20, 20, 20, 20};
@@ -77,6 +88,7 @@ int main(int argc, char** argv) {
 
     double time = 0.0;
     Joints start{};
+    Joints before{};
     bool started = false;
     const auto callback = [&](const franka::RobotState& state,
                               franka::Duration period) -> franka::Torques {
@@ -86,15 +98,31 @@ int main(int argc, char** argv) {
       const double fade = kShare * stiction::soft(time / kSoft) *
                           stiction::soft((seconds - time) / kSoft);
       Joints wanted{};
+      const Joints gravity = model.gravity(state), coriolis = model.coriolis(state);
+      const std::array<double, 49> mass = model.mass(state);  // column by column
+      const double cycle = period.toSec() > 0.0 ? period.toSec() : 1e-3;
       for (std::size_t j = 0; j < 7; ++j) {
         const double off = start[j] - state.q[j];
         // An exception ends the control loop; libfranka tells the robot to stop.
         if (!(std::abs(off) <= kMostDrift)) throw std::runtime_error("the arm drifts: stopped");
         if (!(std::abs(state.dq[j]) <= kMostSpeed)) throw std::runtime_error("too fast: stopped");
+        // The arm is to stand still: no speed is wanted. Observers run from the first cycle on.
+        stiction::Seen seen;
+        seen.speed = state.dq[j];
+        seen.error = off;
+        seen.gravity = gravity[j];
+        seen.torque = state.tau_J_d[j] - coriolis[j];
+        for (std::size_t m = 0; m < 7; ++m) {
+          seen.pushed += mass[7 * m + j] * (state.dq[m] - before[m]);
+        }
+        const double added = compensation.torque(j, seen, cycle) +
+                             dither.torque(j, time, state.dq[j]);
+        if (!std::isfinite(added)) throw std::runtime_error("not a number: stopped");
         // Gravity is not in here: the robot adds it.
         wanted[j] = kStiffness[j] * off - kDamping[j] * state.dq[j] +
-                    fade * dither.torque(j, time, state.dq[j]);
+                    fade * std::clamp(added, -kMostTorque[j], kMostTorque[j]);
       }
+      before = state.dq;
       franka::Torques command(stiction::limit_rate(wanted, state.tau_J_d, kMostRate));
       return time >= seconds ? franka::MotionFinished(command) : command;
     };

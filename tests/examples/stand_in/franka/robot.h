@@ -10,6 +10,7 @@
 #include <string>
 
 #include "exception.h"
+#include "model.h"
 
 namespace franka {
 
@@ -20,12 +21,6 @@ class Duration {
 
  private:
   uint64_t milliseconds_;
-};
-
-struct RobotState {
-  std::array<double, 7> q{};
-  std::array<double, 7> dq{};
-  std::array<double, 7> tau_J_d{};
 };
 
 struct Torques {
@@ -46,6 +41,7 @@ class Robot {
   }
   void setCollisionBehavior(const std::array<double, 7>&, const std::array<double, 7>&,
                             const std::array<double, 6>&, const std::array<double, 6>&) {}
+  Model loadModel() { return Model(); }
   void control(std::function<Torques(const RobotState&, Duration)> callback,
                bool limit_rate = true, double cutoff_frequency = 100.0) {
     if (!limit_rate || cutoff_frequency != 100.0) throw Exception("unexpected arguments");
