@@ -58,6 +58,8 @@ class BoundsSettings:
     """Gains of a compensation over the friction that the controller assumes [-]."""
     compensation_reach: Positive
     """Speed and width are searched from the default over this to the default times this [-]."""
+    compensation_load: NotNegative
+    """Largest load gain of a push, where treatments are searched [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +94,10 @@ class SearchSettings:
     """Repeats of that measurement per friction."""
     verify_start: Positive
     """Largest change of every joint's start angle in that measurement [rad]."""
+    verify_random: Count
+    """Random paths on which treatments are judged, besides the pentagon."""
+    rest_margin: Positive
+    """How much more than an untreated arm a treatment may vibrate at rest [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)

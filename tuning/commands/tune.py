@@ -19,12 +19,16 @@ SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 OBJECTIVES = ("sje", "gte", "both")
 FREE = ("waveform", "offset")
 GATES = ("none", "one", "each")
-COMPENSATIONS = ("none", "feedforward", "push")
+TREATMENTS = (
+    *("dither", "feedforward", "push", "smooth_sign", "partial"),
+    *("lugre_observer", "momentum_observer", "observer", "all"),
+)
+COMPENSATIONS = ("none", *(x for x in TREATMENTS if x not in ("dither", "observer", "all")))
 PRICES = ("shaking", "power", "torque_rate")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
-    *("search", "gates", "compensation", "without_dither", "ask", "tell"),
+    *("search", "gates", "compensation", "without_dither", "treatment", "ask", "tell"),
 )
 WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
 """Options of the search that tuning on a real robot has too."""
@@ -128,12 +132,21 @@ def _add_search_options(parser: Any) -> None:
         help="search a gate speed: one for all joints, or one for each (objective gte or both)",
     )
     group.add_argument(
-        "--compensation",
-        choices=COMPENSATIONS,
-        help="search friction compensation together with dither (objective gte or both)",
+        "--treatment",
+        choices=TREATMENTS,
+        help="search this against friction, alone, on paths: dither, a compensation, both "
+        "observers, or all one after the other with the same budget; the report says which wins "
+        "on other paths and what it needs to know",
     )
     group.add_argument(
-        "--without-dither", action="store_true", default=None, help="compensation alone"
+        "--compensation",
+        choices=COMPENSATIONS,
+        metavar="KIND",
+        help="search a compensation together with dither (objective gte or both)",
+    )
+    # as --treatment KIND, but for the limits at rest and on the torque rate
+    group.add_argument(
+        "--without-dither", action="store_true", default=None, help=argparse.SUPPRESS
     )
     group.add_argument(
         "--bounds",
@@ -242,6 +255,7 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
         "gates": args.gates,
         "compensation": args.compensation,
         "without_dither": args.without_dither,
+        "treatment": args.treatment,
         "evaluations": args.evaluations,
     }
     inputs = {"bounds": args.bounds, "limit": args.limit}

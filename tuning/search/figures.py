@@ -16,7 +16,7 @@ from stiction_envs.reporting.png import save_full
 from tuning.search.bounds import Bounds
 from tuning.search.tracking import Table
 from tuning.search.trials import allowed, complete, front, score
-from tuning.search.verify import LEFT, PATHS, Verified
+from tuning.search.verify import LEFT, Verified
 from tuning.study.record import Record
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -205,8 +205,8 @@ def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> N
 def tables(verified: Verified, path: Path) -> None:
     """Draw the error that each table leaves against its vibration, per path."""
     figure = Figure(figsize=(20, 8), layout="constrained")
-    axes = figure.subplots(len(PATHS), len(LEFT), squeeze=False)
-    for row, where in enumerate(PATHS):
+    axes = figure.subplots(len(verified.paths), len(LEFT), squeeze=False)
+    for row, where in enumerate(verified.paths):
         for column, part in enumerate(LEFT):
             axis = axes[row][column]
             for k, (name, found) in enumerate(verified.tracking.items()):

@@ -12,6 +12,13 @@ from tuning.study.samplers import available
 OBJECTIVES = ("sje", "gte", "both")
 GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", *KINDS)
+_OBSERVERS = ("lugre_observer", "momentum_observer")
+TREATMENTS: dict[str, tuple[str, ...]] = {
+    **{name: (name,) for name in ("dither", *KINDS)},
+    "observer": _OBSERVERS,
+    "all": ("dither", *KINDS),
+}
+"""What is searched one after the other, by the name of the option: dither, or a compensation."""
 PRICES = ("shaking", "power", "torque_rate")
 """Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
 (GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
@@ -36,6 +43,9 @@ class Options:
     """Friction compensation of the GTE to search too, one of `COMPENSATIONS`."""
     without_dither: bool = False
     """Whether compensation is searched without dither."""
+    treatment: str | None = None
+    """One of `TREATMENTS`: each of them is searched alone, and they are compared; None: dither,
+    and compensation as above."""
     evaluations: int | None = None
     """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
 
@@ -46,9 +56,17 @@ class Options:
             ("pareto", (None, *PRICES)),
             ("gates", GATES),
             ("compensation", COMPENSATIONS),
+            ("treatment", (None, *TREATMENTS)),
         ):
             if getattr(self, name) not in choices:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
+        if self.treatment is not None:
+            if self.compensation != "none" or self.without_dither:
+                raise StictionError("treatment: expected no compensation besides")
+            if self.objective != "gte":
+                raise StictionError("treatment: expected objective gte")
+            if self.gates != "none" and "dither" not in TREATMENTS[self.treatment]:
+                raise StictionError("gates: expected dither to be searched")
         if self.compensation != "none" and self.objective == "sje":
             raise StictionError("compensation: expected objective gte or both")
         if self.without_dither and (self.compensation == "none" or self.objective != "gte"):
@@ -73,6 +91,11 @@ class Options:
             )
         if self.sampler == "nsga2" and not self.pareto:
             raise StictionError("sampler nsga2: expected pareto (two objectives)")
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """Names of the treatments that are searched one after the other."""
+        return ("",) if self.treatment is None else TREATMENTS[self.treatment]
 
     @property
     def objectives(self) -> int:

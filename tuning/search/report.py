@@ -19,10 +19,10 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.search import figures
-from tuning.search.stages import Stages
+from tuning.search.stages import SEARCHED, Stages
 from tuning.search.tracking import Table
 from tuning.search.trials import allowed, complete
-from tuning.search.verify import LEFT, PATHS, Verified
+from tuning.search.verify import LEFT, NOTHING, Verified
 from tuning.study.record import Record
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "search.md.j2"
@@ -53,6 +53,8 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
             for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
         },
     }
+    if found.options.treatment is not None:
+        summary["treatment"] = _winner(found, verified)
     write_md_and_html(
         folder,
         TEMPLATE,
@@ -60,9 +62,12 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         note=friction_note(found.sje.sticking.arm, found.sje.sticking.parameters),
         summary=summary,
         objective=objective,
-        final=_final(found, final),
+        final=_final(found, final) if final else "",
         met={j: words for j, words in met.items() if words},
-        better=_better_without_dither(verified) if verified.tracking else [],
+        better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
+        treatments=_treatment_table(found, verified),
+        winner=summary.get("treatment"),
+        rest_margin=1e3 * found.search.rest_margin,
         joints=_joint_table(found, verified),
         paths=_path_table(verified) if verified.tracking else "",
         failed=sum(
@@ -101,19 +106,50 @@ def _comparison(found: Stages, verified: Verified, name: str) -> dict[str, Any]:
     return out
 
 
-def _better_without_dither(verified: Verified) -> list[dict[str, Any]]:
+def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, Any]]:
     """Return the compensations that leave less error than the table found, at no more vibration."""
-    out, tuned = [], verified.tracking["search gte"]
+    out, tuned = [], verified.tracking[chosen]
     for name, paths in verified.tracking.items():
         if name.endswith("as believed") and all(
             paths[p].position[0] * paths[p].orientation[0]
             < tuned[p].position[0] * tuned[p].orientation[0]
             and paths[p].vibration_at_rest_m <= tuned[p].vibration_at_rest_m
-            for p in PATHS
+            for p in verified.paths
         ):
-            worst = {k: max(100 * getattr(paths[p], k)[0] for p in PATHS) for k in LEFT[:2]}
+            worst = {
+                k: max(100 * getattr(paths[p], k)[0] for p in verified.paths) for k in LEFT[:2]
+            }
             out.append({"kind": name.split(",")[0], **worst})
     return out
+
+
+def _winner(found: Stages, verified: Verified) -> dict[str, Any]:
+    """Return the treatment that is recommended, what it leaves on unseen paths, and the next."""
+    ranked = [(name, found.left(verified, name)) for name in found.ranking(verified)]
+    if not ranked:
+        return {"name": NOTHING, "left_percent": 100.0, "next": None, "needs": "nothing"}
+    (name, left), *rest = ranked
+    return {
+        "name": name,
+        "left_percent": 100 * left,
+        "next": None if not rest else {"name": rest[0][0], "left_percent": 100 * rest[0][1]},
+        "needs": found.needs(name),
+    }
+
+
+def _treatment_table(found: Stages, verified: Verified) -> str:
+    """Return what every treatment that was searched leaves, and what it needs to know."""
+    header = ["treatment", "left on unseen paths [%]", "recommended", "needs to know"]
+    ranked = found.ranking(verified) if found.options.treatment else []
+    rows = []
+    for name in found.treatments if found.options.treatment else ():
+        left = f"{100 * found.left(verified, name):.1f}"
+        if name in ranked:
+            says = "yes" if name == ranked[0] else "it may be used"
+        else:
+            says = "no: it shakes at rest, or helps nothing"
+        rows.append([name, left, says, found.needs(name)])
+    return table_text(header, rows) if rows else ""
 
 
 def _draw(found: Stages, searched: Records, folder: Path, verified: Verified) -> None:
@@ -172,7 +208,7 @@ def _write_comparison(path: Path, verified: Verified) -> None:
             place = (name, "gte", where)
             for measure in LEFT:
                 lines.append((*place, f"{measure}_left", *getattr(result, measure)))
-            for measure in ("vibration_m", "vibration_at_rest_m", "power_w"):
+            for measure in ("vibration_m", "vibration_at_rest_m", "power_w", "torque_rate_nm_s"):
                 lines.append((*place, measure, getattr(result, measure), "", ""))
     write_lines(path, COMPARISON, lines)
 
@@ -215,7 +251,7 @@ def _path_table(verified: Verified) -> str:
     header += ["vibration [mm]", "at rest [mm]", "power [W]"]
     rows = []
     for name, paths in verified.tracking.items():
-        for path in PATHS:
+        for path in verified.paths:
             r = paths[path]
             row = [name, path]
             for mean, low, high in (getattr(r, measure) for measure in LEFT):

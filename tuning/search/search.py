@@ -41,13 +41,14 @@ from tuning.study.tuning_run import open_run
 def search(
     robot: Robot,
     *,
-    objective: str = "sje",
+    objective: str | None = None,
     sampler: str | None = None,
     pareto: str | None = None,
     free: Sequence[str] = (),
     gates: str = "none",
     compensation: str = "none",
     without_dither: bool = False,
+    treatment: str | None = None,
     evaluations: int | None = None,
     bounds: str | Path | None = None,
     limit: str | Path | None = None,
@@ -71,20 +72,23 @@ def search(
     Args:
         robot: name, model file, arm, or an arm with its friction (`load_model`).
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
-            "both": the second starts from the table of the first.
+            "both": the second starts from the table of the first. None: "gte" for a treatment.
         sampler: one of `samplers.available`; None: gp for the SJE, cmaes for the GTE.
         pareto: second objective, of `options.PRICES`; None for one objective.
         free: of "waveform" and "offset": what is searched besides amplitude and frequency.
         gates: of the GTE: "none", "one" gate speed for all joints, or "each" its own.
         compensation: of the GTE: "none", "feedforward" or "push", searched together with dither.
         without_dither: whether compensation is searched alone.
+        treatment: one of `options.TREATMENTS`: each is searched alone with the same budget and
+            under the same limits on vibration and torque rate, and the best on other paths that
+            does not shake at rest is recommended.
         evaluations: trials per joint (SJE) and of whole tables (GTE); None for the settings'.
         bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
         limit: amplitude table whose displacement (SJE) and vibration (GTE) may not be passed; None
             for thesis Table 4.9 on the Panda, and on other arms what ``make tune`` would choose.
         beside: more amplitude tables to compare with.
-        out: output folder: trials.csv, final.csv, final.yaml (the same for ROS 2),
-            verification.csv, comparison.csv, report.md, plots, study.db. None for
+        out: output folder: trials.csv, final.csv and compensation.csv, final.yaml (the same for
+            ROS 2), verification.csv, comparison.csv, report.md, plots, study.db. None for
             ``runs/search-ROBOT``.
         force: whether the files of another run in it are replaced.
         seed: of scatter, drawn frictions and samplers.
@@ -102,13 +106,14 @@ def search(
         ExperimentError: a joint that sticks; a search that found nothing it may use.
     """
     options = Options(
-        objective=objective,
+        objective=objective or ("sje" if treatment is None else "gte"),
         sampler=sampler,
         pareto=pareto,
         free=tuple(free),
         gates=gates,
         compensation=compensation,
         without_dither=without_dither,
+        treatment=treatment,
         evaluations=evaluations,
     )
     s = override(tuning_settings(), settings)

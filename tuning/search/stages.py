@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
-from stiction_envs.errors import ExperimentError
+from stiction_envs.control.laws import LAWS
+from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
@@ -26,6 +28,8 @@ from tuning.search.reference_tables import GRID, best_of_grid, grid_rows
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
 from tuning.search.verify import (
+    NOTHING,
+    PathResult,
     Verified,
     another_start,
     measured_once,
@@ -41,6 +45,10 @@ from tuning.study.workers import Evaluate, fill
 Progress = Callable[[str, float, float], None]
 TUNED = TRAJECTORIES[:1]
 """Paths on which a table is tuned; it is verified on others too."""
+SEARCHED = "search gte"
+"""Name of what was searched on paths."""
+BELIEVED = ("feedforward", "push")
+"""Compensations with the gains of the model, to compare with."""
 UNSEEN = 7919
 """Added to the seed of drawn frictions [-]; assumed: larger than the seeds that people use."""
 
@@ -65,6 +73,10 @@ class Stages:
     """Tables of the finished stages."""
     compensation: Compensation | None = None
     """Compensation that was found."""
+    treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
+    """What was found on paths, by the name of its treatment, or ``search gte``."""
+    chosen: str = ""
+    """Name of the treatment that is the result of the search on paths."""
     limit: dict[str, Any] = dataclasses.field(default_factory=dict)
     """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
 
@@ -88,8 +100,19 @@ class Stages:
         if self.options.objective in ("sje", "both"):
             tables["search sje"] = self.breakaway()
         if self.options.objective in ("gte", "both"):
-            tables["search gte"] = self.tracking(tables.get("search sje"))
+            for kind in self.options.searched:
+                name = f"{kind}, searched" if kind else SEARCHED
+                self.treatments[name] = self.tracking(tables.get("search sje"), kind)
         write_trials(folder / "trials.csv", self.records)
+        if "search sje" in tables:
+            self.others[GRID] = self.grid()
+        tracking = self.verify_paths() if self.treatments else {}
+        if self.treatments:
+            judged = self.ranking(Verified(breakaway={}, tracking=tracking))
+            # one that was asked for by name is the result, recommended or not
+            self.chosen = next(iter(self.treatments if len(self.treatments) == 1 else judged), "")
+            best_one = self.treatments.get(self.chosen, Treatment())
+            tables[SEARCHED], self.compensation = best_one.dither, best_one.compensation
         if self.options.pareto:
             write_trials(folder / "pareto.csv", self.records, front)
         names = self.sje.sticking.arm.joint_names
@@ -97,9 +120,7 @@ class Stages:
             write_treatment(folder, self.final, self.compensation, names)
         if len(tables) > 1:
             write_amplitudes(folder / "sje_table.csv", tables["search sje"])
-        if "search sje" in tables:
-            self.others[GRID] = self.grid()
-        return self.verify({**tables, **self.others})
+        return self.verify({**tables, **self.others}, tracking)
 
     def reach(self) -> None:
         """Open the first study before anything is simulated or written: it may be unavailable.
@@ -107,7 +128,9 @@ class Stages:
         Raises:
             StictionError: a storage that cannot be opened, or a study of something else.
         """
-        stage, study = ("gte", "gte") if self.options.objective == "gte" else ("sje", "sje-joint1")
+        stage, study = "sje", "sje-joint1"
+        if self.options.objective == "gte":
+            stage, study = "gte", _study(self.options.searched[0])
         self.run.record(study, self.options.objectives, self.options.sampler_of(stage))
 
     def _progress(self, stage: str) -> Callable[[float, float], None] | None:
@@ -150,7 +173,7 @@ class Stages:
 
     def _fill(self, stage: str, searches: list[Search], evaluate: Evaluate) -> None:
         fill(searches, evaluate, self._progress(stage))
-        self.records[stage] = [s.record for s in searches]
+        self.records.setdefault(stage, []).extend(s.record for s in searches)
 
     # ---- the SJE -----------------------------------------------------------------------------
 
@@ -220,9 +243,12 @@ class Stages:
 
     # ---- the GTE -----------------------------------------------------------------------------
 
-    def tracking(self, begin: Table | None) -> Table:
-        """Search tables of the whole arm; return the best."""
+    def tracking(self, begin: Table | None, kind: str) -> Treatment:
+        """Search a treatment of the whole arm, ``kind`` of `Options.searched`; return the best."""
         s, options = self.search, self.options
+        compensation, still = options.compensation, options.without_dither
+        if kind:
+            compensation, still = ("none", False) if kind == "dither" else (kind, True)
         name = options.sampler_of("gte")
         places: list[Place] = [(path, k) for path in TUNED for k in thesis_stiffness()]
         objective = TrackingObjective(
@@ -231,10 +257,11 @@ class Stages:
             self.frictions,
             places,
             iterations=s.iterations,
-            joints=() if options.without_dither else range(1, self.sje.n + 1),
-            free=options.free,
-            gates=options.gates,
-            compensation=options.compensation,
+            joints=() if still else range(1, self.sje.n + 1),
+            free=() if still else options.free,
+            gates="none" if still else options.gates,
+            compensation=compensation,
+            rest_margin=s.rest_margin if kind else None,
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,
             pareto=options.pareto,
@@ -246,7 +273,7 @@ class Stages:
         )
         one = self._search(
             "gte",
-            "gte",
+            _study(kind),
             objective.space(),
             seed=self.seed,
             startup=s.population,
@@ -256,16 +283,16 @@ class Stages:
         )
         self._fill("gte", [one], objective.evaluate)
         chosen = best(one.record.trials)
+        if chosen is None and kind:
+            return Treatment()
         if chosen is None:
             raise ExperimentError(
                 f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
                 "larger limit, or more evaluations"
             )
         if score(chosen) >= 0.0:  # no more than no dither achieves
-            return tuple(AmplitudeRow(j, 0.0, 0.0) for j in objective.joints)
-        treatment = objective.treatment(chosen.params)
-        self.compensation = treatment.compensation
-        return treatment.dither
+            return Treatment(dither=tuple(AmplitudeRow(j, 0.0, 0.0) for j in objective.joints))
+        return objective.treatment(chosen.params)
 
     def _gte(self, seed: int, **options: Any) -> GeneratedTrajectoryExperiment:
         """Return the experiment of this arm."""
@@ -275,38 +302,85 @@ class Stages:
 
     # ---- what was found ----------------------------------------------------------------------
 
-    def verify(self, tables: Mapping[str, Table]) -> Verified:
-        """Measure tables again, under frictions, seeds and paths that the search has not seen."""
-        s = self.search
-        parameters, seed = self.sje.sticking.parameters, self.seed + UNSEEN
-        common: dict[str, Any] = {
+    def ranking(self, verified: Verified) -> list[str]:
+        """Return treatments that may be recommended, those that leave least error first.
+
+        They leave less than nothing does, and on no path shake at rest more than that and a margin.
+        """
+        tracking, margin = verified.tracking, self.search.rest_margin
+        allowed = [
+            name
+            for name in self.treatments
+            if self.left(verified, name) < 1.0
+            and all(
+                result.vibration_at_rest_m <= tracking[NOTHING][path].vibration_at_rest_m + margin
+                for path, result in tracking[name].items()
+            )
+        ]
+        return sorted(allowed, key=lambda name: self.left(verified, name))
+
+    def left(self, verified: Verified, name: str) -> float:
+        """Return the error left on paths that were not searched on, geometric mean [-].
+
+        Of position and orientation, over all goals, relative to no treatment.
+        """
+        unseen = [r for path, r in verified.tracking[name].items() if path not in TUNED]
+        values = [x for r in unseen for x in (r.position[0], r.orientation[0])]
+        return float(np.exp(np.mean(np.log(values))))
+
+    def needs(self, name: str) -> str:
+        """Return what a treatment needs to know or measure."""
+        compensation = self.treatments[name].compensation
+        return "nothing" if compensation is None else LAWS[compensation.kind].knows
+
+    def verify_paths(self) -> dict[str, dict[str, PathResult]]:
+        """Measure treatments again, from a start and on paths that the search has not seen."""
+        start = another_start(self.sje.sticking.arm, self.search.verify_start, [self.seed, UNSEEN])
+        unseen = self._gte(self.seed + 1, start=start)
+        experiment = self._gte(self.seed)
+        out = {name: Treatment(dither=table) for name, table in self.tables.items()}
+        out |= self.treatments
+        out |= {name: Treatment(dither=table) for name, table in self.others.items()}
+        for kind in BELIEVED:
+            out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
+        random = self.options.treatment is not None and _has_random_paths(unseen)
+        return verify_tracking(unseen, out, random=random, **self._unseen)
+
+    @cached_property
+    def _unseen(self) -> dict[str, Any]:
+        """What both repeated measurements have in common."""
+        s, parameters = self.search, self.sje.sticking.parameters
+        draws = frictions(parameters, s.verify_draws, spread=s.spread, seed=self.seed + UNSEEN)
+        return {
             "bounds": self.bounds,
-            "frictions": frictions(parameters, s.verify_draws, spread=s.spread, seed=seed),
+            "frictions": draws,
             "settings": s,
             "record": self.run.record,
             "progress": self._progress("verification"),
         }
+
+    def verify(
+        self, tables: Mapping[str, Table], tracking: dict[str, dict[str, PathResult]]
+    ) -> Verified:
+        """Measure tables again in the SJE, under frictions and seeds not seen; add paths."""
         breakaway = verify_breakaway(
             self.sje.replace(seed=self.seed + 1),
             # a ramp takes long: if only paths were searched, the table found is enough
             tables if "search sje" in tables else self.tables,
-            **common,
+            **self._unseen,
         )
-        if self.options.objective == "sje":
-            return Verified(breakaway=breakaway, tracking={})
-        start = another_start(self.sje.sticking.arm, s.verify_start, [self.seed, UNSEEN])
-        unseen = self._gte(self.seed + 1, start=start)
-        tracking = verify_tracking(unseen, self._treatments(tables), **common)
         return Verified(breakaway=breakaway, tracking=tracking)
 
-    def _treatments(self, tables: Mapping[str, Table]) -> dict[str, Treatment]:
-        """Return the treatments to run on paths: tables, and compensation as it is and as found."""
-        out = {name: Treatment(dither=table) for name, table in tables.items()}
-        if self.compensation is not None:
-            out["search gte"] = Treatment(
-                dither=tables.get("search gte", ()), compensation=self.compensation
-            )
-        experiment = self._gte(self.seed)
-        for kind in KINDS:
-            out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
-        return out
+
+def _has_random_paths(experiment: GeneratedTrajectoryExperiment) -> bool:
+    """Return whether the arm can follow some around its start."""
+    try:
+        experiment.path(f"{RANDOM}-0")
+    except StictionError:
+        return False
+    return True
+
+
+def _study(kind: str) -> str:
+    """Return the name of the study of a treatment."""
+    return f"gte-{kind}" if kind else "gte"

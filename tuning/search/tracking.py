@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
 from stiction_envs.control.compensation import Compensation
+from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import Case
@@ -124,6 +125,7 @@ class TrackingObjective:
         penalty: float = 0.0,
         pareto: str | None = None,
         settings: BoundsSettings | None = None,
+        rest_margin: float | None = None,
     ) -> None:
         """Measure the arm without dither, and the vibration that a table causes.
 
@@ -142,6 +144,9 @@ class TrackingObjective:
             penalty: added to the value per unit of a constraint, for samplers without constraints.
             pareto: second objective, of `options.PRICES`; None for one objective only.
             settings: range of the compensation; None for those of ``settings.toml``.
+            rest_margin: how much more than an untreated arm any may vibrate at rest [m]; torque
+                may then change no faster than with ``limits``, and a push has a load gain. None
+                for neither.
         """
         self.pareto = pareto
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
@@ -149,11 +154,19 @@ class TrackingObjective:
         self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
         self.free, self._settings = free, settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
+        self._loaded = rest_margin is not None and compensation == "push"
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
-        if limits and np.isnan(largest).any():
-            shaken = self.measure([Treatment(dither=limits)])[0].shaking
-            largest = np.where(np.isnan(largest), shaken, largest)
+        shaken = self.plain
+        if limits and (rest_margin is not None or np.isnan(largest).any()):
+            shaken = self.measure([Treatment(dither=limits)])[0]
+            largest = np.where(np.isnan(largest), shaken.shaking, largest)
+        self.torque_rate = np.inf
+        """Largest change of torque [N·m/s]; inf where there is no limit."""
+        if rest_margin is not None:
+            largest[1] = np.fmin(largest[1], self.plain.shaking[1] + rest_margin)
+            rates = [float(x.torque_rate.max()) for x in (self.plain, shaken)]
+            self.torque_rate = max(rates)
         self.vibration = np.where(np.isnan(largest), np.inf, largest)
         """(2,) largest vibration, moving and at rest [m]; inf where there is no limit."""
 
@@ -174,28 +187,35 @@ class TrackingObjective:
             reach = self._settings.compensation_reach
             out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
             for name, usual in self._usual().items():
-                out[f"compensation_{name}"] = FloatDistribution(
-                    usual / reach, usual * reach, log=True
-                )
+                most = min(usual * reach, self._largest[name])
+                out[f"compensation_{name}"] = FloatDistribution(usual / reach, most, log=True)
+            if self._loaded:
+                most = self._settings.compensation_load
+                out["compensation_load"] = FloatDistribution(0.0, most)
         return out
 
     def _usual(self) -> dict[str, float]:
-        """Return the default speed [rad/s] and, for a push, error [rad] of the compensation."""
+        """Return the defaults of the numbers of the compensation that are searched."""
         if self._believed is None:
             return {}
-        names = ("speed", "error") if self._believed.kind == "push" else ("speed",)
+        names = LAWS[self._believed.kind].searched
         return {name: getattr(self._believed, name)[0] for name in names}
+
+    @property
+    def _largest(self) -> dict[str, float]:
+        fields = () if self._believed is None else LAWS[self._believed.kind].fields
+        return {field.name: field.largest for field in fields}
 
     def treatment(self, parameters: Parameters) -> Treatment:
         """Return the treatment that parameters of `space` describe."""
         compensation = None
         if self._believed is not None:
             factor, n = parameters["compensation"], self._believed.n
+            names = [*self._usual(), *(["load"] if self._loaded else [])]
             more: dict[str, Any] = {
-                name: (parameters[f"compensation_{name}"],) * n for name in self._usual()
+                name: (parameters[f"compensation_{name}"],) * n for name in names
             }
-            gain = tuple(factor * g for g in self._believed.gain)
-            compensation = dataclasses.replace(self._believed, gain=gain, **more)
+            compensation = dataclasses.replace(self._believed.times(factor), **more)
         return Treatment(dither=self.table(parameters), compensation=compensation)
 
     def table(self, parameters: Parameters) -> Table:
@@ -225,6 +245,8 @@ class TrackingObjective:
         if self._believed is not None:
             out["compensation"] = float(np.mean(self._settings.compensation_factor))
             out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}
+            if self._loaded:
+                out["compensation_load"] = 0.0
         return out
 
     # ---- measuring ---------------------------------------------------------------------------
@@ -284,7 +306,8 @@ class TrackingObjective:
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
             values = (self.penalty * depth, *self._price(self.plain))
-            return Outcome(values=values, constraints=(0.0, 0.0, *forbidden))
+            calm = (0.0, 0.0, *forbidden, *([0.0] if np.isfinite(self.torque_rate) else []))
+            return Outcome(values=values, constraints=calm)
         position, orientation = found.left(self.plain)
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
@@ -294,6 +317,9 @@ class TrackingObjective:
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
         ]
         constraints = (*([0.0, 0.0] if self.pareto == "shaking" else over), *forbidden)
+        if np.isfinite(self.torque_rate):
+            over.append(float(found.torque_rate.max()) / self.torque_rate - 1.0)
+            constraints = (*constraints, over[-1])
         moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return Outcome(

@@ -17,6 +17,7 @@ from optuna.distributions import CategoricalDistribution
 
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
+from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
@@ -58,6 +59,8 @@ class PathResult:
     """Vibration at rest [m]."""
     power_w: float
     """Power of the dither [W]."""
+    torque_rate_nm_s: float
+    """Largest change of torque on any joint [N·m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +71,11 @@ class Verified:
     """Per table and joint."""
     tracking: Mapping[str, Mapping[str, PathResult]]
     """Per table and path; empty where only the SJE was searched."""
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Names of the paths; `RANDOM` stands for all random ones."""
+        return tuple(next(iter(self.tracking.values()), ()))
 
 
 def digest(things: Any) -> str:
@@ -128,15 +136,19 @@ def verify_tracking(
     settings: SearchSettings,
     record: MakeRecord,
     progress: Progress | None,
+    random: bool = False,
 ) -> dict[str, dict[str, PathResult]]:
-    """Run every treatment on the path used for tuning and on one that was not."""
+    """Run every treatment on the path used for tuning and on others, random ones if wanted."""
     treatments = {NOTHING: Treatment(), **treatments}
-    cases = [(name, path) for name in treatments for path in PATHS]
+    groups: dict[str, Sequence[str]] = {path: (path,) for path in PATHS}
+    if random:
+        groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(settings.verify_random)]
+    cases = [(name, path) for name in treatments for path in groups]
 
     def measure_all(wanted: list[tuple[str, str]]) -> list[Outcome]:
         out: dict[tuple[str, str], Outcome] = {}
         for path in dict.fromkeys(path for _, path in wanted):
-            places: list[Place] = [(path, k) for k in thesis_stiffness()]
+            places: list[Place] = [(p, k) for p in groups[path] for k in thesis_stiffness()]
             objective = TrackingObjective(
                 experiment,
                 bounds,
@@ -156,15 +168,17 @@ def verify_tracking(
                         "vibration_m": found.shaking[0],
                         "vibration_at_rest_m": found.shaking[1],
                         "power_w": float(found.power.mean()),
+                        "torque_rate_nm_s": float(found.torque_rate.max()),
                     },
                 )
         return [out[case] for case in wanted]
 
-    made = record(f"verify-gte-{digest(list(treatments.items()))}")
+    made = record(f"verify-gte-{digest([list(treatments.items()), groups])}")
     known = measured_once(made, cases, measure_all, progress)
     result: dict[str, dict[str, PathResult]] = {name: {} for name in treatments}
     for (name, path), attributes in zip(cases, known, strict=True):
-        shaken = {k: attributes[k] for k in ("vibration_m", "vibration_at_rest_m", "power_w")}
+        names = ("vibration_m", "vibration_at_rest_m", "power_w", "torque_rate_nm_s")
+        shaken = {k: attributes[k] for k in names}
         left: dict[str, Any] = {k: _left(attributes[k]) for k in LEFT}
         result[name][path] = PathResult(**left, **shaken)
     return result

@@ -8,9 +8,10 @@ import math
 import optuna
 import pytest
 
+from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, read_sje, write_amplitudes
-from tuning.search.options import Options
+from tuning.search.options import TREATMENTS, Options
 from tuning.search.search import search
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
@@ -188,3 +189,45 @@ def test_a_table_no_better_than_nothing_is_no_dither(small_arm, fast, tmp_path, 
         evaluations=2,
     )
     assert [r.amplitude_nm for r in found.final] == [0.0, 0.0]
+
+
+@pytest.mark.slow
+def test_treatments_are_compared_under_the_same_limits(small, tmp_path):
+    """Each has its study and budget; the best that does not shake at rest is written."""
+    found = small("out", treatment="observer", evaluations=2)
+    folder = tmp_path / "out"
+    trials = rows(folder / "trials.csv")
+    studies = {row["study"] for row in trials}
+    assert len(trials) == 2 * len(TREATMENTS["observer"]) == 2 * len(studies)
+    compared = rows(folder / "comparison.csv")
+    rest = {
+        (r["table"], r["where"]): float(r["value"])
+        for r in compared
+        if r["measure"] == "vibration_at_rest_m"
+    }
+    # this arm can follow no random path
+    assert {where for _, where in rest} == {"triangle", "pentagon"}
+    winner = found.summary["treatment"]
+    text = (folder / "report.md").read_text()
+    assert all(f"{name}, searched" in text for name in TREATMENTS["observer"])
+    if winner["name"] != "no dither":
+        for where in ("triangle", "pentagon"):
+            assert rest[winner["name"], where] <= rest["no dither", where] + 2e-5
+        assert winner["left_percent"] < 100.0
+        kind = winner["name"].split(",")[0]
+        c = read_compensation(folder / "final.yaml", None, 2)
+        assert c == read_compensation(folder / "compensation.csv", kind, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"treatment": "pull"}, "'pull': expected one of dither"),
+        ({"treatment": "push", "objective": "sje"}, "expected objective gte"),
+        ({"treatment": "push", "compensation": "push"}, "no compensation besides"),
+        ({"treatment": "push", "gates": "one"}, "expected dither to be searched"),
+    ],
+)
+def test_treatments_that_cannot_be(options, words):
+    with pytest.raises(StictionError, match=words):
+        Options(**{"objective": "gte"} | options)

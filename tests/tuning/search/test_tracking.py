@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from stiction_envs.control.compensation import KINDS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from tuning.search.bounds import bounds_of
 from tuning.search.tracking import TrackingObjective, Treatment
+from tuning.study.record import LIMITS
 
 PLACE = ("triangle", (200.0, 20.0, 0.0))
 
@@ -126,3 +128,31 @@ def test_waveform_and_offset_reach_the_table(make):
     five, seven = free.table(changed)
     assert (five.offset_nm, seven.offset_nm) == (-0.1, 0.0)
     assert (five.waveform, seven.waveform) == ("sine", "square")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_compensation_is_searched(make, kind):
+    """Its parameters are within its space, and the middle of it is a treatment."""
+    objective = make(joints=(), compensation=kind, rest_margin=1.0)
+    space, parameters = objective.space(), objective.parameters(())
+    assert set(space) == set(parameters)
+    assert all(d.low <= parameters[name] <= d.high for name, d in space.items())
+    found = objective.treatment(parameters).compensation
+    assert found.kind == kind
+    top = objective.treatment({name: d.high for name, d in space.items()}).compensation
+    assert top.gain > found.gain
+    assert ("compensation_load" in space) == (kind == "push")
+
+
+def test_treatments_are_limited_at_rest_and_in_torque_rate(make):
+    """At rest the untreated arm and the margin; torque as fast as that of the limit's table."""
+    margin = 1e-6
+    objective = make(limits=thesis_final_dither(), rest_margin=margin)
+    assert objective.vibration[1] == objective.plain.shaking[1] + margin
+    assert np.isfinite(objective.torque_rate)
+    assert objective.torque_rate >= objective.plain.torque_rate.max()
+    shaken = objective.evaluate([(0, objective.parameters(thesis_final_dither()))])[0]
+    over = shaken.measures[LIMITS]
+    assert len(over) == 3
+    assert over[1] > 0
+    assert over[2] == pytest.approx(shaken.measures["torque_rate_nm_s"] / objective.torque_rate - 1)
