@@ -1,0 +1,309 @@
+"""Treatments of friction side by side: error left, vibration, rest and softness on random paths.
+
+    python -m benchmarks.learning.treatments [--robot R …] [--found FOLDER …] [--minutes M]
+
+A row is one condition: robot, stiffness, how wrong the believed friction is, and what the
+controller sees (delay and noise). In it every treatment follows the same random paths; then it
+moves a little, holds still, and a hand pushes it slowly. Treatments have the gains of the model's
+friction; with ``--found`` also those that ``stiction tune --treatment`` wrote there
+(``final.yaml``). Rows with delay or noise need `stiction_envs.control.sensing`, and are left out
+without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.harness import EPISODES, Benchmark, Row, machine
+from stiction_envs.control.compensation import KINDS
+from stiction_envs.control.compensation_files import read_compensation
+from stiction_envs.control.trajectory import Path as Goals
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.rows import thesis_final_dither
+from stiction_envs.experiments.rig import dither_arrays
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.parameters import scaled, stack_friction
+from stiction_envs.measured import read_amplitudes
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.reporting.markdown import table_text
+from tuning.search.bounds import bounds_of
+from tuning.search.tracking import TrackingObjective, Treatment
+
+Array = NDArray[np.float64]
+STUDY = Benchmark(
+    __file__,
+    __doc__,
+    made_by=(*EPISODES, "tuning/search/tracking.py", "benchmarks/learning/treatments.py"),
+)
+ROBOTS = ("panda", "iiwa7", "iiwa14")
+TABLES = Path(__file__).parents[2] / "stiction_envs" / "dither" / "tables"
+STIFFNESS = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
+SEED = 29
+PATHS, FIRST, ITERATIONS = 4, 1000, 2
+"""Random paths of a row, the number of the first, which no search draws, and runs of each."""
+STEP_M, STILL_S, PUSH_S = 0.03, 4.0, 4.0
+"""A goal this far away, then rest; of that the last half is looked at. Then a push of this time."""
+PUSH_N = 10.0
+"""Force of the hand at its end, in the direction of the step."""
+STILL_M = 1e-6
+"""What swings less than this has no frequency."""
+SENSES = "stiction_envs.control.sensing"
+SHARP = {"smooth_sign": 0.01}
+"""Switch-over speed [rad/s] of a second variant: as sharp as the feedforward's is not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What is the same for all treatments of a row."""
+
+    robot: str
+    stiffness: tuple[float, float, float]
+    friction: float = 1.0
+    """True stiction over that which the controller believes [-]."""
+    delay_ms: float | None = None
+    """Age of what the controller sees [ms]; None: ideal senses."""
+    noise: float = 1.0
+    """Noise over the robot's own [-]; counts with a delay."""
+
+
+def conditions(robot: str) -> list[Condition]:
+    """Return the rows of a robot: friction, delay, noise, and friction wrong with real senses."""
+    out = []
+    for k in STIFFNESS:
+        at = partial(Condition, robot=robot, stiffness=k)
+        out += [at(friction=f) for f in (1.0, 1 / 0.7, 1 / 1.3)]
+        out += [at(delay_ms=d) for d in (0.0, 1.0, 3.0, 5.0)]
+        out += [at(delay_ms=1.0, noise=x) for x in (1 / 3, 3.0)]
+        out += [at(delay_ms=1.0, friction=f) for f in (1 / 0.7, 1 / 1.3)]
+    return [c for c in out if c.delay_ms is None or find_spec(SENSES)]
+
+
+def sensing_of(condition: Condition, experiment: GeneratedTrajectoryExperiment) -> dict[str, Any]:
+    """Return the argument ``sensing`` of an experiment, none where senses are ideal."""
+    if condition.delay_ms is None:
+        return {}
+    from importlib import import_module
+
+    own = import_module(SENSES).load_sensing(experiment.sticking.arm, "robot")
+    noisy = {
+        name: (np.multiply(getattr(own, name), condition.noise)).tolist()
+        for name in ("angle_noise", "speed_noise", "torque_noise")
+    }
+    late = {"measurement_delay": 1e-3 * condition.delay_ms, "command_delay": 0.0}
+    changes = {k: tuple(v) if isinstance(v, list) else v for k, v in noisy.items()}
+    return {"sensing": dataclasses.replace(own, **changes, **late, measurement_jitter=0.0)}
+
+
+def treatments(robot: str, found: Sequence[Path] = ()) -> dict[str, Treatment]:
+    """Return what is compared, by name; ``nothing`` is the first."""
+    e = GeneratedTrajectoryExperiment(robot)
+    dither = thesis_final_dither()
+    if robot != "panda":
+        dither = tuple(read_amplitudes(TABLES / f"{robot}.csv", n_joints=e.n))
+    out = {"nothing": Treatment(), "dither": Treatment(dither=dither)}
+    for kind in KINDS:
+        c = e.compensation(kind)
+        out[kind] = Treatment(compensation=c)
+        if kind in SHARP:
+            sharp = dataclasses.replace(c, speed=(SHARP[kind],) * e.n)
+            out[f"{kind}, sharp"] = Treatment(compensation=sharp)
+    push = dataclasses.replace(e.compensation("push"), load=(0.05,) * e.n)
+    out["push, load gain 0.05"] = Treatment(compensation=push)
+    out["momentum_observer and dither"] = dataclasses.replace(
+        out["momentum_observer"], dither=dither
+    )
+    for folder in found:
+        out[f"{folder.name}, searched"] = _found(folder / "final.yaml", e.n)
+    return out
+
+
+def _found(path: Path, n: int) -> Treatment:
+    """Return the treatment of a ``final.yaml``; it has dither, compensation or both."""
+    parts: dict[str, Any] = {}
+    for name, read in (
+        ("dither", lambda: tuple(read_amplitudes(path, n_joints=n))),
+        ("compensation", lambda: read_compensation(path, None, n)),
+    ):
+        try:
+            parts[name] = read()
+        except StictionError as error:
+            if "nodes with" not in str(error):
+                raise
+    return Treatment(**parts)
+
+
+# ---- measuring -----------------------------------------------------------------------------------
+
+
+def measure(found: Sequence[Path], condition: Condition) -> Row:
+    """Return what every treatment does in a condition."""
+    ideal = GeneratedTrajectoryExperiment(condition.robot, seed=SEED)
+    e = GeneratedTrajectoryExperiment(
+        condition.robot,
+        seed=SEED,
+        threads=1,
+        paths={"step": Goals("step", np.array([[STEP_M, 0, 0]]), np.array([[1.0, 0, 0, 0]]))},
+        **sensing_of(condition, ideal),
+    )
+    listed = treatments(condition.robot, found)
+    true = scaled(e.sticking.parameters, {"stiction": condition.friction})
+    objective = TrackingObjective(
+        e,
+        bounds_of(SingleJointExperiment(condition.robot)),
+        [true],
+        [(f"random-{FIRST + k}", condition.stiffness) for k in range(PATHS)],
+        iterations=ITERATIONS,
+        joints=(),
+    )
+    plain, held = objective.plain, hold_and_push(e, listed, condition.stiffness, true)
+    out: Row = {}
+    for name, one, rest in zip(listed, objective.measure(list(listed.values())), held, strict=True):
+        position, orientation = one.left(plain)
+        moving, resting = one.shaking
+        out[name] = {
+            "position_left": position,
+            "orientation_left": orientation,
+            "position_m": float(np.nanmean(one.position)),
+            "orientation_rad": float(np.nanmean(one.orientation)),
+            "vibration_m": moving,
+            "vibration_at_rest_m": resting,
+            "torque_rate_nm_s": float(one.torque_rate.max()),
+            **rest,
+        }
+    return out
+
+
+def hold_and_push(
+    experiment: GeneratedTrajectoryExperiment,
+    listed: Mapping[str, Treatment],
+    stiffness: tuple[float, float, float],
+    true: Any,
+) -> list[dict[str, float]]:
+    """Return what arms do that hold still after a step, and that a hand pushes then.
+
+    At rest: how fast they creep, and the largest distance and strongest frequency of what moves
+    about that, which is a limit cycle where there is one. The push: force over displacement, which
+    is the chosen stiffness of an arm without friction.
+    """
+    n, count = experiment.n, len(listed)
+    path = experiment.path("step")
+    rig = experiment.rig(count, len(path.position), stack_friction([true] * count))
+    ids = np.arange(count)
+    rig.begin(ids, [path] * count, np.tile(stiffness, (count, 1)), [(0,)] * count)
+    dither = [dither_arrays(t.dither, n, np.inf) for t in listed.values()]
+    rig.set_dither(ids, **{k: np.stack([d[k] for d in dither]) for k in dither[0]})
+    rig.compensator.set_rows(ids, [t.compensation for t in listed.values()])
+    positions: list[Array] = []
+    force = rig.plant.batch.bind("xfrc_applied")
+    model = experiment.sticking.model
+    hand = int(model.site_bodyid[model.site(experiment.sticking.arm.end_effector).id])
+    still = round((experiment.nominal_duration(path) + STILL_S) / CONTROL_DT)
+    push = round(PUSH_S / CONTROL_DT)
+
+    def watch() -> None:
+        positions.append(rig.end_effector.position.copy())
+        force[:, hand, 0] = PUSH_N * min(max(len(positions) - still, 0) / push, 1.0)
+
+    rig.advance(still + push, watch)
+    x = np.stack(positions, axis=1)
+    rest = x[:, still - round(STILL_S / 2 / CONTROL_DT) : still]
+    out, time = [], CONTROL_DT * np.arange(rest.shape[1])
+    window = np.hanning(len(time))[:, None]
+    frequencies = np.fft.rfftfreq(len(time), CONTROL_DT)
+    for one, whole in zip(rest, x, strict=True):
+        slope, start = np.polyfit(time, one, 1)
+        swing = one - start - time[:, None] * slope
+        spectrum = np.abs(np.fft.rfft(window * swing, axis=0)).sum(axis=1)
+        moved = float(whole[-1, 0] - whole[still - 1, 0])
+        out.append(
+            {
+                "creep_m_s": float(np.linalg.norm(slope)),
+                "hold_m": float(np.linalg.norm(np.ptp(swing, axis=0))),
+                "hold_hz": float(frequencies[1 + int(np.argmax(spectrum[1:]))]),
+                "push_n_per_m": PUSH_N / moved if moved > 0 else float("inf"),
+            }
+        )
+    return out
+
+
+# ---- the page ------------------------------------------------------------------------------------
+
+
+def page(rows: Mapping[Condition, Row], planned: int) -> str:
+    """Return the page: a table per condition that was measured."""
+    parts = [
+        "# Treatments of friction side by side",
+        f"{len(rows)} of {planned} conditions measured. Error left at the goals of {PATHS} random "
+        f"paths, {ITERATIONS} runs each, over that of an untreated arm; vibration above 8 Hz; how "
+        f"an arm holds still from {STILL_S / 2:g} to {STILL_S:g} s after a step of "
+        f"{100 * STEP_M:g} cm: it creeps, or swings about that; stiffness that a hand feels that "
+        f"pushes slowly up to {PUSH_N:g} N.",
+    ]
+    header = ["treatment", "position left [%]", "orientation left [%]", "vibration [mm]"]
+    header += ["at rest [mm]", "torque rate [N·m/s]", "creeps [mm/s]", "swings [mm]", "at [Hz]"]
+    header += ["push [N/m]"]
+    for condition, row in rows.items():
+        lines = [
+            [
+                name,
+                f"{100 * m['position_left']:.0f}",
+                f"{100 * m['orientation_left']:.0f}",
+                f"{1e3 * m['vibration_m']:.4f}",
+                f"{1e3 * m['vibration_at_rest_m']:.4f}",
+                f"{m['torque_rate_nm_s']:.0f}",
+                f"{1e3 * m['creep_m_s']:.4f}",
+                f"{1e3 * m['hold_m']:.4f}",
+                f"{m['hold_hz']:.1f}" if m["hold_m"] > STILL_M else "–",
+                f"{m['push_n_per_m']:.0f}",
+            ]
+            for name, m in row.items()
+            if name != "seconds"
+        ]
+        parts += [f"## {_title(condition)}", table_text(header, lines)]
+    parts += [
+        "## How it was measured",
+        f"`{STUDY.command}`; {machine()}. Treatments have the gains of the model's friction unless "
+        "they are called searched. The hand pushes the link, not the motor. Errors are means over "
+        "frictions before they are compared; an arm that never reaches a goal has no number.",
+    ]
+    return "\n\n".join(parts)
+
+
+def _title(c: Condition) -> str:
+    words = [c.robot, f"{c.stiffness[0]:g} N/m"]
+    wrong = 100 * (1 / c.friction - 1)
+    words.append("friction known" if abs(wrong) < 1e-9 else f"friction believed {wrong:+.0f} %")
+    if c.delay_ms is None:
+        words.append("ideal senses")
+    else:
+        words += [f"senses {c.delay_ms:g} ms late", f"noise × {c.noise:.2g}"]
+    return ", ".join(words)
+
+
+def main() -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--robot", nargs="+", choices=ROBOTS, default=ROBOTS)
+    parser.add_argument("--found", nargs="+", type=Path, default=(), help="folders of tune")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    wanted = [c for robot in options.robot for c in conditions(robot)]
+    contents = [(path / "final.yaml").read_text("utf-8") for path in options.found]
+    jobs = {repr((c, contents)): c for c in wanted}
+    rows = STUDY.rows(options).fill(jobs, partial(measure, options.found), minutes=options.minutes)
+    if rows:
+        STUDY.write_page(options, page({jobs[key]: row for key, row in rows.items()}, len(jobs)))
+
+
+if __name__ == "__main__":
+    main()
