@@ -157,6 +157,7 @@ def test_names_written_out_for_help_are_the_packages_own():
     assert tune_command.OBJECTIVES == options.OBJECTIVES
     assert tune_command.GATES == options.GATES
     assert tune_command.COMPENSATIONS == options.COMPENSATIONS
+    assert set(tune_command.TREATMENTS) == set(options.TREATMENTS)
     assert tune_command.PRICES == options.PRICES
     assert set(tune_command.FREE) == set(bounds.OPTIONS)
 

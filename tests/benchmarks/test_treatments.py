@@ -1,0 +1,49 @@
+"""Treatments side by side: what a hand feels, and what the page says of a row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.learning.treatments import STEP_M, Condition, conditions, hold_and_push, page
+from stiction_envs.control.compensation import KINDS
+from stiction_envs.control.trajectory import Path
+from tests.experiments.gte.short_paths import SOFT, bench, friction
+from tuning.search.tracking import Treatment
+
+STEP = Path("step", np.array([[STEP_M, 0, 0]]), np.array([[1.0, 0, 0, 0]]))
+
+
+def test_a_hand_feels_the_chosen_stiffness_and_friction_on_top():
+    """Without friction the 200 N/m that were chosen; with it more, and a still arm before."""
+    felt = {}
+    for kind in ("none", "rigid"):
+        b = bench(kind=kind, paths={"step": STEP}, scatter=False, threads=1)
+        found = hold_and_push(b, {"nothing": Treatment()}, SOFT, friction(kind=kind))[0]
+        felt[kind] = found["push_n_per_m"]
+    # of the arm that sticks; without friction and little damping it still swings after the step
+    assert found["hold_m"] < 1e-6
+    assert found["creep_m_s"] < 1e-6
+    assert felt["none"] == pytest.approx(200.0, rel=0.1)
+    assert felt["rigid"] > 1.2 * felt["none"]
+
+
+def test_conditions_are_distinct_and_ideal_ones_need_no_senses():
+    listed = conditions("panda")
+    assert len(set(listed)) == len(listed)
+    assert sum(c.delay_ms is None for c in listed) == 6
+
+
+def test_the_page_holds_every_treatment():
+    names = ("nothing", *KINDS)
+    numbers = ("position_left", "orientation_left", "vibration_m", "vibration_at_rest_m")
+    numbers += ("torque_rate_nm_s", "creep_m_s", "hold_m", "hold_hz", "push_n_per_m")
+    row = {
+        "seconds": 1.0,
+        **{name: dict.fromkeys(numbers, 0.01 * (k + 1)) for k, name in enumerate(names)},
+    }
+    text = page({Condition(robot="panda", stiffness=SOFT, friction=1 / 0.7): row}, 6)
+    assert "1 of 6 conditions" in text
+    assert "## panda, 200 N/m, friction believed -30 %, ideal senses" in text
+    for k, name in enumerate(names):
+        assert f"| {name} | {k + 1} | {k + 1} | {10 * (k + 1):.4f} |" in text
